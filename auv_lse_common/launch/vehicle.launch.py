@@ -60,7 +60,7 @@ def generate_launch_description():
     """The launch description."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument("name", default_value="", description="the vehicle, as auv2"),
+            DeclareLaunchArgument("name", default_value="", description="the vehicle, such as auv2"),
             DeclareLaunchArgument("params_file", default_value="", description="the mission's parameter file"),
             DeclareLaunchArgument(
                 "out", default_value="", description="folder of the recording; empty: dives/DATE-TIME-NAME"

@@ -21,7 +21,7 @@ class Safety:
     """The mission of a vehicle and the watch over it.
 
     Attributes:
-        run: How it stands with the mission.
+        run: State of the mission.
         watch: The limits.
     """
 
@@ -64,11 +64,11 @@ class Safety:
         )
 
     def snapshot(self) -> dict[str, Any]:
-        """How it stands, for a journal."""
+        """The state, for a journal."""
         return {"run": self.run.snapshot(), "watch": self.watch.snapshot()}
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Goes on from what `snapshot` gave."""
+        """Restores the state that `snapshot` returned."""
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
 

@@ -84,7 +84,7 @@ class SafetyNode(VehicleNode):
         return refused
 
     def step(self, now_s: float) -> None:
-        """Looks at the limits; publishes how it stands if that has changed, and without lockstep every second."""
+        """Checks the limits; publishes the state when it changes, and without lockstep every second."""
         self._safety.watch.step(now_s, self._safety.run)
         status, warnings = self._safety.run.status, self._safety.watch.warnings
         if (status, *warnings) != self._said:  # the numbers in warnings change all the time

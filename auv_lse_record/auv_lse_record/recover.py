@@ -121,7 +121,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/recover",
         description="Repairs a recording that was cut off by a power failure or a killed recorder.",
-        epilog="Exit codes: 0 recovered, or complete already; 1 failed; 2 wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 recovered, or already complete; 1 failed; 2 wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("path", type=Path, metavar="RUN", help="run folder, rosbag2 directory, or its .mcap")
     return p

@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/fit",
         description=__doc__,
-        epilog="Exit codes: 0; 2 the soundings cannot be read or fitted, or a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 success; 2 soundings that cannot be read or fitted, or wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="table (CSV), npz grid, run folder or bag")
     p.add_argument("--kernel", choices=(*KERNELS, "best"), default="matern52",

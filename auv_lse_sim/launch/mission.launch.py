@@ -70,7 +70,7 @@ def generate_launch_description():
         "params_file": (str(default), "mission file (ROS 2 parameter file)"),
         "out": ("run", "run folder to make: recording and complete mission file"),
         "vehicles": ("", "number of vehicles, 1 to 20; empty: as the mission file says"),
-        "steps": ("", "legs that each vehicle travels; empty: as the mission file says"),
+        "steps": ("", "number of legs per vehicle; empty: as in the mission file"),
         "seed": ("", "seed of every random stream; empty: as the mission file says"),
         "real_time_factor": ("", "paced, so many times real time; empty: lockstep, as fast as it goes"),
         "record": ("true", "true: a recorder writes every topic to the run folder; false: none runs"),

@@ -63,7 +63,7 @@ def _profile(
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints a vehicle's policy. Returns 0, or 2 for an invalid vehicle name."""
     parser = argparse.ArgumentParser(prog="python -m auv_lse_common.commands.security_policy", description=__doc__)
-    parser.add_argument("vehicle", metavar="VEHICLE", help="the vehicle, as auv2")
+    parser.add_argument("vehicle", metavar="VEHICLE", help="the vehicle, such as auv2")
     options = parser.parse_args(argv)
     try:
         print(policy(vehicle_number(options.vehicle)), end="")

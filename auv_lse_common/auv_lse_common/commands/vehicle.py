@@ -161,7 +161,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
         "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
     )
-    p.add_argument("name", metavar="VEHICLE", help="the vehicle, as auv2")
+    p.add_argument("name", metavar="VEHICLE", help="the vehicle, such as auv2")
     p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
@@ -170,13 +170,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--simulated",
         action="store_true",
-        help="follow the simulator that scripts/sim starts on this machine; the default for a file with a section sim",
+        help="follow the simulator that scripts/sim starts on this machine; the default if the file has a section sim",
     )
     p.add_argument(
         "--record",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="record, or do not (default: if record.folder is set; with a simulator, scripts/sim records)",
+        help="whether to record (default: if record.folder is set; with a simulator, scripts/sim records)",
     )
     return p
 

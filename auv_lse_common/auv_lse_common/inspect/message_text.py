@@ -77,7 +77,7 @@ def field_of(message: Any, path: str) -> Any:
         if index is not None:
             if not hasattr(value, "__len__") or not -len(value) <= int(index) < len(value):
                 count = f"{len(value)} elements" if hasattr(value, "__len__") else "no sequence"
-                raise FieldError(f"field {path!r}: [{index}] is not there; {done or 'the message'} has {count}")
+                raise FieldError(f"field {path!r}: [{index}] not found; {done or 'the message'} has {count}")
             value, done = value[int(index)], f"{done}[{index}]"
             continue
         fields = list(value.get_fields_and_field_types()) if hasattr(value, "get_fields_and_field_types") else []

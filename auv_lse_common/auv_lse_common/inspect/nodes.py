@@ -79,7 +79,7 @@ def known_node(name: str, graph: Any) -> str:
     if full not in there:
         near = difflib.get_close_matches(full, there, n=1, cutoff=0.6)
         hint = f"did you mean {near[0]}?" if near else "scripts/nodes list names those that are there"
-        raise GraphError(f"node {full}: is not there; {hint}")
+        raise GraphError(f"node {full}: not found; {hint}")
     return full
 
 

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     c = commands.add_parser("list", help="names of the parameters of a node, or of all")
     add_graph_options(c)
-    c.add_argument("node", nargs="?", metavar="NODE", help="full name, as /auv1/planner_node")
+    c.add_argument("node", nargs="?", metavar="NODE", help="full name, such as /auv1/planner_node")
     c.add_argument("--param-type", action="store_true", help="with their types")
     c.add_argument("--filter", metavar="TEXT", default="", help="only names that contain this text")
     c.set_defaults(run=run_list)

@@ -65,7 +65,7 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     for name in wanted:
         try:
             if name not in there:
-                raise GraphError(f"{name} is not there; there are {', '.join(there) or 'no vehicles'}")
+                raise GraphError(f"{name}: not found; running: {', '.join(there) or 'no vehicle'}")
             taken, text = tell(graph, name, options.what, getpass.getuser(), getattr(options, "team", False))
         except GraphError as error:  # the other vehicles still get it
             print(f"{name}: error: {error}", file=sys.stderr)

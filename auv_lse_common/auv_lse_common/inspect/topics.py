@@ -172,7 +172,7 @@ def run_info(options: argparse.Namespace, graph: Any) -> int:
     if kinds is None:
         near = difflib.get_close_matches(topic, graph.topics(), n=1, cutoff=0.7)
         hint = f"; did you mean {near[0]}?" if near else "; scripts/topics list names those that are there"
-        print(f"error: topic {topic}: is not there{hint}", file=sys.stderr)
+        print(f"error: topic {topic}: not found{hint}", file=sys.stderr)
         return 1
     publishers, subscriptions = graph.endpoints(topic)
     print(f"Type: {kinds[0] if len(kinds) == 1 else list(kinds)}")

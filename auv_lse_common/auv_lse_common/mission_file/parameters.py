@@ -215,7 +215,7 @@ def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> 
         return None if value is None else _convert(_without_none(hint), value, key, field)
     if origin is dict:
         if not isinstance(value, Mapping):
-            raise ParameterError(f"{key}: got {value!r}; expected a mapping of names")
+            raise ParameterError(f"{key}: got {value!r}; expected a mapping of names to values")
         return {str(k): _convert(typing.get_args(hint)[1], v, f"{key}.{k}", field) for k, v in value.items()}
     refusal = f"; expected {_expected(hint, field)}"
     if origin is tuple:

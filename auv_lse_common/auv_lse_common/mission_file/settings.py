@@ -214,7 +214,7 @@ def _check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles
         for name_of_section in nested:
             if name_of_section not in VEHICLE_SECTIONS:
                 raise ParameterError(
-                    f"{where}: {pattern}: {name_of_section}: is the same for the whole team; expected under '/**' "
+                    f"{where}: {pattern}: {name_of_section}: is the same for the whole team; expected it under '/**' "
                     f"(vehicles may differ in {', '.join(VEHICLE_SECTIONS)})"
                 )
 

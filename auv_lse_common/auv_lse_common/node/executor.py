@@ -115,17 +115,17 @@ class StandingExecutor(SingleThreadedExecutor):
         super().__init__()
 
     def wake(self) -> None:
-        """Entities were made or destroyed: they are listed anew. May be called from any thread."""
+        """Rebuilds the list of entities after one was created or destroyed. May be called from any thread."""
         self._changed = True
         super().wake()
 
     def add_node(self, node: Node) -> bool:
-        """Serves a node from now on; False if it was served already."""
+        """Starts serving a node; False if it was served already."""
         self._changed = True
         return super().add_node(node)
 
     def remove_node(self, node: Node) -> None:
-        """Serves a node no longer."""
+        """Stops serving a node."""
         super().remove_node(node)
         self._changed = True
         self._release()

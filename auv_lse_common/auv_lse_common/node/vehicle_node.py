@@ -242,7 +242,7 @@ class VehicleNode(BaseNode):
             self._ticks.now_s = max(self._ticks.now_s, now_s)
 
     def arrived(self, topic: str, total: int | None = None) -> None:
-        """Lockstep: a message of `topic` has arrived, or all up to number `total`."""
+        """Lockstep: counts an arrived message of `topic`, or all messages up to number `total`."""
         if self._ticks is None:
             return
         if total is None:

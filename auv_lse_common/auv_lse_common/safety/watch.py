@@ -68,7 +68,7 @@ class AutopilotReport:
             return "the autopilot is not heard"
         if not self.armed:
             return "the autopilot is not armed"
-        return "" if self.mode_obeys else f"the autopilot is in mode {self.mode}, which is none of link.modes"
+        return "" if self.mode_obeys else f"the autopilot is in mode {self.mode}, which is not in link.modes"
 
 
 class SafetyWatch:

@@ -56,8 +56,8 @@ def test_a_field_by_its_path() -> None:
     [
         ("header.fram_id", r"header has no 'fram_id'; did you mean 'frame_id'\?"),
         ("xyz", "the message has no 'xyz'; it has header, values, payload, covariance, on"),
-        ("values[2].key", r"\[2\] is not there; values has 2 elements"),
-        ("on[0]", r"\[0\] is not there; on has no sequence"),
+        ("values[2].key", r"\[2\] not found; values has 2 elements"),
+        ("on[0]", r"\[0\] not found; on has no sequence"),
         ("header.frame_id.x", "header.frame_id has no 'x'; it has no fields"),
     ],
 )

@@ -92,7 +92,7 @@ def test_bad_polygons_are_named(polygon, message):
 
 
 def test_other_refusals():
-    with pytest.raises(ParameterError, match=r"origin_lat_deg, origin_lon_deg: got 17\.0, None; expected both or none"):
+    with pytest.raises(ParameterError, match=r"origin_lon_deg: got 17\.0, None; expected both or neither"):
         AreaConfig(origin_lat_deg=17.0)
     with pytest.raises(ParameterError, match=r"area\.raster_m: got 0\.1; .*choose a larger raster_m"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 5000.0, 0.0, 5000.0, 5000.0), raster_m=0.1))

@@ -40,11 +40,11 @@ class SlotUsage:
         self.used = slot.key == self.last  # a clock that was set back must not use a slot twice
 
     def heard(self) -> None:
-        """A packet was accepted."""
+        """Records that a packet was accepted."""
         self._heard = True
 
     def sent(self, slot: SlotKey) -> None:
-        """A packet was given out in `slot`."""
+        """Records that a packet was handed over for sending in `slot`."""
         self.last = slot
         self._counts["slots.used"] += 1
 

@@ -29,8 +29,8 @@ def parser() -> argparse.ArgumentParser:
         description="Connects to a MAVLink autopilot, or a simulation of one (SITL), checks its message rates, origin, "
         "mode, arming and parameters, and reports what is missing. It neither arms the vehicle nor changes a mode or a "
         "parameter.",
-        epilog="Exit codes: 0 nothing is missing; 1 something is, or the autopilot is not heard; 2 a wrong command "
-        "line; 130 Ctrl-C. What to set: docs/guide/mavlink-vehicle.md.",
+        epilog="Exit codes: 0 nothing is missing; 1 something is missing, or no autopilot is heard; 2 wrong "
+        "command line; 130 Ctrl-C. What to set: docs/guide/mavlink-vehicle.md.",
     )
     p.add_argument(
         "endpoint", metavar="ENDPOINT", help="as link.endpoint: udpin://0.0.0.0:14550, serial:///dev/ttyACM0"

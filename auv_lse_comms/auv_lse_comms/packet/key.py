@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/key",
         description="Creates a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal "
         "digits that only you can read. Copy it to every vehicle of the team, and set packet.key_file.",
-        epilog="Exit codes: 0 created; 2 the file exists, or cannot be written.",
+        epilog="Exit codes: 0 created; 2 the file exists or cannot be written.",
     )
     p.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not exist yet")
     return p

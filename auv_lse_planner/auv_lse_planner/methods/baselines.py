@@ -18,7 +18,7 @@ class NaivePath(PathMethod):
     """A naive path alone to the mission's end; each vehicle takes its turn of `planner.naive_paths`."""
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
-        """A naive path is never exchanged."""
+        """Always keeps the incumbent: a naive path is never replaced."""
         return True
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:

@@ -76,11 +76,11 @@ class PlanningContext:
         return CachedPoints(self.posterior, self.coarse_grid.places_m)
 
     def assume_plans(self, situation: Situation) -> None:
-        """From the first call on, team mates that were never heard are assumed to mow their strips."""
+        """From the first call on, assumes that team mates not yet heard mow their strips."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def map_reward(self, situation: Situation) -> AnytimeReward:
-        """Reward of paths by the drop of the map's risk, beside the team mates' plans in time order."""
+        """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order."""
         planner, steps = situation.planner, self.settings.mission.steps
         return AnytimeReward(
             self.map_points,
@@ -92,7 +92,7 @@ class PlanningContext:
         )
 
     def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
-        """Reward at the own path's places, with measurements planned at places (O, 2)."""
+        """Reward at the places of this vehicle's path, with measurements planned at places (O, 2)."""
         level_set, integral = self.settings.level_set, situation.planner.entry.risk_integral
         if integral:
             level_set = dataclasses.replace(level_set, method=integral)

@@ -21,7 +21,7 @@ from auv_lse_planner.search.path_search import Proposal
 
 
 class PathMethod(Method):
-    """A method on the reward of the own path. Subclasses propose plans."""
+    """A method whose reward is that of this vehicle's path. Subclasses propose plans."""
 
     def __init__(self, context: PlanningContext) -> None:
         """Starts before the first decision."""

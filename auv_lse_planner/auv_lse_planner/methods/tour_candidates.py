@@ -205,7 +205,7 @@ class TourCandidates:
     def under_way(self, problem: TourProblem, path: PlannedPath, heads: Sequence[Actions]) -> Candidates:
         """Candidates after the start: the last path bent, and behind each of the heads the rest of the last tour.
 
-        A path that is too long to be told by its actions is told as a tour, and its waypoints are moved instead.
+        A path with too many actions for a packet is sent as a tour; its waypoints are moved instead.
         """
         s, legs, result = problem.situation, problem.reward.legs, Candidates()
         waypoints = self._waypoints_ahead(problem, path)

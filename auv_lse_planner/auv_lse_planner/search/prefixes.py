@@ -43,10 +43,10 @@ def enter(children, states, origins, count, turns, steps, sequences, numbers):
 
 
 class Prefixes:
-    """Numbers of the prefixes of sequences from one state: 0 is the empty one.
+    """Numbers the prefixes of action sequences that start in one state; the empty prefix has number 0.
 
     Attributes:
-        count: How many numbers are given.
+        count: How many numbers are assigned.
     """
 
     def __init__(self, motion: MotionTable, state: Array) -> None:
@@ -73,7 +73,7 @@ class Prefixes:
         return self._states[numbers]
 
     def last_legs(self, first: int) -> tuple[Array, Ints, Array]:
-        """The last legs of all prefixes from number `first` on, in order: they start, their actions, they end.
+        """The last legs of all prefixes from number `first` on, in order: start states, actions, end states.
 
         Returns:
             States (P, 3), actions (P,), states (P, 3).

@@ -73,7 +73,7 @@ class PlannerIntake:
         self._corrected = (stamp_s, north_m, east_m)
 
     def set_standing(self, standing: RunStatus) -> None:
-        """How it stands with the mission; it replaces what still waits."""
+        """Queues the state of the mission, replacing one that is still queued."""
         self._standing = standing
 
     def take(self, now_s: float) -> bool:

@@ -123,7 +123,7 @@ class Travel:
             self._next_leg = leg
 
     def replace(self, leg: Leg) -> None:
-        """Takes a leg in place of the one taken last."""
+        """Replaces the leg decided last."""
         self.decided = self._after(leg)
         if self._next_leg is None:
             self.leg = leg

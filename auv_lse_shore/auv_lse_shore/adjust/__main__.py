@@ -20,13 +20,13 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/adjust."""
     p = argparse.ArgumentParser(
         prog="scripts/adjust",
-        description="Re-estimates the positions of all soundings of one or more runs from everything recorded: fixes, "
-        "ranges between vehicles, and crossings of their tracks. Writes the adjusted soundings, map and isobath (as "
+        description="Re-estimates the positions of all soundings of one or more runs from all recorded data: fixes, "
+        "ranges between vehicles, and track crossings. Writes the adjusted soundings, map and isobath (as "
         "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a report.",
-        epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, together. "
-        "The accuracy of compass and DVL is read from the section places of the first run's mission file. Recordings "
+        epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, in one call. "
+        "The accuracy of compass and DVL comes from section places of the first run's mission file. Recordings "
         "are only read; a second call replaces the files of the first. "
-        "Exit codes: 0; 2 the runs cannot be adjusted, or a wrong command line; 130 Ctrl-C.",
+        "Exit codes: 0 success; 2 the runs cannot be adjusted, or wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings without one")

@@ -26,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/campaign",
         description="Simulates a grid or list of settings over seeds (fleet engine, no ROS). Writes a result row in "
         "Parquet for each\nmission as it finishes. Started again, it continues where it stopped.\n\n"
-        "Exit codes: 0; 1 missions failed; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
+        "Exit codes: 0 success; 1 missions failed; 2 wrong command line or impossible request; 130 Ctrl-C.",
         epilog=campaign_spec.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -182,7 +182,7 @@ def _digest(file: str, where: str) -> str:
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, as planner.method: plain")
+        raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, like planner.method: plain")
     return {str(k): v for k, v in value.items()}
 
 

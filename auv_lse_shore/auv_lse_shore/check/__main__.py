@@ -24,13 +24,12 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/check",
         description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
         "mission's duration, coverage and packet content. Starts nothing.",
-        epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 a file cannot be read or the command "
-        "line is wrong.",
+        epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
     )
-    p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files")
-    p.add_argument("--vehicle", metavar="NAME", help="also check this machine as the computer of that vehicle, as auv2")
-    p.add_argument("--strict", action="store_true", help="warnings count as errors")
-    p.add_argument("--quiet", action="store_true", help="errors and warnings only")
+    p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check")
+    p.add_argument("--vehicle", metavar="NAME", help="also check this computer as that of a vehicle, such as auv2")
+    p.add_argument("--strict", action="store_true", help="treat warnings as errors")
+    p.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     p.add_argument(
         "--schema", action="store_true", help="print the JSON schema of mission files, for editors, and exit"
     )

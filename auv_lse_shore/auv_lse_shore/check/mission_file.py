@@ -12,7 +12,7 @@ from auv_lse_shore.check.findings import Findings
 
 
 def check_file(path: Path, findings: Findings) -> Settings | None:
-    """The mission of a file; None if it has errors, which go to `findings`.
+    """Reads and checks a mission file; adds errors to `findings` and then returns None.
 
     Raises:
         ParameterError: if the file is missing, or not a ROS 2 parameter file.

@@ -62,15 +62,15 @@ def _check_slots(settings: Settings, longest_s: float, findings: Findings) -> fl
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
     if span > tdma.max_range_m:
         findings.warning(
-            f"tdma.max_range_m: got {tdma.max_range_m:g} m; expected at least {span:.0f} m, the length of the area, or "
-            "packets from its far end arrive in the next slot"
+            f"tdma.max_range_m: got {tdma.max_range_m:g} m; expected at least {span:.0f} m, the length of the area; "
+            "otherwise packets from its far end arrive in the next slot"
         )
     cycle_s = len(order) * tdma.slot_s
     spare = tdma.slot_s - tdma.needed_s
     findings.note(
         f"slots: {len(order)} x {tdma.slot_s:g} s = a cycle of {cycle_s:g} s; a packet needs {tdma.needed_s:.1f} s of "
-        f"its slot with guards and travel time ({spare:.1f} s spare); {int(longest_s // cycle_s)} packets from each "
-        "slot's owner"
+        f"its slot with guards and travel time ({spare:.1f} s spare); {int(longest_s // cycle_s)} packets per "
+        "slot"
     )
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
     if expiry < 2.0 * cycle_s:

@@ -20,7 +20,7 @@ def parser() -> argparse.ArgumentParser:
         description="Exports a mission's results to files for other programs.",
         epilog=f"{files}\n\nSet area.origin_lat_deg and origin_lon_deg in the mission file to georeference the files; "
         "without them, coordinates\nare local metres. A second export into the same folder replaces the first.\n\n"
-        "Exit codes: 0; 2 the run cannot be exported, or a wrong command line; 130 Ctrl-C.",
+        "Exit codes: 0 success; 2 the run cannot be exported, or wrong command line; 130 Ctrl-C.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("run", type=Path, metavar="RUN", help="run folder, with mission.yaml and bag/")

@@ -102,9 +102,9 @@ def classify(lines: Sequence[Array], field: DepthField, prior: DepthField, sound
 
     Args:
         lines: The isobath: lines, each of shape (n, 2): north, east (m).
-        field: The map it was drawn from.
+        field: The map from which they were drawn.
         prior: The same map before the first sounding.
-        soundings: Where it was measured: north, east, position error per axis (m; NaN where unknown), shape (S, 3).
+        soundings: Where soundings were taken: north, east, position error per axis (m; NaN: unknown), shape (S, 3).
     """
     pieces = []
     for line in lines:

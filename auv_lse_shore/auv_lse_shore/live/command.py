@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
         "plans, packets in their slots, reward and bound, health. See docs/guide/live-view.md.",
-        epilog="Exit codes: 0 --write has written the page; 2 wrong command line, or RUN or a port cannot be used; "
+        epilog="Exit codes: 0 --write wrote the page; 2 wrong command line, or unusable RUN or port; "
         "130 Ctrl-C, which ends the server.",
     )
     p.add_argument(

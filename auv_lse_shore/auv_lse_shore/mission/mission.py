@@ -95,7 +95,7 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
-    """Writes the complete mission.yaml into the run folder, where its recording and emulated hardware go, too."""
+    """Writes the complete mission.yaml; it places the recording and emulated hardware in the run folder, too."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))

@@ -25,8 +25,8 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/mission",
         description="Runs a simulated team mission as real ROS 2 processes. The run folder gets the recording, figures "
         "and a report.",
-        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request is impossible or the command line "
-        "wrong; 130 Ctrl-C. Guide: docs/guide/first-mission.md",
+        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 wrong command line or impossible request; "
+        "130 Ctrl-C. Guide: docs/guide/first-mission.md",
     )
     add_mission_options(p)
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to create (default: runs/DATE-TIME)")
@@ -34,13 +34,13 @@ def parser() -> argparse.ArgumentParser:
         "--for-vehicles",
         type=Path,
         metavar="FILE",
-        help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
-        "everything else filled in; starts nothing (docs/guide/bench-to-water.md)",
+        help="write the complete mission file for the vehicles, without the parameters of simulator and run folder; "
+        "start nothing (docs/guide/bench-to-water.md)",
     )
     p.add_argument(
         "--live", action="store_true", help="open the live view of the mission in the browser (docs/guide/live-view.md)"
     )
-    p.add_argument("--no-report", action="store_true", help="make no figures and no report.html")
+    p.add_argument("--no-report", action="store_true", help="skip the figures and report.html")
     p.add_argument(
         "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"
     )
@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def add_mission_options(p: argparse.ArgumentParser) -> None:
-    """Adds what says which mission to fly: the file, and what is otherwise than in it (`overrides_of`)."""
+    """Adds the options that choose a mission: its file, and overrides of the file's parameters (`overrides_of`)."""
     p.add_argument(
         "mission",
         nargs="?",
@@ -57,9 +57,9 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
         help="mission file (default: config/missions/default.yaml)",
     )
     p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
-    p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
+    p.add_argument("--steps", type=int, metavar="N", help="number of legs per vehicle")
     p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/design/planner.md)")
-    p.add_argument("--seed", type=int, help="seed of all random streams: ground, sensors, channel, planners")
+    p.add_argument("--seed", type=int, help="seed of all random numbers: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
     p.add_argument(
         "--bathymetry",
@@ -97,7 +97,7 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="set a parameter, as planner.iterations=500 or auv2.vehicle.depth_m=4; repeatable",
+        help="set a parameter, such as planner.iterations=500 or auv2.vehicle.depth_m=4; repeatable",
     )
 
 

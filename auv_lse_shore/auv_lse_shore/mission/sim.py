@@ -31,10 +31,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/sim",
         description="Runs the simulator of a mission, and its recorder. Start each vehicle with scripts/vehicle and "
-        "the mission.yaml that this command writes. The mission begins when all vehicles are there, and has the same "
-        "result as scripts/mission.",
-        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request is impossible or the command line "
-        "wrong; 130 Ctrl-C.",
+        "the mission.yaml that this command writes. The mission begins when all vehicles have started. The result is "
+        "that of scripts/mission.",
+        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 wrong command line or impossible request; "
+        "130 Ctrl-C.",
     )
     add_mission_options(p)
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to create (default: runs/DATE-TIME)")

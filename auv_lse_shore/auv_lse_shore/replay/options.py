@@ -16,8 +16,8 @@ def parser() -> argparse.ArgumentParser:
         description="Plays a recording on its own ROS domain, for any viewer; or recomputes its maps and decisions and "
         "reports what differs (--recompute); or renews its report (--report).",
         epilog="keys while it plays: space: pause or resume; right: next message during a pause; up, down: faster, "
-        "slower. Exit codes: 0 (recomputed: nothing differs), 1 (something differs, or it failed), 2 (bad request), "
-        "130 (Ctrl-C).",
+        "slower. Exit codes: 0 success (recomputed: nothing differs); 1 something differs, or it failed; 2 bad "
+        "request; 130 Ctrl-C.",
     )
     p.add_argument(
         "run",

@@ -17,7 +17,7 @@ from auv_lse_sim.ground.ground_source import ground_of
 
 
 def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]:
-    """Makes summary, isobath, figures and page anew.
+    """Writes summary, isobath, figures and report page again.
 
     The true ground is known where the simulator's truth was recorded; a mission at sea has none.
 

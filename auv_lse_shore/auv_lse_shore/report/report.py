@@ -31,19 +31,19 @@ def write_report(run: RunData, folder: Path) -> Summary:
 
     Args:
         run: The mission.
-        folder: Run folder, made if needed.
+        folder: Run folder, created if needed.
 
     Returns:
         The figures of merit.
 
     Raises:
-        OSError: if it cannot be written; none of the files is there then.
+        OSError: if the files cannot be written; the folder then has none of them.
     """
     return write_outputs(evaluate(run), folder)
 
 
 def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:
-    """As `write_report`, for a mission that is already evaluated."""
+    """Like `write_report`, for a mission that is already evaluated."""
     with written_whole(folder) as part:
         if not (folder / "mission.yaml").exists():
             write_mission_file(part / "mission.yaml", evaluation.run.parameters)

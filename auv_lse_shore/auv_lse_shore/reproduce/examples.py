@@ -19,7 +19,7 @@ from auv_lse_shore.reproduce.study import Study, trial_name
 def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], Evaluation]:
     """One mission of each of the study's `examples`, with full recording.
 
-    Its seed is the trials' first, chosen in advance. Without a client, only those that are there already.
+    Its seed is the trials' first, chosen in advance. Without a client, only those that exist already.
     """
     spec = study.campaigns["trials"]
     wanted = {trial_name(k, m): (k, m) for k, m in study.examples}

@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
         description="Reproduces the paper's results in simulation: figures, a table over seeds with confidence "
         "intervals, and its claims, one by one, with the evidence for and against them. Started again after an "
         "interruption, it continues.",
-        epilog="Exit codes: 0; 1 missions failed; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 success; 1 missions failed; 2 wrong command line or impossible request; 130 Ctrl-C.",
     )
     p.add_argument("--quick", action="store_true", help="a small version, in about 3 minutes")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of results (default: runs/reproduce[-quick])")

@@ -192,7 +192,7 @@ def test_topics_info_says_who_does_not_hear_whom(run: Run) -> None:
         )
     finally:
         other.destroy_node()
-    assert "topic /auv1/plam: is not there; did you mean /auv1/plan?" in run("topics", "info", "/auv1/plam", code=1)
+    assert "topic /auv1/plam: not found; did you mean /auv1/plan?" in run("topics", "info", "/auv1/plam", code=1)
 
 
 def test_nodes_list_and_info(run: Run) -> None:
@@ -204,7 +204,7 @@ def test_nodes_list_and_info(run: Run) -> None:
     assert "  Publishers:\n" in text
     assert "    /auv1/plan: auv_lse_msgs/msg/Plan\n" in text
     assert text.endswith("  Service Clients:\n  Action Servers:\n  Action Clients:\n")
-    with pytest.raises(GraphError, match=r"node /auv1/plannr_node: is not there; did you mean /auv1/planner_node\?"):
+    with pytest.raises(GraphError, match=r"node /auv1/plannr_node: not found; did you mean /auv1/planner_node\?"):
         run("nodes", "info", "auv1/plannr_node")
 
 
@@ -238,7 +238,7 @@ def test_a_mission_is_started_held_and_aborted(run: Run) -> None:
     assert run("run", "abort", "auv1", "--team").startswith("auv1: ABORTED: ABORT by ")
     assert "expected RESET first" in run("run", "go", "auv1", code=1)
     assert run("run", "reset", "auv1").startswith("auv1: HOLDING: RESET by ")
-    assert "auv7 is not there; there are auv1" in run("run", "hold", "auv7", code=1)
+    assert "auv7: not found; running: auv1" in run("run", "hold", "auv7", code=1)
 
 
 def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle, graph: Graph) -> None:

@@ -121,7 +121,7 @@ class ModemEmulator:
         self._bad_lines = bad_lines
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: ends transmissions, stops waiting for data, sends the revision."""
+        """Advances to `now_s`: ends transmissions, stops waiting for data, sends the revision."""
         self._transmitter.poll(now_s)
         if self.settings["REV"] != "0" and now_s - self._revision_s >= REVISION_PERIOD_S:
             self._write_revision(now_s)

@@ -65,7 +65,7 @@ class TdmaConfig:
             raise ValueError(
                 f"slot_s: got {self.slot_s:g} s; expected at least {self.needed_s + WINDOW_S:.3f} s = 2 x "
                 f"guard_s ({self.guard_s:g}) + send_duration_s ({self.send_duration_s:g}) + travel over max_range_m "
-                f"({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s) + {WINDOW_S:g} s to start in"
+                f"({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s) + {WINDOW_S:g} s to start"
             )
 
     @property

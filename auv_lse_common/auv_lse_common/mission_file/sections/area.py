@@ -52,7 +52,7 @@ class AreaConfig:
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
             raise ParameterError(
                 f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "
-                "expected both or none"
+                "expected both or neither. Set the missing one, or remove the other"
             )
 
 

@@ -30,7 +30,7 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamSections:
-    """The sections that are the same for all vehicles of a mission; they stand under `/**:`."""
+    """The sections that are the same for all vehicles of a mission, under `/**:`."""
 
     mission: MissionConfig = field(default_factory=MissionConfig)
     level_set: LevelSetConfig = field(default_factory=LevelSetConfig)
@@ -45,7 +45,7 @@ class TeamSections:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSections:
-    """The sections in which vehicles may differ; they stand under `/**:` or `/auv2/**:`."""
+    """The sections in which vehicles may differ, under `/**:` or `/auv2/**:`."""
 
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)

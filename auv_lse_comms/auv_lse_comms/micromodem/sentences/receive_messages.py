@@ -94,7 +94,7 @@ class ReceptionStatistics(Message):
         return cls(mode=mode, utc_s=utc_s, detection=detection, **cls.read_columns(fields))
 
     def sentence(self) -> Sentence:
-        """`$CACST`, version 6, 30 fields; gains, shifts and data quality are 0, as unknown values are."""
+        """`$CACST`, version 6, 30 fields; the unknown fields (gains, shifts, data quality) are 0."""
         texts = self.texts()
         texts[:2] = str(self.mode), "" if math.isnan(self.utc_s) else arrival_time(self.utc_s)
         texts[3:7], texts[16] = self.detection.texts(), "1" if self.rate == 0 else "3"
