@@ -45,7 +45,7 @@ class BridgeIntake:
         self._raw = raw
 
     def add_fix(self, fix: Fix) -> None:
-        """Queues an own fix."""
+        """Queues a fix of this vehicle."""
         self._fixes.append(fix)
 
     def add_packet(self, stamp_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> None:

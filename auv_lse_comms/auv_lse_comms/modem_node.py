@@ -148,7 +148,7 @@ class ModemNode(VehicleNode):
             self.publish_health(now_s, bridge_health(self._bridge, problems))
 
     def send(self, now_s: float) -> None:
-        """Takes the vehicle's plan; in an own slot publishes a packet for the modem, and then a ping."""
+        """Takes the vehicle's plan; in its slot publishes a packet for the modem, and then a ping."""
         payload = self._intake.poll(now_s)
         for problem in self._intake.problems:
             self.get_logger().error(problem)

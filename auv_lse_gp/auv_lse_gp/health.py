@@ -8,7 +8,7 @@ from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import PositionCorrector
 
-#: Warn after this time (s) without an own sounding.
+#: Warn after this time (s) without a sounding of this vehicle.
 QUIET_S = 60.0
 
 
@@ -46,7 +46,7 @@ def map_health(
         gated: Own soundings that the gate has rejected, by kind.
         recent: Recent increase of the `map_totals` (`Recent`).
         corrector: The corrector of its soundings' positions, if any.
-        quiet_s: Time without an own sounding (s).
+        quiet_s: Time without a sounding of this vehicle (s).
     """
     counts = depth_map.counts
     values = {

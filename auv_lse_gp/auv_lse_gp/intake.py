@@ -25,7 +25,7 @@ class MapIntake:
         map: The map.
         corrector: Corrects the positions of soundings; None: they stay at their estimated positions.
         gate: The gate for own soundings.
-        sounded_s: Time of the last step with an own sounding (s), at first of the first step.
+        sounded_s: Time of the last step with a sounding of this vehicle (s), at first of the first step.
     """
 
     def __init__(self, depth_map: DepthMap, corrector: PositionCorrector | None = None) -> None:

@@ -89,7 +89,7 @@ def executable_path(process: Process) -> Path:
     except PackageNotFoundError as error:
         raise LaunchError(f"package {process.package} is not installed; build the workspace: scripts/setup") from error
     if not path.is_file():
-        raise LaunchError(f"{path} is missing; build the workspace anew: scripts/setup --force")
+        raise LaunchError(f"{path} is missing; rebuild the workspace: scripts/setup --force")
     return path
 
 

@@ -16,7 +16,7 @@ class SlotUsage:
     Attributes:
         loss: Estimated chance that a packet is lost: the share of the others' recent slots without a reception.
         used: Whether the packet of the current slot has been given out.
-        reason: Why the current slot, if it is an own one, is missed when it ends without a packet.
+        reason: Why the current slot, if it is this vehicle's, is missed when it ends without a packet.
         last: The slot of the last packet; None before the first.
     """
 
@@ -49,7 +49,7 @@ class SlotUsage:
         self._counts["slots.used"] += 1
 
     def _end(self, before: Slot, slot: Slot) -> None:
-        """Counts the own slots between the last poll and this one."""
+        """Counts this vehicle's slots between the last poll and this one."""
         own = self._tdma.address
         if before.owner not in (0, own):
             self.loss += _LOSS_GAIN * ((0.0 if self._heard else 1.0) - self.loss)

@@ -34,7 +34,7 @@ class CorrectedMap:
         self._seeds: list[int] = []  # number in the log of the first sounding of each center
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
-        """Takes soundings of an own vehicle."""
+        """Takes soundings of a vehicle in `own`."""
         ordered = soundings.in_order()
         places = self.log.add(vehicle, ordered, correction)
         outcomes = self.map.add_soundings(np.column_stack([ordered.stamp_s, places, ordered.depth_m]))

@@ -35,9 +35,9 @@ Array = NDArray[np.float64]
 
 #: Joint draws of the team mates' plans that a sequence is evaluated against.
 JOINT_DRAWS = 3
-#: Sequences that the own distribution is over.
+#: Sequences that this vehicle's distribution is over.
 SUPPORT = 10
-#: Temperature of the own distribution at the first step, as a share of the best value, and its fall per step.
+#: Temperature of this vehicle's distribution at the first step, as a share of the best value, and its fall per step.
 TEMPERATURE = 0.02
 COOLING = 0.97
 
@@ -85,7 +85,7 @@ class JointDraws:
 
 
 class DecMcts(TreeSearch):
-    """Searches against joint draws of the team mates' plans, and tells them a plan drawn from the own distribution."""
+    """Searches against joint draws of the team mates' plans, and sends them a plan drawn from its own."""
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
         """See `PathMethod`."""

@@ -1,4 +1,4 @@
-"""What all methods share that maximize the paper's reward, at the places of the own path (paper, section 6).
+"""What all methods share that maximize the paper's reward, at the places of this vehicle's path (paper, section 6).
 
 With S the data, O the places that team mates before this vehicle will visit, V a path:
 

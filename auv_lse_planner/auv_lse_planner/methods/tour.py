@@ -142,7 +142,7 @@ class Tour(Method):
         return self._candidates.under_way(problem, last.path, heads)
 
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
-        """Next legs: the best sequences of a tree search on the own places' reward, beyond the mates' places."""
+        """Next legs: the best sequences of a tree search for the reward of its places, beyond the mates' places."""
         early = s.step < HEADS_FROM * self.context.settings.mission.steps
         if early or not s.planner.tour_interval or s.out_of_time:
             return []

@@ -1,20 +1,20 @@
 """The anytime reward of a path: the drop of the map's expected risk, counted more the earlier it comes; its gradient.
 
-R_i is the risk expected on the map M once the own vehicle has travelled i legs: V_i holds the own places of those legs
+R_i is the risk expected on the map M once this vehicle has travelled i legs: V_i holds its places on those legs
 and the places that team mates will have measured by then, S the data, O places planned on the posterior beforehand.
 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
 
 `weighted` is J, with inflated standard deviations (`reward/std_inflation.py`). `expected_end` is J with w = 1 and
-without inflation: it telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and mates bring
-together. Mates measure at their time, as the own vehicle does. What they measure after the own last leg counts at the
-end.
+without inflation: it telescopes to R_0 - R_L, the drop at the mission's end that this vehicle and its mates
+cause together. Mates measure at their time, as this vehicle does. What they measure after this vehicle's last leg
+counts at the end.
 
 R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
 checkpoints. `expected_end` does not depend on them.
 
-The variance left at the map's cells after each checkpoint, and the gradient of J by the own places, are those of
+The variance left at the map's cells after each checkpoint, and the gradient of J by this vehicle's places, are those of
 measurements conditioned on jointly (`reward/joint.py`).
 
 The gradient is the exact one of the value that `value_and_gradient` gives, which is coarser than `value`: on a wider
@@ -70,7 +70,7 @@ class Weighting:
     """How much a drop of risk counts leg by leg: w in J.
 
     Attributes:
-        legs: Legs that the own vehicle has still to travel.
+        legs: Legs that this vehicle still has to travel.
         step: Its mission step.
         steps: Steps of the mission.
         weight: How much more a drop of risk counts at the mission's start than at its end.
@@ -122,9 +122,9 @@ class AnytimeReward:
     """Anytime reward for one decision: data, mates and time are fixed.
 
     Attributes:
-        legs: Legs that the own vehicle has still to travel.
+        legs: Legs that this vehicle still has to travel.
         risk_before: Risk of the map before the first of them, R_0.
-        mates: Of each mate, when it measures, in legs of the own vehicle (P,), and where (P, 2).
+        mates: Of each mate, when it measures, in legs of this vehicle (P,), and where (P, 2).
     """
 
     def __init__(
@@ -141,9 +141,9 @@ class AnytimeReward:
         Args:
             fine: The map's places, kept up to date with the posterior.
             level_set: Level and costs; the expected risk is always the exact one.
-            mates: Of each mate, the number of legs (P,) that the own vehicle will have travelled when the mate measures
+            mates: Of each mate, the number of legs (P,) that this vehicle will have travelled when the mate measures
                 (it need not be whole), and the places (P, 2) where it does.
-            weighting: Legs that the own vehicle has still to travel, and how much each counts.
+            weighting: Legs that this vehicle still has to travel, and how much each counts.
             coarse: Places of the gradient's map, of the same posterior; None: those of `fine`.
             inflation: Factor on the posterior's standard deviations in `weighted`.
         """
@@ -291,7 +291,7 @@ class _Drop:
         mate_groups: Ints,
         cache_inverse: bool,
     ) -> None:
-        """Prepares what does not depend on the own path.
+        """Prepares what does not depend on this vehicle's path.
 
         Args:
             posterior: The posterior.
@@ -337,7 +337,7 @@ class _Drop:
         return self._weighted(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
 
     def weighted_and_gradient(self, places_m: Array, legs: Array) -> tuple[float, Array]:
-        """J, and its gradient with respect to the own places (P, 2)."""
+        """J, and its gradient with respect to this vehicle's places (P, 2)."""
         if not len(places_m) or not len(self.schedule.checkpoints):
             return 0.0, np.zeros_like(places_m)
         joint, cells, counting = self._joint(places_m, legs), self._cells, self.schedule.counting

@@ -100,8 +100,8 @@ class Timetable:
 
     Attributes:
         groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
-        own: Rows of the own places, ascending, (P,).
-        scaled: All places, once `matrix` has put the own ones in, (P + Q, 2).
+        own: Rows of this vehicle's places, ascending, (P,).
+        scaled: All places, once `matrix` has inserted this vehicle's, (P + Q, 2).
         white: Their whitened covariance with data and planned places, (P + Q, n).
         spare: Room of the size of the covariance with the cells, (P + Q, M).
     """
@@ -172,7 +172,7 @@ class Joint:
         return left
 
     def gradient(self, later: Array, checkpoints: Ints) -> Array:
-        """Gradient (P, 2) with respect to the own places.
+        """Gradient (P, 2) with respect to this vehicle's places.
 
         Only what is not zero is computed of products with triangles, a block of rows at a time, and in single
         precision: half the time, and no search needs a direction to more than the four digits that are left at least.

@@ -199,7 +199,7 @@ class TourSearch:
         return self.resampled(np.array(corners), legs)
 
     def starts(self, start_m: Array, legs: int, vehicle: int, vehicles: int) -> list[Array]:
-        """Tours to begin with: lanes along and across, over the own strip and over the whole area.
+        """Tours to begin with: lanes along and across, over this vehicle's strip and over the whole area.
 
         As many lanes as the length allows, one more and one less.
         """

@@ -1,4 +1,4 @@
-"""The report of a mission, made anew from its recording."""
+"""The report of a mission, made again from its recording."""
 
 from __future__ import annotations
 

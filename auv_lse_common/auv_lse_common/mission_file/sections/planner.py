@@ -51,7 +51,7 @@ class PlannerConfig:
     credit: FromMethod[str] = from_method(
         "whole",
         choices=("whole", "beyond"),
-        help="benefit that counts at places on the own path: 'whole' counts all of it (the paper), 'beyond' only "
+        help="benefit counted at places on this vehicle's path: 'whole' counts all of it (the paper), 'beyond' only "
         "what team mates' plans do not already collect",
     )
     horizon: FromMethod[int] = from_method(3, low=1, high=200, help="planned legs (paper: m)")
@@ -158,7 +158,7 @@ class PlannerConfig:
                     f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
                     "proposals 'path'"
                 )
-            values["incumbent"] = given.get("incumbent", False)  # the rule compares by the own places, this by the map
+            values["incumbent"] = given.get("incumbent", False)  # the rule compares at own places, this on the map
         return replace(self, **values)
 
 
