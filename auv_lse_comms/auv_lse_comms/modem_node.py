@@ -50,6 +50,8 @@ class ModemNode(VehicleNode):
         )  # fmt: skip
         self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
         self._bridge.remember = self.journal.write
+        if self.journal.stale:
+            self._bridge.skip_slot(self.now_s())
         self._intake = BridgeIntake(self._bridge)
         tdma = section(TdmaConfig, self.parameters, "tdma", self.where)
         packet = section(PacketConfig, self.parameters, "packet", self.where)

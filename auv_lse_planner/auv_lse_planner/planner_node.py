@@ -60,7 +60,9 @@ class PlannerNode(VehicleNode):
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
-        self._planner.set_blocked(0.0, "safety_node has not reported the mission's state")
+        decided = any(kind == "decided" for kind, *_ in self.journal.records)
+        self._state_lost = "" if decided else self.journal.stale  # a mission does not restart at step 0 under way
+        self._planner.set_blocked(0.0, self._state_lost or "safety_node has not reported the mission's state")
         if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
             rehearse_decision(settings, self.vehicle)
         self.show_parameters(
@@ -127,7 +129,8 @@ class PlannerNode(VehicleNode):
         self.journal.write("heard", report.stamp_s, report.vehicle, dataclasses.asdict(report.plan))
 
     def _on_state(self, report: RunReport) -> None:
-        self._intake.set_standing(report.status)
+        if not self._state_lost:
+            self._intake.set_standing(report.status)
         self._state_s = self.now_s()
 
     def _deadline(self) -> Callable[[], bool] | None:

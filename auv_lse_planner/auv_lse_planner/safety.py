@@ -13,7 +13,7 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_dep
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.health import Health, Level
-from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState
+from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState, Stop
 
 
 @dataclass(slots=True)
@@ -71,6 +71,14 @@ class Safety:
         """Restores the state that `snapshot` returned."""
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
+
+    def distrust(self, reason: str) -> None:
+        """The state before a restart is lost: the vehicle surfaces and holds until RESET, whatever it did before.
+
+        Args:
+            reason: Why it is lost, for people.
+        """
+        self.run.trip("state_lost", Stop(action=Action.SURFACE), reason)
 
     def problems(self) -> dict[str, str]:
         """Limits that are exceeded or have tripped: a text for each, by its key."""

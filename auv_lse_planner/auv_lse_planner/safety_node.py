@@ -29,9 +29,11 @@ class SafetyNode(VehicleNode):
         """Makes mission and watch from the parameters, wires topics and service."""
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
-        for kind, *values in self.journal.records:
-            if kind == "standing":
-                self._safety.restore(values[0])
+        standings = [values[0] for kind, *values in self.journal.records if kind == "standing"]
+        if standings:
+            self._safety.restore(standings[-1])
+        elif self.journal.stale:
+            self._safety.distrust(self.journal.stale)
         self.show_parameters(
             {
                 "safety": section(SafetyConfig, self.parameters, "safety", self.where),

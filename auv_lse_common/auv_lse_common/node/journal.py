@@ -7,8 +7,13 @@ A file of lines. The first one names the format and the mission; each further on
 
 A record is written by one call of the operating system, so a process that is killed at any moment leaves whole lines,
 and at most the last one torn. Torn and damaged lines are skipped and counted. A journal of another mission, other
-parameters or another format is set aside and not read. What a power failure takes is what the operating system had not
-yet written: some seconds.
+parameters or another format is set aside and not read. A power failure loses what the operating system had not yet
+written: some seconds.
+
+A journal that can no longer be written, as on a full disk, would soon be out of date: an abort would be missing. So it
+is marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the
+place of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer
+than the mark and valid.
 """
 
 from __future__ import annotations
@@ -26,6 +31,8 @@ from typing import Any
 FORMAT = 1
 #: The environment variable that names the folder of the journals; without it no node keeps one.
 FOLDER_VARIABLE = "AUV_LSE_JOURNAL"
+#: First byte of a file whose records are out of date, and of one from which they were dropped.
+_STALE_HERE, _STALE_BEFORE = b"?", b"!"
 
 
 class Journal:
@@ -34,7 +41,8 @@ class Journal:
     Attributes:
         records: What an earlier process of the same mission wrote, in its order: lists of JSON values.
         damaged: Lines that could not be read.
-        problem: Why nothing is written any more, or "".
+        problem: Why records are not being written; "" if they are.
+        stale: Why the state of an earlier process is out of date, so that none of it was restored; "" if it is not.
     """
 
     def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
@@ -46,17 +54,19 @@ class Journal:
         """
         self.records: list[list[Any]] = []
         self.damaged = 0
-        self.problem = ""
+        self.problem = self.stale = ""
         self._path, self._file = path, -1
         if path is None:
             return
         mission = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:16]
-        head = json.dumps({"format": FORMAT, "mission": mission}).encode()
+        self._head = head = json.dumps({"format": FORMAT, "mission": mission}).encode()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             whole = self._read(path, head)
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         except OSError as error:
+            if os.path.lexists(path):  # an earlier process, which could not write or mark it either, left it behind
+                self._set_stale(f"cannot be read or continued: {error.strerror or error}")
             self._give_up(error)
             return
         if whole is None:
@@ -71,7 +81,12 @@ class Journal:
         except FileNotFoundError:
             return None
         first, *lines = data.split(b"\n")
-        if first != head:
+        if first[:1] in (_STALE_HERE, _STALE_BEFORE) and first[1:] == head[1:]:
+            self._set_stale("an earlier process could not write it (disk full?)")
+            if first[:1] == _STALE_HERE:
+                self._mark_stale()
+                return True
+        elif first != head:
             path.replace(path.with_name(path.name + ".old"))
             return None
         for line in lines:
@@ -97,7 +112,8 @@ class Journal:
         if self._path is None:
             return ""
         damaged = f", {self.damaged} damaged lines skipped" if self.damaged else ""
-        return self.problem or f"{len(self.records)} records read back{damaged}"
+        found = self.problem or f"{len(self.records)} records read back{damaged}"
+        return f"{self.stale}; {found}" if self.stale else found
 
     def write(self, kind: str, *values: Any) -> None:
         """Appends a record: the list of `kind` and `values`, which JSON must be able to hold."""
@@ -114,12 +130,35 @@ class Journal:
         except OSError as error:  # a full disk must not stop the node
             self.close()
             self._give_up(error)
+            self._mark_stale()
 
     def _give_up(self, error: OSError) -> None:
         self.problem = (
             f"journal {self._path}: cannot be written: {error.strerror or error}; a restart would lose what the node "
             "knows"
         )
+
+    def _set_stale(self, reason: str) -> None:
+        self.stale = f"journal {self._path}: {reason}; its state is out of date and was not restored"
+        self.records = []
+
+    def _mark_stale(self) -> None:
+        """Marks the file in place, so that no later process restores its records; needs no space on the disk."""
+        assert self._path is not None
+        try:
+            file = os.open(self._path, os.O_RDWR)
+        except OSError:
+            return
+        try:
+            os.pwrite(file, _STALE_HERE, 0)
+            os.fsync(file)
+            os.ftruncate(file, len(self._head) + 1)
+            os.pwrite(file, _STALE_BEFORE, 0)
+            os.fsync(file)
+        except OSError as error:
+            self.problem += f"; it could not be marked as out of date either: {error.strerror or error}"
+        finally:
+            os.close(file)
 
     def close(self) -> None:
         """Closes the file."""

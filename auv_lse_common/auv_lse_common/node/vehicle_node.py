@@ -104,6 +104,8 @@ class VehicleNode(BaseNode):
                 self.parameters = merge(self.parameters, nest(values[0]))
                 known = [Parameter(key, value=value) for key, value in values[0].items() if self.has_parameter(key)]
                 self.set_parameters(known)
+        if journal.stale:
+            self.get_logger().error(journal.stale)
         if journal.problem:
             self.get_logger().warning(journal.problem)
         elif journal.records:
@@ -126,10 +128,12 @@ class VehicleNode(BaseNode):
         if not self.journal.status:
             return health
         values = {**health.values, "journal": self.journal.status}
-        if not self.journal.problem:
+        found = "; ".join(filter(None, (self.journal.stale, self.journal.problem)))
+        if not found:
             return dataclasses.replace(health, values=values)
-        text = self.journal.problem if health.level is Level.OK else f"{health.text}; {self.journal.problem}"
-        return Health(level=max(health.level, Level.WARN), text=text, values=values)
+        text = found if health.level is Level.OK else f"{health.text}; {found}"
+        level = Level.ERROR if self.journal.stale else Level.WARN
+        return Health(level=max(health.level, level), text=text, values=values)
 
     # ------------------------------------------------------------------ topics
 

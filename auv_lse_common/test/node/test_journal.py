@@ -109,3 +109,92 @@ def test_a_killed_process_leaves_whole_records(tmp_path: Path) -> None:
     read = Journal(path, {})
     assert read.damaged == 0
     assert [record[1] for record in read.records] == list(range(len(read.records)))
+
+
+def fill_the_disk(journal: Journal) -> None:
+    """Further writes fail, as on a full disk."""
+    number = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(number, journal._file)
+    os.close(number)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_journal_that_could_not_be_continued_is_not_restored(tmp_path: Path) -> None:
+    """An aborted vehicle once came back without its abort, and dived again: its journal ended before the abort."""
+    path = tmp_path / "safety.journal"
+    journal = Journal(path, MISSION)
+    journal.write("standing", "running")
+    fill_the_disk(journal)
+    journal.write("standing", "aborted")
+    assert "cannot be written" in journal.problem
+
+    after = Journal(path, MISSION)
+    assert after.records == []
+    assert "is out of date" in after.stale
+    assert after.stale in after.status
+    assert os.path.getsize(path) < 100  # the old records are gone, which also frees space
+
+    after.write("standing", "holding")  # there is space again
+    last = Journal(path, MISSION)
+    assert last.records == [["standing", "holding"]]
+    assert last.stale
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_journal_that_fails_again_is_out_of_date_again(tmp_path: Path) -> None:
+    path = tmp_path / "safety.journal"
+    for text in ("first", "second"):
+        journal = Journal(path, MISSION)
+        journal.write("standing", text)
+        fill_the_disk(journal)
+        journal.write("standing", "lost")
+    after = Journal(path, MISSION)
+    assert after.stale
+    assert after.records == []
+
+
+@pytest.mark.parametrize("mark", [b"?", b"!"])
+def test_a_process_that_dies_while_it_marks_its_journal_leaves_it_out_of_date(tmp_path: Path, mark: bytes) -> None:
+    path = tmp_path / "safety.journal"
+    journal = Journal(path, MISSION)
+    journal.write("standing", "running")
+    data = path.read_bytes()
+    path.write_bytes(mark + data[1:])
+    after = Journal(path, MISSION)
+    assert after.stale
+    assert after.records == ([] if mark == b"?" else [["standing", "running"]])
+    assert Journal(path, MISSION).stale
+
+
+def test_a_journal_of_another_mission_is_not_out_of_date(tmp_path: Path) -> None:
+    path = tmp_path / "safety.journal"
+    Journal(path, MISSION).write("standing", "running")
+    path.write_bytes(b"!" + path.read_bytes()[1:])
+    assert not Journal(path, {**MISSION, "steps": 101}).stale
+
+
+def test_a_journal_that_cannot_be_read_is_not_trusted(tmp_path: Path) -> None:
+    path = tmp_path / "safety.journal"
+    path.mkdir()
+    journal = Journal(path, MISSION)
+    assert journal.stale
+    assert journal.problem
+
+
+def test_a_journal_that_cannot_be_continued_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a disk that has become read-only the mark cannot be written either."""
+    path = tmp_path / "safety.journal"
+    Journal(path, MISSION).write("standing", "running")
+
+    def read_only(*_: object) -> int:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(os, "open", read_only)
+    journal = Journal(path, MISSION)
+    assert journal.records == []
+    assert "Read-only file system" in journal.stale
+
+
+def test_a_first_start_without_a_place_for_the_journal_is_not_out_of_date(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert not Journal(tmp_path / "file" / "safety.journal", MISSION).stale

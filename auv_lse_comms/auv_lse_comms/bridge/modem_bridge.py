@@ -271,6 +271,10 @@ class ModemBridge:
         self.remember("sent", now_s, samples[:, :4].tolist(), list(slot.key), self.loss)
         return payload
 
+    def skip_slot(self, now_s: float) -> None:
+        """Sends nothing in the slot of `now_s`, in which an earlier process may have sent: a slot's tag is used once."""
+        self._slots.last = self.tdma.slot(now_s).key
+
     def ping(self, now_s: float) -> int | None:
         """The mate to ping now; mostly None (`Ranging.ping`)."""
         mate = self._ranging.ping(now_s, self._last_sent_s, self._slots.last)

@@ -361,6 +361,15 @@ def test_a_clock_set_back_sends_no_slot_twice() -> None:
     assert b.poll(61.0) is not None
 
 
+def test_a_slot_in_which_a_lost_process_may_have_sent_is_skipped() -> None:
+    """Two packets with the tag of one slot would let a receiver refuse the true one."""
+    b = bridge(1, 3)
+    b.set_plan(PLAN)
+    b.skip_slot(32.0)
+    assert b.poll(32.5) is None
+    assert b.poll(61.0) is not None
+
+
 def test_samples_that_the_modem_did_not_send_are_requeued() -> None:
     b = bridge()
     b.not_sent(1.0)  # nothing to take back

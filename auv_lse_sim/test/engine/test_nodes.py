@@ -19,7 +19,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -249,6 +249,45 @@ def test_planner_node_plans_says_so_when_odometry_stops_and_goes_on_when_started
         b.until(lambda: again, "the last waypoint, for a link that was started again, too")
         assert (again[0].header, again[0].step) == (waypoints[-1].header, waypoints[-1].step)
         assert again[0].end_north_m == waypoints[-1].end_north_m
+
+
+def test_nodes_whose_journal_is_out_of_date_hold_and_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk once let an aborted vehicle dive again: its journal ended before the abort."""
+    journals = tmp_path / "journal"
+    monkeypatch.setenv(FOLDER_VARIABLE, str(journals))
+    nodes = ("safety_node", "planner_node")
+    with bench(tmp_path) as b:
+        for node in nodes:
+            b.start("auv_lse_planner", node, PARAMETERS)
+        states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
+        b.until(lambda: states and states[-1].state == MissionState.RUNNING, "a mission that runs")
+        files = [journals / f"auv1.{node}.journal" for node in nodes]
+        b.until(lambda: all(file.exists() for file in files), "two journals")
+        for keeper in b.keepers[-2:]:
+            keeper.stop()
+        for file in files:  # as `Journal` leaves a file on a full disk
+            file.write_bytes(b"!" + file.read_bytes().split(b"\n")[0][1:] + b"\n")
+        states.clear()
+        for node in nodes:
+            b.start("auv_lse_planner", node, PARAMETERS)
+        b.until(lambda: states, "the state after the restart")
+        assert (states[0].state, states[0].action) == (MissionState.HOLDING, MissionState.SURFACE)
+        assert "out of date" in states[0].reason
+        waypoints = b.collect(Waypoint, "/auv1/waypoint", LATCHED)
+        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data, readers=2)
+        diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
+        message = Odometry(header=header(time.time()))
+        message.pose.pose.orientation.w = 1.0
+
+        def planner_reports() -> bool:
+            odometry.publish(message)
+            return any(d.status[0].name.endswith("planner_node") for d in diagnostics)
+
+        b.until(planner_reports, "diagnostics of the planner")
+        of_planner = [d.status[0] for d in diagnostics if d.status[0].name.endswith("planner_node")]
+        assert of_planner[0].level == DiagnosticStatus.ERROR
+        assert "out of date" in of_planner[0].message
+        assert not waypoints, "a mission must not restart at its first leg"
 
 
 def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path) -> None:
