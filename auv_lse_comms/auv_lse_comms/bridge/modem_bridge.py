@@ -272,7 +272,7 @@ class ModemBridge:
         return payload
 
     def skip_slot(self, now_s: float) -> None:
-        """Sends nothing in the slot of `now_s`, in which an earlier process may have sent: its tag is for one packet."""
+        """Sends nothing in the slot of `now_s`: an earlier process may have used its tag, which is for one packet."""
         self._slots.last = self.tdma.slot(now_s).key
 
     def ping(self, now_s: float) -> int | None:
