@@ -1,8 +1,8 @@
 """Planning for a team of AUVs: motion, naive paths, rewards, tree search, and the planner of one vehicle.
 
-The names below are what a user of the library needs; docs/reference/python/plan.md uses them alone. Three subpackages
-are for those who change the planner: `paths` (where a vehicle may go, and what a plan leads to), `reward` (what a path
-is worth) and `search` (which path to take).
+The names below are the library's public interface (docs/reference/python/plan.md). Three subpackages are for developers
+of the planner: `paths` (free space, and the path of a plan), `reward` (the value of a path) and `search` (the search
+for the best path).
 """
 
 from typing import TYPE_CHECKING

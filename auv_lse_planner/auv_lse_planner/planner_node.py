@@ -1,4 +1,4 @@
-"""Plans for one vehicle: odometry, its map and the team's plans in; the plan and the next leg out."""
+"""planner_node: plans for one vehicle. Takes odometry, map and team plans; publishes the plan and the next leg."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from auv_lse_planner.vehicle.problems import of_state
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
-#: The end is said again after this time (s), until the mission's state says so.
+#: The mission's end is reported again after this time (s), until the mission's state shows it.
 _END_PERIOD_S = 1.0
 _TUNABLE = (
     "method",
@@ -54,7 +54,7 @@ class PlannerNode(VehicleNode):
     """planner_node: decides the legs of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Builds the planner from the parameters and wires the topics."""
+        """Builds the planner from the parameters and sets up the topics."""
         super().__init__("planner_node")
         settings = PlannerSettings.from_parameters(self.parameters, self.where, self.vehicle)
         self._settings = settings
@@ -63,7 +63,7 @@ class PlannerNode(VehicleNode):
         decided = any(kind == "decided" for kind, *_ in self.journal.records)
         self._state_lost = "" if decided else self.journal.stale  # a mission does not restart at step 0 under way
         self._planner.set_blocked(0.0, self._state_lost or "safety_node has not reported the mission's state")
-        if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
+        if not self.journal.records:  # after a restart during a mission skip it, to be ready sooner
             rehearse_decision(settings, self.vehicle)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
@@ -74,7 +74,7 @@ class PlannerNode(VehicleNode):
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._planning_s = 0.0
         self._end_reports = Periodic(_END_PERIOD_S)
-        self._state_s = self.now_s()  # when the mission's state was told last
+        self._state_s = self.now_s()  # time of the last mission/state
         self._new_problems = NewProblems()
         self._plan = self.publisher("plan")
         self._path = self.publisher("path")
@@ -87,13 +87,13 @@ class PlannerNode(VehicleNode):
         self.listen("mission/state", self._on_state)
         self.listen("team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
-        self._go_on()
+        self._resume()
         self.begin()
 
-    def _go_on(self) -> None:
-        """After a restart: goes on after the last decision in the journal, with the team's plans heard until then.
+    def _resume(self) -> None:
+        """After a restart: resumes after the journal's last decision, with the team plans received until then.
 
-        Plan and waypoint are said again, with the stamps that they had: readers that start later get them from here.
+        Republishes plan and waypoint with their original stamps, for readers that start later.
         """
         decided: list[Any] | None = None
         for kind, *values in self.journal.records:
@@ -130,11 +130,11 @@ class PlannerNode(VehicleNode):
 
     def _on_state(self, report: RunReport) -> None:
         if not self._state_lost:
-            self._intake.set_standing(report.status)
+            self._intake.set_run_status(report.status)
         self._state_s = self.now_s()
 
     def _deadline(self) -> Callable[[], bool] | None:
-        """A guard on the decision's wall clock; none in lockstep, where a run must not depend on the machine."""
+        """The deadline of a decision, by wall clock; None in lockstep, where runs must not depend on the machine."""
         limit_s = self._planner.planner.deadline_s
         if self.lockstep or limit_s <= 0.0:
             return None
@@ -142,7 +142,7 @@ class PlannerNode(VehicleNode):
         return lambda: time.monotonic() >= until
 
     def step(self, now_s: float) -> None:
-        """Takes what has come in and, if a decision is due, makes and publishes it."""
+        """Applies the queued inputs; if a decision is due, makes and publishes it."""
         if self._intake.take(now_s):
             began = time.perf_counter()
             decision = self._planner.decide(now_s, self._deadline())
@@ -150,7 +150,7 @@ class PlannerNode(VehicleNode):
             self._publish(now_s, decision)
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
-        if self._intake.end_is_news and self._end_reports.is_due(now_s):
+        if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)
             self._command.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
         self._diagnose(now_s)
@@ -196,7 +196,7 @@ class PlannerNode(VehicleNode):
 
 
 def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: InputsUsed) -> BoundReport:
-    """Report of a decision's record; it took `planning_s` of wall clock and follows from what was `taken`."""
+    """The report of a decision that took `planning_s` of wall clock and used the inputs `taken`."""
     return BoundReport(
         stamp_s=now_s,
         step=bound.step,
@@ -216,7 +216,7 @@ def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: In
 
 
 def rehearse_decision(settings: PlannerSettings, vehicle: int) -> None:
-    """Decides in a mission of two steps, which nobody takes: it loads the compiled code before the first decision."""
+    """Makes and discards a decision in a two-step mission, to load the compiled code before the first real one."""
     settings = dataclasses.replace(settings, mission=dataclasses.replace(settings.mission, steps=2))
     planner = VehiclePlanner(vehicle, settings, stream(settings.mission.seed, "rehearsal"))
     start = settings.vehicle
@@ -225,7 +225,7 @@ def rehearse_decision(settings: PlannerSettings, vehicle: int) -> None:
 
 
 def prepare() -> None:
-    """Loads the compiled code: a process forked later has it."""
+    """Loads the compiled code, so that processes forked later share it."""
     rehearse_decision(PlannerSettings.from_parameters({}, "rehearsal", 1), 1)
 
 

@@ -1,4 +1,4 @@
-"""One vehicle's mission with its safety watch, as the parameters make them: what `safety_node` owns."""
+"""One vehicle's mission and its safety watch, built from the parameters; `safety_node` owns them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Safety:
 
     Attributes:
         run: State of the mission.
-        watch: The limits.
+        watch: Monitors the limits.
     """
 
     run: MissionRun
@@ -30,11 +30,11 @@ class Safety:
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int) -> Safety:
-        """From a nested parameter mapping; other sections are left alone.
+        """Builds both from a nested parameter mapping; other sections are ignored.
 
         Args:
             parameters: Nested mapping (section -> parameter -> value).
-            where: Where it came from, for messages.
+            where: Source of the parameters, for messages.
             vehicle: Number of the vehicle, from 1.
 
         Raises:
@@ -54,8 +54,8 @@ class Safety:
             if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.place_m)) > fence.margin_m:
                 raise ParameterError(
                     f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.place_m[0]:g}, {stop.place_m[1]:g} m, "
-                    f"where {key} leads: {outside_m:.0f} m outside of area.polygon_m; expected at most "
-                    f"safety.fence_margin_m = {fence.margin_m:g} m, or the fence trips there"
+                    f"the target of {key}: {outside_m:.0f} m outside of area.polygon_m; expected at most "
+                    f"safety.fence_margin_m = {fence.margin_m:g} m. Move it inward, else the fence trips there"
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         return cls(
@@ -64,11 +64,11 @@ class Safety:
         )
 
     def snapshot(self) -> dict[str, Any]:
-        """The state, for a journal."""
+        """The mission's and the watch's state, for a journal."""
         return {"run": self.run.snapshot(), "watch": self.watch.snapshot()}
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Restores the state that `snapshot` returned."""
+        """Continues from a `snapshot`."""
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
 
@@ -81,7 +81,7 @@ class Safety:
         self.run.trip("state_lost", Stop(action=Action.SURFACE), reason)
 
     def problems(self) -> dict[str, str]:
-        """Limits that are exceeded or have tripped: a text for each, by its key."""
+        """Texts about exceeded and tripped limits, by key."""
         found = {f"tripped {name}": f"{name}: {why} (latched until RESET)" for name, why in self.run.limits.items()}
         return found | {name: f"{name}: {reason}" for name, reason in self.watch.warnings.items()}
 

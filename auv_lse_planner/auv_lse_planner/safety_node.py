@@ -1,4 +1,4 @@
-"""Keeps one vehicle's mission: takes commands, watches the limits, and says what the vehicle is to do."""
+"""safety_node: manages one vehicle's mission. It takes commands, monitors the limits and publishes the action."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from auv_lse_msgs.srv import RunMission
 from auv_lse_planner.safety import Safety
 
 _DIAGNOSTICS_PERIOD_S = 10.0
-#: Without lockstep the state is said again after this time (s): a reader may have missed it, or come late.
+#: Without lockstep the state is republished after this time (s), for readers that missed it or started late.
 _HEARTBEAT_S = 1.0
 
 
@@ -26,7 +26,7 @@ class SafetyNode(VehicleNode):
     """safety_node: start, hold, abort and the safety watch of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Makes mission and watch from the parameters, wires topics and service."""
+        """Builds mission and watch from the parameters; sets up topics and service."""
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
         standings = [values[0] for kind, *values in self.journal.records if kind == "standing"]
@@ -41,8 +41,8 @@ class SafetyNode(VehicleNode):
             }
         )
         self._published = 0
-        self._said: tuple[object, ...] = ()
-        self._report: RunReport | None = None  # as published last
+        self._reported: tuple[object, ...] = ()
+        self._report: RunReport | None = None  # published last
         self._heartbeats = Periodic(_HEARTBEAT_S)
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._new_problems = NewProblems()
@@ -57,7 +57,7 @@ class SafetyNode(VehicleNode):
         self.begin()
 
     def settled(self) -> bool:
-        """Lockstep: an autopilot, where there is one, has said how it is, so that every mission begins alike."""
+        """Lockstep: whether the autopilot, if any, has reported its status, so that every mission starts alike."""
         return self._safety.watch.autopilot_known
 
     def _on_odometry(self, o: Odometry) -> None:
@@ -86,22 +86,22 @@ class SafetyNode(VehicleNode):
         return refused
 
     def step(self, now_s: float) -> None:
-        """Checks the limits; publishes the state when it changes, and without lockstep every second."""
+        """Checks the limits; publishes the state when it changes and, without lockstep, every second."""
         self._safety.watch.step(now_s, self._safety.run)
         status, warnings = self._safety.run.status, self._safety.watch.warnings
-        if (status, *warnings) != self._said:  # the numbers in warnings change all the time
-            self._said = (status, *warnings)
+        if (status, *warnings) != self._reported:  # the numbers in warnings change all the time
+            self._reported = (status, *warnings)
             self._published += 1
             self.journal.write("standing", self._safety.snapshot())
             texts = tuple(f"{name}: {reason}" for name, reason in warnings.items())
             self._report = RunReport(stamp_s=now_s, revision=self._published, status=status, warnings=texts)
-            self._say(now_s)
-            self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travels'}")
+            self._publish_state(now_s)
+            self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travelling'}")
         elif not self.lockstep and self._heartbeats.is_due(now_s):
-            self._say(now_s)
+            self._publish_state(now_s)
         self._diagnose(now_s)
 
-    def _say(self, now_s: float) -> None:
+    def _publish_state(self, now_s: float) -> None:
         self._heartbeats.done(now_s)
         self._state.publish(self._report)
 
@@ -112,7 +112,7 @@ class SafetyNode(VehicleNode):
             self.get_logger().warning(problem)
         if new or self._health_reports.is_due(now_s):
             self._health_reports.done(now_s)
-            self.journal.write("standing", self._safety.snapshot())  # for how long it has run
+            self.journal.write("standing", self._safety.snapshot())  # updates the running time
             self.publish_health(now_s, self._safety.health())
 
 

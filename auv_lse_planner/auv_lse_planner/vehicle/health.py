@@ -1,4 +1,4 @@
-"""What planner_node's diagnostics and log say about a planner."""
+"""Texts and figures about a planner for planner_node's diagnostics and log."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
 
     Args:
         planner: The planner.
-        problems: What `VehiclePlanner.problems` says now.
-        planning_s: Wall clock that its last decision took (s).
+        problems: Its current problems (`VehiclePlanner.problems`).
+        planning_s: Wall-clock duration of its last decision (s).
     """
     values: dict[str, Any] = {"decisions": len(planner.records), "planning_ms": f"{1e3 * planning_s:.1f}"}
     if planner.records:
@@ -27,18 +27,18 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
 
 
 def warnings_of(decision: Decision, deadline_s: float) -> list[str]:
-    """What the log should say about a decision.
+    """Warnings to log about a decision.
 
     Args:
         decision: The decision.
-        deadline_s: The deadline that it had (s).
+        deadline_s: Its deadline (s).
     """
     bound, found = decision.bound, []
     if bound.deadline_hit:
         found.append(
             f"step {bound.step}: the deadline of {deadline_s:g} s ended the search after {bound.iterations} "
-            "iterations; the best plan so far is taken"
+            "iterations; using the best plan so far"
         )
     if decision.statistics.escape:
-        found.append(f"step {bound.step}: nothing feasible; escaping, see docs/design/planner.md")
+        found.append(f"step {bound.step}: no action is feasible; escaping, see docs/design/planner.md")
     return found

@@ -1,4 +1,4 @@
-"""Inputs of a vehicle's planner between two ticks, and the order in which the planner takes them."""
+"""Queues the inputs of a vehicle's planner between two ticks and applies them in a fixed order."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
-#: Odometry and corrected place that are of the same time differ by less than this (s); so many of the first are kept.
+#: A corrected place belongs to the odometry whose stamp differs by less than this (s).
 SAME_S = 0.05
+#: Number of recent odometry messages kept for that comparison.
 KEPT = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputsUsed:
-    """The inputs of a planner so far: its next decision follows from them and its own state.
+    """The inputs applied so far. They and the planner's state determine its next decision.
 
     Attributes:
         map_revision: Revision of the kernel centers.
-        plans: Team plans, counted.
+        plans: Number of team plans.
         odometry_s: Stamp of the last odometry (s); 0 before the first.
     """
 
@@ -31,11 +32,11 @@ class InputsUsed:
 
 
 class PlannerIntake:
-    """The mission's state, the map, plans and odometry that wait for the planner, and the order in which it takes them.
+    """Queues the mission's state, the map, team plans and odometry for the planner.
 
     Attributes:
         planner: The planner.
-        inputs_used: What the planner has been given.
+        inputs_used: The inputs already applied.
     """
 
     def __init__(self, planner: VehiclePlanner) -> None:
@@ -47,46 +48,46 @@ class PlannerIntake:
         self._odometry: tuple[float, float, float, float] | None = None
         self._recent_odometry: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east
         self._corrected: tuple[float, float, float] | None = None
-        self._standing: RunStatus | None = None
-        self._state: RunState | None = None  # of the mission, as last told
+        self._run_status: RunStatus | None = None
+        self._state: RunState | None = None  # the mission's last reported state
 
     @property
-    def end_is_news(self) -> bool:
-        """Whether the last leg is travelled, but the mission's state does not show it yet: a message may be lost."""
+    def end_unreported(self) -> bool:
+        """Whether the last leg is travelled but the mission's state does not show it yet (a message may be lost)."""
         return self.planner.finished and self._state in (None, RunState.WAITING, RunState.RUNNING)
 
     def set_centers(self, centers: Centers, revision: int) -> None:
-        """The map's kernel centers and their revision; they replace those that still wait."""
+        """Queues the map's kernel centers and their revision; replaces any that are still queued."""
         self._centers = centers, revision
 
     def add_plan(self, stamp_s: float, vehicle: int, plan: Plan) -> None:
-        """A mate's plan: end of reception (s), number of the mate, the plan."""
+        """Queues a team mate's plan: end of reception (s), number of the mate, the plan."""
         self._plans.append((stamp_s, vehicle, plan))
 
     def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
-        """The vehicle's navigation; it replaces what still waits."""
+        """Queues the vehicle's navigation state; replaces one that is still queued."""
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
         self._recent_odometry.append((stamp_s, north_m, east_m))
 
     def set_corrected(self, stamp_s: float, north_m: float, east_m: float) -> None:
-        """Where the map has the vehicle; its offset is from odometry of that time."""
+        """Queues the vehicle's corrected place in the map; its offset is computed from odometry of the same time."""
         self._corrected = (stamp_s, north_m, east_m)
 
-    def set_standing(self, standing: RunStatus) -> None:
-        """Queues the state of the mission, replacing one that is still queued."""
-        self._standing = standing
+    def set_run_status(self, status: RunStatus) -> None:
+        """Queues the mission's state; replaces one that is still queued."""
+        self._run_status = status
 
     def take(self, now_s: float) -> bool:
-        """The planner takes the mission's state, the map, plans by stamp and vehicle, odometry.
+        """Applies, in this order: the mission's state, the map, the plans sorted by stamp and vehicle, the odometry.
 
         Returns:
-            Whether a decision is due then.
+            Whether a decision is now due.
         """
         revision, plans, odometry_s = self.inputs_used.map_revision, self.inputs_used.plans, self.inputs_used.odometry_s
-        if self._standing is not None:
-            self.planner.set_blocked(now_s, self._standing.blocked_reason)
-            self._state = self._standing.state
-            self._standing = None
+        if self._run_status is not None:
+            self.planner.set_blocked(now_s, self._run_status.blocked_reason)
+            self._state = self._run_status.state
+            self._run_status = None
         if self._centers is not None:
             centers, revision = self._centers
             self.planner.set_centers(centers, now_s)
@@ -104,9 +105,9 @@ class PlannerIntake:
         return self.planner.due(now_s)
 
     def apply_correction(self) -> None:
-        """Gives the planner the offset of its map from odometry, if both are of the same time.
+        """Passes the planner the offset between map and odometry, if odometry of the same time is available.
 
-        `take` does so, too: this is for a corrected place that is computed only once a decision is due.
+        `take` calls this too. Call it directly if the corrected place is computed only once a decision is due.
         """
         if self._corrected is None:
             return

@@ -1,25 +1,27 @@
-"""Rejects odometry places that the vehicle cannot have reached since the last one.
+"""Rejects odometry places that the vehicle cannot have reached since the last accepted one.
 
-A fix after a long dive moves the place for good, so `AGREEING` consistent places in a row are accepted.
+A fix after a long dive moves the place permanently, so `AGREEING` consistent places in a row are accepted.
 """
 
 from __future__ import annotations
 
 import math
 
-#: A place may move this many times as far as the speed through the water allows (currents), plus a margin (m).
+#: Largest accepted speed, as a multiple of the speed through the water (currents add to it).
 FASTER = 3.0
+#: Margin (m) added to the distance covered at that speed.
 SPREAD_M = 30.0
+#: Consistent places in a row that are accepted despite a jump.
 AGREEING = 4
 
 Place = tuple[float, float, float]
 
 
 class OdometryGate:
-    """The places of one vehicle, in the order in which they come.
+    """Checks the places of one vehicle in the order of arrival.
 
     Attributes:
-        jumps: Places refused.
+        jumps: Number of places rejected.
     """
 
     def __init__(self, speed_mps: float) -> None:
@@ -31,7 +33,7 @@ class OdometryGate:
         self._in_a_row = 0
 
     def passes(self, stamp_s: float, north_m: float, east_m: float) -> bool:
-        """Whether the place is plausible: it follows from the last accepted one, or from `AGREEING` consistent ones."""
+        """Whether the place is reachable from the last accepted one, or is the last of `AGREEING` consistent places."""
         place = (stamp_s, north_m, east_m)
         if self._last is not None and not self._follows(self._last, place):
             agrees = self._refused is not None and self._follows(self._refused, place)

@@ -1,7 +1,7 @@
-"""Problems of a planner, as texts for people.
+"""Texts for operators about a planner's problems.
 
-Each function gives a text for each problem, by the problem's key. A key names the kind of problem (and the team mate,
-where it is about one) and stays the same while the problem lasts; its text may change from call to call.
+Each function returns the texts by problem key. A key names the kind of problem, and the team mate if one is concerned.
+It stays the same while the problem lasts; the text may change from call to call.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.vehicle.travel import Travel
 
-#: A mate that has been silent for this share of the time for which its plan counts is named.
+#: Report a team mate that has been silent for this share of `planner.plan_expiry_s`.
 SILENT_SHARE = 0.25
-#: After this time (s) without mission/state from safety_node, warn: it has had time to restart.
+#: Warn after this time (s) without mission/state; it leaves safety_node enough time to restart.
 STATE_SILENT_S = 15.0
 
 
 def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: bool) -> dict[str, str]:
-    """No odometry after the start, or none for too long."""
+    """Odometry is missing after the start, or too old."""
     if travel.estimate is None:
         return {"odometry missing": "odometry: none received; no planning without it"} if started else {}
     age_s = now_s - travel.estimate.now_s
@@ -33,33 +33,33 @@ def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: b
 
 
 def of_state(silent_s: float) -> dict[str, str]:
-    """No mission/state for this time (s); safety_node sends one every second."""
+    """No mission/state has arrived for `silent_s`; safety_node publishes it every second."""
     if silent_s <= STATE_SILENT_S:
         return {}
     return {
-        "state old": f"mission/state: last {silent_s:.0f} s ago; expected one a second: limits may be unwatched, is "
-        "safety_node running?"
+        "state old": f"mission/state: last {silent_s:.0f} s ago; expected every second. Safety limits may be "
+        "unmonitored; check that safety_node is running"
     }
 
 
 def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str, str]:
-    """What was ignored or given up lately: odometry, plans that cannot be followed, legs not finished in time.
+    """Recently ignored odometry, team plans that cannot be followed, and legs not finished in time.
 
     Args:
-        totals: How many in all: "odometry absurd", "odometry jumps", "plans refused", "legs given up".
-        recent: How many of them lately (`Recent`).
+        totals: Total counts of "odometry absurd", "odometry jumps", "plans refused" and "legs given up".
+        recent: Recent counts of the same (`Recent`).
     """
     texts = {
         "odometry absurd": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
-        "odometry jumps": "odometry: {} places refused that the vehicle cannot have reached",
+        "odometry jumps": "odometry: {} places rejected because the vehicle cannot have reached them",
         "plans refused": "team: {} received plans could not be rebuilt and were ignored",
-        "legs given up": "travel: the end of {} legs was not passed in time; the mission went on without",
+        "legs given up": "travel: {} legs timed out before the vehicle passed their end; continued with the next leg",
     }
     return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
 
 
 def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
-    """A place outside of the area."""
+    """The vehicle is outside of the area."""
     found: dict[str, str] = {}
     if travel.estimate is None:
         return found
@@ -67,36 +67,36 @@ def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
     if outside_m > HOLD_BEYOND_M:
         found["outside"] = f"place: {outside_m:.0f} m outside of the area, more than {HOLD_BEYOND_M:.0f} m: holding"
     elif outside_m > 0.0:
-        found["outside"] = f"place: {outside_m:.0f} m outside of the area: coming back"
+        found["outside"] = f"place: {outside_m:.0f} m outside of the area: returning"
     return found
 
 
 def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConfig) -> dict[str, str]:
-    """A map that cannot be used (`refused` says why, "" if it can), or is too old (`map_s`: when it was received)."""
+    """The map is unusable (`refused`: the reason, else "") or too old (`map_s`: time of reception, s)."""
     found = {"map refused": refused} if refused else {}
     if map_s is not None and now_s - map_s > planner.map_timeout_s:
-        found["map old"] = f"map: last {now_s - map_s:.0f} s ago; planning goes on with it"
+        found["map old"] = f"map: last {now_s - map_s:.0f} s ago; planning continues with it"
     return found
 
 
 def of_team(now_s: float, team: Team, planner: PlannerConfig) -> dict[str, str]:
-    """Team mates whose plans count, and are missing, getting old, or have expired."""
+    """Relevant plans of team mates that are missing, getting old or expired."""
     found, ages = {}, team.age_s(now_s)
     for mate in team.others if planner.family.all_mates else team.before:
         if mate not in ages:
-            found[f"plan of {mate} missing"] = f"team: no plan of vehicle {mate} heard yet; planning goes on without"
+            found[f"plan of {mate} missing"] = f"team: no plan received from vehicle {mate} yet; planning without it"
         elif ages[mate] >= planner.plan_expiry_s:
-            found[f"plan of {mate} expired"] = f"team: plan of vehicle {mate} expired, heard {ages[mate]:.0f} s ago"
+            found[f"plan of {mate} expired"] = f"team: plan of vehicle {mate} expired, received {ages[mate]:.0f} s ago"
         elif ages[mate] >= SILENT_SHARE * planner.plan_expiry_s:
             found[f"{mate} silent"] = (
-                f"team: nothing heard of vehicle {mate} for {ages[mate]:.0f} s; its plan counts until "
+                f"team: no plan from vehicle {mate} for {ages[mate]:.0f} s; its last plan expires after "
                 f"{planner.plan_expiry_s:g} s (planner.plan_expiry_s)"
             )
     return found
 
 
 def of_leg(now_s: float, travel: Travel) -> dict[str, str]:
-    """A leg that takes far too long."""
+    """The current leg takes far too long."""
     if travel.leg is None or travel.finished or not travel.overdue(now_s):
         return {}
     return {"leg overdue": f"leg {travel.leg.step}: not finished {now_s - travel.leg_started_s:.0f} s after its start"}

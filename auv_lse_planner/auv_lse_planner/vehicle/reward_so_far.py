@@ -20,7 +20,7 @@ class RewardSoFar:
         self._bound_max = -math.inf
 
     def measure(self, risk: float) -> None:
-        """The reward is the drop of the map's risk since the first call; NaN: it is added up leg by leg instead."""
+        """Sets the reward to the drop of the map's risk since the first call; NaN leaves it to `add`, leg by leg."""
         if math.isnan(risk):
             return
         if math.isnan(self._risk_at_start):
@@ -28,11 +28,11 @@ class RewardSoFar:
         self.value = self._risk_at_start - risk
 
     def add(self, reward: float) -> None:
-        """Adds the reward expected of a leg."""
+        """Adds the expected reward of a leg."""
         self.value += reward
 
     def bound(self, assured: float) -> tuple[float, float]:
-        """The lower bound with this part of the plan's reward that nothing can lose, and the largest bound so far."""
+        """The lower bound and its running maximum; `assured` is the plan's reward that no later decision can lose."""
         lower = self.value + assured
         self._bound_max = max(self._bound_max, lower)
         return lower, self._bound_max

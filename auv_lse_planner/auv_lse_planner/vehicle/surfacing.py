@@ -1,15 +1,17 @@
-"""When a vehicle surfaces for a fix: where that gains more than the legs that it costs.
+"""Decides when a vehicle surfaces for a fix: when the fix gains more than the legs it costs.
 
-Dead reckoning errs by a rotation and a scale about the start, so that a fix tells most far from there; soundings before
-it can then be placed anew, and those after it begin right. So a vehicle weighs a surfacing
+Dead reckoning errs by a rotation and a scale about the start. A fix is therefore most informative far from the start.
+It corrects the places of earlier soundings, and later soundings start from a known place. A vehicle considers a
+surfacing only if all of these hold:
 
-- not before `FIRST` of its mission, and each vehicle of a team a little later than the one before it: the fix of one
-  serves all through ranges, and the next knows by then how little its own would add;
-- where a leg ends that leads farther from the start than the next `LEGS_AHEAD` ones by its plan;
-- `NEXT` of the mission after its last surfacing at the earliest: the map does not show at once what that has gained.
+- At least the share `FIRST` of the mission is over. Each vehicle of a team waits for a share `TURN` longer than the
+  previous one: through ranges one vehicle's fix helps all, which reduces the gain of the next fix.
+- The leg's end is farther from the start than the next `LEGS_AHEAD` legs of the plan.
+- At least the share `NEXT` of the mission has passed since its last surfacing, because the map shows the gain of a fix
+  only after some time.
 
-The gain of a fix is the drop of the loss from uncertain places (`reward/fix.py`). Its cost is the reward of the legs
-that are then missing at the mission's end, as the plan has it. Both are in the unit of the map's risk.
+The gain of a fix is the drop of the loss from uncertain places (`reward/fix.py`). Its cost is the planned reward of the
+legs that no longer fit at the mission's end. Both are in the unit of the map's risk.
 """
 
 from __future__ import annotations
@@ -22,12 +24,12 @@ import numpy as np
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_planner.paths.rollout import PlannedPath
 
-#: Parts of the mission: before the first surfacing of the first vehicle, from each vehicle's turn to the next one's,
-#: and between surfacings.
+#: Shares of the mission: before the first vehicle's first surfacing, delay from one vehicle to the next, and between
+#: two surfacings of one vehicle.
 FIRST, TURN, NEXT = 0.3, 0.1, 0.2
-#: Vehicles that have turns of their own; those after them share them.
+#: Number of different delays; vehicles with higher numbers reuse them in turn.
 TURNS = 3
-#: Legs ahead that must not lead farther from the start.
+#: Legs of the plan that must not lead farther from the start than the current leg.
 LEGS_AHEAD = 10
 
 
@@ -35,18 +37,18 @@ class Surfacings:
     """The surfacings of one vehicle.
 
     Attributes:
-        legs: Legs that one takes.
-        most: How many there may be.
-        done: How many are decided.
+        legs: Duration of a surfacing, in legs.
+        most: Largest number of surfacings.
+        done: Number of surfacings decided so far.
     """
 
     def __init__(self, vehicle: int, config: VehicleConfig, most: int, steps: int, leg_m: float) -> None:
-        """Before the first of so many steps.
+        """Starts before the mission's first step.
 
         Args:
             vehicle: Number of the vehicle, from 1.
             config: Section `vehicle`.
-            most: How many there may be.
+            most: Largest number of surfacings.
             steps: Steps of the mission.
             leg_m: Length of a leg (m).
         """
@@ -58,7 +60,7 @@ class Surfacings:
         self._earliest = round((FIRST + TURN * ((vehicle - 1) % TURNS)) * steps)
 
     def considered(self, path: PlannedPath) -> bool:
-        """Whether a surfacing is weighed where the first leg of `path` ends, which leads to the mission's end."""
+        """Whether to consider a surfacing at the end of the first leg of `path`, a path to the mission's end."""
         end = path.step + 1
         if self.done >= self.most or end < self._earliest or len(path) <= self.legs:
             return False
@@ -67,12 +69,12 @@ class Surfacings:
         return bool(far_m[0] >= far_m.max())
 
     def record(self, step: int) -> None:
-        """The vehicle surfaces at the end of the leg to mission step `step`."""
+        """Records a surfacing at the end of the leg to mission step `step`."""
         self.done += 1
         self._earliest = step + round(NEXT * self._steps)
 
     def snapshot(self) -> list[int]:
-        """How many are decided, and the earliest step of the next, for a journal."""
+        """Number of surfacings decided and earliest step of the next one, for a journal."""
         return [self.done, self._earliest]
 
     def restore(self, value: Sequence[int]) -> None:

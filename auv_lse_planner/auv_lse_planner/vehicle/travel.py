@@ -1,4 +1,4 @@
-"""Where a vehicle is on its legs: when its next decision is due, and from which state that decision plans."""
+"""Tracks a vehicle along its legs: when the next decision is due, and the state from which it plans."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from auv_lse_planner.vehicle.odometry_gate import OdometryGate
 
 Array = NDArray[np.float64]
 
-#: A vehicle this near to a leg's end (m) has travelled it: what rounding leaves of one that is exactly there.
+#: A leg counts as travelled when this distance (m) remains; it only absorbs rounding.
 AT_END_M = 1e-9
-#: A vehicle whose heading is this far (rad) off its leg's does not go on from that leg's end as planned. Less is what a
-#: current asks for.
+#: With a larger heading error (rad) the next leg is planned from odometry instead of the current leg's end. Currents
+#: cause smaller errors.
 ASIDE_RAD = math.pi / 4.0
-#: Nor does one that is this far (m) past that end, since the decision is late: it has turned to somewhere by then.
+#: The same applies this far (m) past the leg's end: the decision is late, and the vehicle's course is unknown.
 PASSED_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatedState:
-    """The vehicle's own estimate of where it is.
+    """The vehicle's estimate of its heading and position.
 
     Attributes:
         now_s: Mission time.
@@ -46,26 +46,26 @@ class EstimatedState:
 
 
 class Travel:
-    """One vehicle on its legs.
+    """Progress of one vehicle along its legs.
 
-    The next leg is decided while the vehicle is still on the present one, and begins at that one's end.
+    The next leg is decided while the vehicle is still on the current leg. It begins where the current leg ends.
 
     Attributes:
         estimate: The last estimated state; None before the first.
-        leg: The leg being travelled; None before the first decision.
+        leg: The current leg; None before the first decision.
         leg_started_s: Mission time at which it began; NaN before the first decision.
         decided: Number of steps decided.
-        running: Whether the mission goes: while it does not, nothing is due, and no leg's time runs.
-        gate: What estimates pass: no jumps.
-        absurd: Number of estimates that no vehicle can have; they are ignored.
-        given_up: Legs whose end was not passed in time (`overdue`), with the next one decided, or none to come.
-        finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
+        running: Whether the mission is running. While it is not, no decision is due and leg timers are paused.
+        gate: Rejects estimates that jump.
+        absurd: Number of impossible estimates; they are ignored.
+        given_up: Number of legs that timed out (`overdue`) before the vehicle passed their end.
+        finished: Whether all steps are decided and travelled. It stays true wherever the vehicle goes afterwards.
     """
 
     def __init__(self, vehicle: VehicleConfig, steps: int, surfacing_legs: int = 0) -> None:
-        """Starts before the first of so many steps; a surfacing takes the time of `surfacing_legs` of them."""
+        """Starts before the first of `steps` steps; a surfacing takes as long as `surfacing_legs` of them."""
         self._vehicle, self._steps, self._surfacing_legs = vehicle, steps, surfacing_legs
-        self._held_up_s = 0.0  # how long the vehicle surfaces before it begins the present leg
+        self._held_up_s = 0.0  # duration of a surfacing at the start of the current leg
         self.estimate: EstimatedState | None = None
         self.leg: Leg | None = None
         self.leg_started_s = math.nan
@@ -78,7 +78,7 @@ class Travel:
         self._next_leg: Leg | None = None
 
     def set_running(self, now_s: float, running: bool) -> None:
-        """The mission goes, or holds, from `now_s` on."""
+        """Resumes or pauses the mission at `now_s`."""
         if self.running and not running:
             self._held_s = now_s
         elif running and not self.running:
@@ -86,10 +86,10 @@ class Travel:
         self.running = running
 
     def move(self, estimate: EstimatedState) -> None:
-        """Takes an estimated state; the next leg begins where the present one has ended, or when its time is up.
+        """Processes an estimated state; the next leg begins when the current one has ended or timed out.
 
-        A vehicle may never pass the end: its autopilot holds just before it, or was told of another place. For the leg
-        decided next, or the mission's end, that is no reason to wait for ever.
+        The timeout is needed because a vehicle may never pass the leg's end: its autopilot may stop just before it, or
+        follow another target. Without it the next leg, or the mission's end, would never come.
         """
         e = estimate
         if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
@@ -107,7 +107,7 @@ class Travel:
             self.finished = self._over(self.leg, estimate)
 
     def _over(self, leg: Leg, estimate: EstimatedState) -> bool:
-        """Whether the present leg is travelled, or given up."""
+        """Whether the leg is travelled or timed out; counts timeouts."""
         if self._remaining_m(leg, estimate) <= AT_END_M:
             return True
         overdue = self.overdue(estimate.now_s)
@@ -115,7 +115,7 @@ class Travel:
         return overdue
 
     def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
-        """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
+        """Accepts the leg just decided. It begins `at_once` (as the first one does) or when the current leg ends."""
         self.decided = self._after(leg)
         if self.leg is None or at_once:
             self._begin(leg, now_s)
@@ -123,7 +123,7 @@ class Travel:
             self._next_leg = leg
 
     def replace(self, leg: Leg) -> None:
-        """Replaces the leg decided last."""
+        """Replaces the leg accepted last."""
         self.decided = self._after(leg)
         if self._next_leg is None:
             self.leg = leg
@@ -131,7 +131,7 @@ class Travel:
             self._next_leg = leg
 
     def snapshot(self) -> dict[str, Any]:
-        """Where the vehicle is on its legs, for a journal; where it is in the water comes with the next odometry."""
+        """The legs and their timing, for a journal; the vehicle's position comes with the next odometry."""
         legs = {"leg": self.leg, "next_leg": self._next_leg}
         values = {name: None if leg is None else dataclasses.asdict(leg) for name, leg in legs.items()}
         return {
@@ -143,7 +143,7 @@ class Travel:
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Goes on from what `snapshot` gave."""
+        """Continues from a `snapshot`."""
         self.leg, self._next_leg = (
             None if values[name] is None else Leg(**values[name]) for name in ("leg", "next_leg")
         )
@@ -152,7 +152,7 @@ class Travel:
         )
 
     def _after(self, leg: Leg) -> int:
-        """The step that follows a leg's own."""
+        """The step after a leg and its surfacing."""
         return leg.step + 1 + (self._surfacing_legs if leg.surface else 0)
 
     def _begin(self, leg: Leg, now_s: float) -> None:
@@ -161,7 +161,7 @@ class Travel:
 
     @property
     def decided_leg(self) -> Leg | None:
-        """The leg decided last; None before the first decision."""
+        """The leg decided last, which may still lie ahead; None before the first decision."""
         return self.leg if self._next_leg is None else self._next_leg
 
     @staticmethod
@@ -169,7 +169,7 @@ class Travel:
         return leg.length_m - leg.progress_m(estimate.north_m, estimate.east_m)
 
     def overdue(self, now_s: float) -> bool:
-        """Whether the leg has taken far longer than it should: the vehicle is held up or driven off."""
+        """Whether the current leg has taken far longer than expected: the vehicle is stuck or drifting off."""
         if self.leg is None or not self.running:
             return False
         expected_s = self.leg.length_m / self._vehicle.speed_mps
@@ -193,7 +193,7 @@ class Travel:
             ValueError: if there is no odometry yet.
         """
         if self.estimate is None:
-            raise ValueError("decide: no odometry yet; expected to be asked only when `due`")
+            raise ValueError("decide: got no odometry yet; expected at least one message. Call it only when `due`")
         here = np.array([self.estimate.heading_rad, self.estimate.north_m, self.estimate.east_m])
         if self.leg is None:
             v = self._vehicle

@@ -1,19 +1,22 @@
-"""The planner of one vehicle: takes its map, its odometry and its team mates' plans, and decides leg by leg.
+"""The planner of one vehicle: decides leg by leg from the map, the odometry and the team mates' plans.
 
 Theory of operation.
 
-- Mission steps are counted by planned states: the decision for step i starts from the planned state of step i and
-  gives the leg to step i + 1. The decision for step 0 is due with the first odometry after the start delay, the one
-  for step i + 1 when what remains of leg i takes `replan_lead_s` or less. It starts from leg i's planned end, unless
-  odometry shows the vehicle further than `reanchor_m` off its leg, headed elsewhere, or past that end: then from where
-  odometry leads in that time (`travel.py`). A surfacing takes the time of some legs (`surfacing.py`): their steps are
-  passed over, and the plan waits for as many.
-- Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
-  way takes no time.
-- The method decides (`methods/method.py`); the bound record is written here.
-- Plans are made in the map, whose places may be corrected; they are offset from odometry (`set_map_offset`). Legs are
-  given to the vehicle, and travelled, as that knows its place (`in_odometry_frame`).
-- Nothing here reads a clock. A decision always yields a leg: where nothing is feasible, the escape (`free_space.py`).
+- *Steps.* The decision for step i starts from the planned state of step i and yields the leg to step i + 1.
+- *When.* Step 0 is due with the first odometry after the start delay. Step i + 1 is due when the vehicle needs
+  `replan_lead_s` or less to finish leg i.
+- *From where.* A decision starts from the planned end of leg i. If odometry shows the vehicle more than `reanchor_m`
+  off its leg, on another heading, or past the leg's end, it starts from the position predicted from odometry instead
+  (`travel.py`).
+- *Surfacing.* A surfacing takes as long as some legs (`surfacing.py`). Their steps are skipped, and the plan is delayed
+  by as many steps.
+- *Hold.* Steps are counted only while the mission is running (`set_blocked`). While it waits or holds, no decision is
+  made and the current leg's timer is paused.
+- *Frames.* Plans are made in the map's frame, whose places may be corrected and so differ from odometry
+  (`set_map_offset`). Legs are passed to the vehicle in its odometry frame (`in_odometry_frame`).
+- The method decides (`methods/method.py`); this module writes the bound record.
+- Nothing here reads a clock. A decision always yields a leg; if no action is feasible, it is the escape
+  (`free_space.py`).
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 
 Array = NDArray[np.float64]
 
-#: Shallow ground is looked for so much (m) farther away than the legs of a plan lead: room to turn, and to spare.
+#: Shallow ground is checked this far (m) beyond the reach of a plan's legs, to leave room to turn.
 SHALLOWS_BEYOND_M = 100.0
 #: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
 COARSE_M = 30.0
@@ -63,8 +66,8 @@ class VehiclePlanner:
 
     Attributes:
         vehicle: Number of the vehicle.
-        settings: All parameters, as they were at the start.
-        planner: The planner's parameters in force, complete.
+        settings: All parameters at the start.
+        planner: The planner's current parameters, complete.
         motion: Its actions.
         space: Where it may go.
         rollout: Follows plans, its own and team mates', to the mission's end.
@@ -80,7 +83,7 @@ class VehiclePlanner:
         Args:
             vehicle: Number of the vehicle, from 1.
             settings: All parameters.
-            rng: Random stream; every choice by chance is drawn from it.
+            rng: Random stream for every random choice.
 
         Raises:
             ValueError: if the number is not one of the mission's vehicles, or parameters contradict each other.
@@ -119,12 +122,12 @@ class VehiclePlanner:
             coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m)),
             rng=rng,
         )
-        self._methods: dict[str, Method] = {}  # by family, made when a decision needs them
+        self._methods: dict[str, Method] = {}  # by family, created on first use
         self._reward = RewardSoFar()
         self._followed: Followed | None = None  # from the last decision's step on
         self._surfacings = Surfacings(vehicle, settings.vehicle, self._most_surfacings(), mission.steps, leg_m)
         self._surfacings_before = self._surfacings.snapshot()  # before the last decision
-        self._surfaced = False  # where the leg decided last ends
+        self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._shallow_grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
         self._new_centers: Centers | None = None
@@ -142,51 +145,51 @@ class VehiclePlanner:
         return 0 if self.planner.entry.of_paper else MOST_SURFACINGS
 
     def set_planner(self, config: PlannerConfig) -> None:
-        """Takes new planner parameters; they take effect at the next decision.
+        """Sets new planner parameters; they take effect at the next decision.
 
-        Lanes and measurement places (which all receivers must share), the map's spacing and the team's order stay as
-        they were.
+        The lane spacing, the measurement places (which all receivers must share), the map's spacing and the team order
+        do not change.
 
         Raises:
-            ValueError: if they contradict each other; the old ones then stay.
+            ValueError: if they contradict each other; the current ones are then kept.
         """
         self.planner = config.complete()
 
-    # ------------------------------------------------------------------ what comes in
+    # ------------------------------------------------------------------ inputs
 
     def set_centers(self, centers: Centers, now_s: float | None = None) -> None:
-        """Takes the map: all kernel centers. The next decision uses it (cheap where the old centers come first)."""
+        """Sets all kernel centers of the map, used from the next decision on. Cheap if the old centers come first."""
         self._new_centers = centers
         if now_s is not None:
             self._map_s = now_s
 
     def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
-        """Takes the plan of team mate `vehicle`, received at `now_s`; one that cannot be followed is only counted."""
+        """Takes the plan of team mate `vehicle`, received at `now_s`; an unusable plan is only counted."""
         if self.rollout.can_follow(plan):
             self.team.hear(now_s, vehicle, plan)
         else:
             self.plans_refused += 1
 
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
-        """Takes the estimated state of the vehicle at `now_s`; one that no vehicle can have is ignored and counted."""
+        """Takes the vehicle's estimated state at `now_s`; an impossible state is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
     def set_map_offset(self, north_m: float, east_m: float) -> None:
-        """Takes the offset of a place in the map from the same place by odometry, from now on."""
+        """Sets the offset from odometry to map coordinates (m)."""
         if math.isfinite(north_m) and math.isfinite(east_m):
             self._map_offset_m = np.array([0.0, north_m, east_m])
 
     def in_odometry_frame(self, leg: Leg) -> Leg:
-        """A leg in the map, moved to where it is by odometry."""
+        """Converts a leg from map to odometry coordinates."""
         _, north_m, east_m = self._map_offset_m.tolist()
         return dataclasses.replace(leg, north_m=leg.north_m - north_m, east_m=leg.east_m - east_m)
 
     def set_blocked(self, now_s: float, reason: str = "") -> None:
-        """The mission goes on from `now_s` ("" as reason), or is blocked for a reason, which is a text for people."""
+        """Blocks the mission at `now_s`, with the reason as a text for operators; "" resumes it."""
         self._travel.set_running(now_s, not reason)
         self._blocked_reason = reason
 
-    # ------------------------------------------------------------------ where it is
+    # ------------------------------------------------------------------ state
 
     @property
     def leg(self) -> Leg | None:
@@ -195,7 +198,7 @@ class VehiclePlanner:
 
     @property
     def decided_leg(self) -> Leg | None:
-        """The leg decided last, which may still be to come; None before the first decision."""
+        """The leg decided last, which may still lie ahead; None before the first decision."""
         return self._travel.decided_leg
 
     @property
@@ -213,7 +216,7 @@ class VehiclePlanner:
         return self._travel.due(now_s, self.planner)
 
     def problems(self, now_s: float) -> dict[str, str]:
-        """What keeps the planner from working as it should: a text for each problem, by its key (`problems.py`)."""
+        """Texts about current problems, by problem key (`problems.py`)."""
         started = now_s >= self.settings.vehicle.start_delay_s
         found = problems.of_odometry(now_s, self._travel, self.planner, started)
         found |= problems.of_place(self._travel, self.space)
@@ -222,7 +225,7 @@ class VehiclePlanner:
             found |= problems.of_team(now_s, self.team, self.planner)
         found |= problems.of_leg(now_s, self._travel)
         if self._blocked_reason:
-            found["held"] = f"no steps are counted: {self._blocked_reason}"
+            found["held"] = f"mission is not running: {self._blocked_reason}"
         totals = {
             "odometry absurd": self._travel.absurd,
             "odometry jumps": self._travel.gate.jumps,
@@ -238,16 +241,16 @@ class VehiclePlanner:
 
         Args:
             now_s: Mission time.
-            deadline: Says when to stop searching; the best path so far is then taken.
+            deadline: Returns whether to stop searching; the decision then uses the best path so far.
 
         Raises:
-            ValueError: if no decision can be made: no odometry, or the mission is over (`due` says when to ask).
+            ValueError: if there is no odometry or the mission is over. Call it only when `due`.
         """
         step, total = self._travel.decided, self.settings.mission.steps
         if step >= total:
-            raise ValueError(f"decide: all {total} steps are decided; expected to be asked only when `due`")
+            raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
         anchor, reanchored = self._anchor()
-        state = anchor.astype(np.float32).astype(float)  # as its packet will have it
+        state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self._take_centers()
         self._keep_off_shallows(state)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
@@ -285,11 +288,11 @@ class VehiclePlanner:
         return decision
 
     def adopt(self, plan: Plan, leg: Leg) -> None:
-        """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
+        """Replaces the decision just made by a recorded one, so that a replay continues from the travelled path.
 
         Args:
-            plan: A plan that `rollout` can follow, as it was told: with a surfacing it goes on after that.
-            leg: The leg to travel in place of the one decided.
+            plan: The plan sent to the team, which `rollout` can follow; after a surfacing it continues from there.
+            leg: The leg to travel instead of the one decided.
         """
         self._travel.replace(leg)
         step = leg.step + (self._surfacings.legs if leg.surface else 0)
@@ -302,9 +305,9 @@ class VehiclePlanner:
         self._surfaced = leg.surface
 
     def snapshot(self) -> dict[str, Any]:
-        """What a planner of the same settings needs to go on after the last decision, as values that JSON holds.
+        """The state from which a planner with the same settings continues after the last decision, as JSON values.
 
-        Not the map, which comes whole from its owner, nor the team mates' plans, which are heard again.
+        It excludes the map, which gp_node publishes whole, and the team mates' plans, which the journal holds.
         """
         f = self._followed
         return {
@@ -332,7 +335,7 @@ class VehiclePlanner:
         self._surfacings.restore(values["surfacings"])
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
 
-    # ------------------------------------------------------------------ its parts
+    # ------------------------------------------------------------------ parts of a decision
 
     @property
     def _method(self) -> Method:
@@ -344,7 +347,7 @@ class VehiclePlanner:
         return self._methods[family]
 
     def _bound(self, situation: Situation, choice: Choice) -> BoundRecord:
-        """The bound record of a choice; the reward so far is measured, or takes that of the leg decided afterwards."""
+        """The bound record of a choice; the leg's own reward is added to the reward so far only afterwards."""
         self._reward.measure(choice.map_risk)
         so_far = self._reward.value
         lower, largest = self._reward.bound(choice.assured)
@@ -366,37 +369,37 @@ class VehiclePlanner:
         )
 
     def _with_surfacing(self, situation: Situation, decision: Decision, path: PlannedPath) -> Decision:
-        """The decision with a surfacing at the end of its leg, if that is due and pays."""
+        """The decision, with a surfacing at the end of its leg if one is considered and pays off."""
         self._surfacings_before = self._surfacings.snapshot()
         self._surfaced = False
         legs = self._surfacings.legs
         if not self._surfacings.considered(path):
             return decision
-        worth = self._method.weigh_surfacing(situation, path, legs)
-        if not worth.pays:
+        surfacing = self._method.weigh_surfacing(situation, path, legs)
+        if not surfacing.pays:
             return decision
         self._surfaced = True
         self._surfacings.record(path.step + 1)
-        budget, bound = self._method.spend(worth.cost), decision.bound
-        if budget is not None:  # the cost that the budget does not cover is lost from the bound
-            end = bound.expected_end - worth.cost
+        budget, bound = self._method.spend(surfacing.cost), decision.bound
+        if budget is not None:  # a cost beyond the budget lowers the bound
+            end = bound.expected_end - surfacing.cost
             lower = bound.reward_so_far + end - budget
             bound = dataclasses.replace(bound, expected_end=end, budget=budget, lower_bound=lower)
         leg = dataclasses.replace(decision.leg, surface=True)
         return dataclasses.replace(decision, leg=leg, bound=bound, plan=self._delay(legs, decision.plan))
 
-    def _delay(self, legs: int, told: Plan) -> Plan:
-        """The vehicle stops for the time of so many legs: its path goes on as many steps later, and ends as it must.
+    def _delay(self, legs: int, team_plan: Plan) -> Plan:
+        """Delays the followed path by `legs` steps, for a stop; its last legs no longer fit into the mission.
 
-        A naive path may be made for the legs that are left, and lead elsewhere with fewer. Then the plan goes on by
-        the actions of the path: to choose anew would begin the lanes and the budget again.
+        A naive path may depend on the number of legs left, so that the delayed plan would lead elsewhere. The plan then
+        continues with the path's explicit actions. A new choice would restart the lanes and the budget.
 
         Args:
-            legs: How many.
-            told: The plan for the team.
+            legs: Duration of the stop, in legs.
+            team_plan: The plan for the team.
 
         Returns:
-            The plan for the team instead.
+            The delayed plan for the team.
         """
         assert self._followed is not None  # it was decided
         decided, path = self._followed.plan, self._followed.path
@@ -409,13 +412,13 @@ class VehiclePlanner:
             later = self.rollout.follow(plan)
         self._followed = Followed(plan, later)
         self._method.shift(legs)
-        return plan if told == decided else dataclasses.replace(told, step=told.step + legs)
+        return plan if team_plan == decided else dataclasses.replace(team_plan, step=team_plan.step + legs)
 
     def _anchor(self) -> tuple[Array, bool]:
-        """The state (3,) in the map to plan from, and whether the last plan does not lead there.
+        """The state (3,) in the map to plan from, and whether it lies off the last plan.
 
-        Where the map is displaced a little since the last leg was decided, the plan goes on, and its next leg leads the
-        vehicle back to it.
+        If the map's offset has changed only a little since the last decision, the plan continues. Its next leg leads the
+        vehicle back onto it.
         """
         anchor, reanchored = self._travel.anchor(self.planner)
         moved_m = float(np.linalg.norm(self._map_offset_m - self._leg_map_offset_m))
@@ -424,7 +427,7 @@ class VehiclePlanner:
         return anchor + self._map_offset_m, reanchored or self._travel.leg is not None
 
     def _assumed_plan(self, mate: int) -> Plan:
-        """The plan that a team mate is assumed to follow until it is heard: it mows its strip from the start."""
+        """The plan assumed for a team mate until its first plan arrives: fitted lanes over its strip from the start."""
         v = self.settings.vehicle
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
         return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
@@ -440,7 +443,7 @@ class VehiclePlanner:
             self._map_refused = f"map: {error}"
 
     def _keep_off_shallows(self, state: Array) -> None:
-        """Keeps clear of what the map shows to be too shallow, as far as legs planned from `state` can reach."""
+        """Blocks ground that the map shows as too shallow, within reach of legs planned from `state`."""
         if not len(self.posterior.centers):
             return
         places = self._shallow_grid.places_m

@@ -51,13 +51,13 @@ def test_health_tells_the_last_decision_and_the_problems():
 def test_the_end_is_said_until_the_missions_state_says_so():
     own = planner()
     intake = PlannerIntake(own)
-    assert not intake.end_is_news, "the last leg is not travelled"
+    assert not intake.end_unreported, "the last leg is not travelled"
     own._travel.finished = True
-    assert intake.end_is_news
+    assert intake.end_unreported
     for state, news in ((RunState.RUNNING, True), (RunState.HOLDING, False), (RunState.ENDED, False)):
-        intake.set_standing(RunStatus(state=state, stop=None))
+        intake.set_run_status(RunStatus(state=state, stop=None))
         intake.take(1.0)
-        assert intake.end_is_news is news, state
+        assert intake.end_unreported is news, state
 
 
 def test_odometry_that_jumped_once_is_not_told_for_the_whole_dive():
@@ -66,7 +66,7 @@ def test_odometry_that_jumped_once_is_not_told_for_the_whole_dive():
     own.odometry(2.0, 0.0, 900.0, 10.0)
     own.odometry(3.0, math.nan, 10.0, 10.0)
     found = own.problems(3.0)
-    assert found["odometry jumps"].startswith("odometry: 1 (of 1) places refused")
+    assert found["odometry jumps"].startswith("odometry: 1 (of 1) places rejected")
     assert found["odometry absurd"].startswith("odometry: 1 (of 1) messages ignored")
     own.odometry(4.0, math.nan, 10.0, 10.0)
     assert own.problems(100.0)["odometry absurd"].startswith("odometry: 2 (of 2)")

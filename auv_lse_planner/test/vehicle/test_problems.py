@@ -37,7 +37,7 @@ def test_a_map_that_is_refused_or_old():
     assert problems.of_map(100.0, 40.0, "", PLANNER) == {}
     assert problems.of_map(101.0, 40.0, "map: no", PLANNER) == {
         "map refused": "map: no",
-        "map old": "map: last 61 s ago; planning goes on with it",
+        "map old": "map: last 61 s ago; planning continues with it",
     }
 
 
@@ -47,12 +47,12 @@ def test_team_mates_that_come_before_and_are_missing_or_expired():
 
     team = Team(3, 4, "id", 20.0, 600.0, follow)
     team.hear(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
-    missing = {"plan of 1 missing": "team: no plan of vehicle 1 heard yet; planning goes on without"}
+    missing = {"plan of 1 missing": "team: no plan received from vehicle 1 yet; planning without it"}
     assert problems.of_team(249.0, team, PLANNER) == missing  # vehicle 4 comes after this one
-    assert "nothing heard of vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER)["2 silent"]
+    assert "no plan from vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER)["2 silent"]
     assert problems.of_team(700.0, team, PLANNER) == {
         **missing,
-        "plan of 2 expired": "team: plan of vehicle 2 expired, heard 600 s ago",
+        "plan of 2 expired": "team: plan of vehicle 2 expired, received 600 s ago",
     }
 
 

@@ -190,7 +190,7 @@ def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
     planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0)
     planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
-    assert any("no plan of vehicle 1" in p for p in planner.problems(1.0).values())
+    assert any("no plan received from vehicle 1" in p for p in planner.problems(1.0).values())
     planner.odometry(100.0, 0.0, 0.0, 0.0)
     assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0).values())
     assert planner.due(100.0)
@@ -308,7 +308,7 @@ def test_a_vehicle_far_outside_comes_back_and_says_so(method, north, east, headi
         pytest.fail(f"still outside, at {state}")
     straight_m = math.hypot(north, east) + 200.0
     assert step * planner.motion.leg_length_m < straight_m + 200.0
-    assert "m outside of the area: coming back" in said[0]
+    assert "m outside of the area: returning" in said[0]
 
 
 def test_a_vehicle_beyond_the_limit_holds_and_says_so():

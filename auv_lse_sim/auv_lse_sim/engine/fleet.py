@@ -154,7 +154,7 @@ class VehicleCores:
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
         safety.watch.step(now_s, safety.run)
-        self._to_planner.set_standing(safety.run.status)
+        self._to_planner.set_run_status(safety.run.status)
         self.bridge.abort_calls.own = safety.run.status.team_abort
         return safety.run.status.stop
 

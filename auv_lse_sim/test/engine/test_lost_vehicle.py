@@ -52,7 +52,7 @@ def test_a_mate_that_is_silent_is_named_and_covered_for() -> None:
     fleet, ahead, said = survivor(EXPIRY_S)
     stubborn, same, _ = survivor(1e6)
     assert np.array_equal(ahead, same)
-    assert any("nothing heard of vehicle 2" in text for text in said), said
+    assert any("no plan from vehicle 2 for" in text for text in said), said
     assert any("plan of vehicle 2 expired" in text for text in said), said
     covered, not_covered = visited(fleet, ahead), visited(stubborn, ahead)
     assert covered > not_covered + 0.1, (covered, not_covered)
