@@ -417,8 +417,8 @@ class VehiclePlanner:
     def _anchor(self) -> tuple[Array, bool]:
         """The state (3,) in the map to plan from, and whether it lies off the last plan.
 
-        If the map's offset has changed only a little since the last decision, the plan continues. Its next leg leads the
-        vehicle back onto it.
+        If the map's offset has changed only a little since the last decision, the plan continues. Its next leg leads
+        the vehicle back onto it.
         """
         anchor, reanchored = self._travel.anchor(self.planner)
         moved_m = float(np.linalg.norm(self._map_offset_m - self._leg_map_offset_m))
