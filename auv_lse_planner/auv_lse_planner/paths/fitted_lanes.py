@@ -1,13 +1,13 @@
-"""Straight lanes that are fitted to an area and to the length of a path: the best lawnmower of its kind.
+"""Fits a lawnmower of straight lanes to a strip of the area and to the length of the path.
 
-Lanes lie along either axis of a strip of the area. How many there are, how far the outer ones are from the strip's
-sides and how far their ends are from the border is chosen so that the mean distance of the strip to the path is least,
-over all that the path's length allows: every lawnmower between too few lanes and lanes that it could not finish. The
-mean distance stands in for the expected risk of the map, which it follows closely (docs/design/planner.md), and
-needs neither a map nor its parameters. Behind the last lane the path returns midway between the lanes.
+Lanes lie along either axis of the strip. The fit chooses the number of lanes, the distance of the outer lanes from the
+strip's sides, and the distance of the lanes' ends from the border. It minimizes the mean distance from places of the
+strip to the path, over all designs that fit the path's length. The mean distance is a proxy for the map's expected
+risk, with which it correlates closely (docs/design/planner.md). It needs neither a map nor its parameters. After the
+last lane the path returns midway between the lanes.
 
-The number of steps, the start and the area are all that counts, and all arithmetic is scalar: every receiver of a
-packet fits the same lanes to the last bit.
+The result depends only on the number of steps, the start and the area, and all arithmetic is scalar. Every receiver of
+a packet therefore fits the same lanes to the last bit.
 """
 
 from __future__ import annotations
@@ -24,29 +24,30 @@ from auv_lse_planner.paths.polyline import places_along
 
 Array = NDArray[np.float64]
 
-#: Places of a strip whose distance to the path counts, at most.
+#: Largest number of places of a strip at which the distance to the path is computed.
 PLACES = 400
-#: Lanes, at most.
+#: Largest number of lanes.
 MOST_LANES = 40
-#: Distances of the outer lanes from the strip's sides, and of lanes' ends from the border, in shares of half a gap.
+#: Candidate distances of the outer lanes from the strip's sides, and of the lanes' ends from the border, as shares of
+#: half the lane spacing.
 SIDES = (0.7, 0.85, 1.0)
 ENDS = (0.4, 0.55, 0.7, 0.85, 1.0)
-#: A design may be so many times as long as the path: its end is then cut off.
+#: Largest length of a design, relative to the path's length; the excess at its end is cut off.
 TOO_LONG = 1.25
 
 
 @compiled
 def lay(places, grid, begin, count, side, end, corners):
-    """Corners (4 count - 1, 2) of `count` lanes with the way back between them, into `corners`; length without it.
+    """Writes the corners of `count` lanes and of the return path between them; returns the length of the lanes alone.
 
     Args:
         places: Places of the strip, shape (M, 2): along and across the lanes (m).
         grid: Their spacing along and across (m).
-        begin: Where the path begins, shape (2,).
+        begin: Start of the path, shape (2,).
         count: Number of lanes.
-        side: Distance of the outer lanes from the strip's sides, in shares of half the gap of lanes that fill it.
-        end: Distance of the lanes' ends from the border, in the same shares.
-        corners: Room for the corners; the first is `begin`.
+        side: Distance of the outer lanes from the strip's sides, relative to half the spacing of evenly spread lanes.
+        end: Distance of the lanes' ends from the border, relative to the same.
+        corners: Receives the corners, shape (4 count - 1, 2); the first is `begin`.
     """
     low, high, near, far = 1e18, -1e18, 1e18, -1e18
     for p in range(places.shape[0]):
@@ -63,7 +64,7 @@ def lay(places, grid, begin, count, side, end, corners):
     corners[0, 0], corners[0, 1] = begin[0], begin[1]
     at = 1
     for lane in range(2 * count - 1):
-        # lanes 0 to count - 1 sweep over the strip, then those between them lead back
+        # lanes 0 to count - 1 sweep the strip; the later ones lead back between them
         number = float(lane) if lane < count else 2.0 * count - 1.5 - lane
         across = first + (last - first) * (number / max(count - 1, 1))
         begins, ends = 1e18, -1e18
@@ -89,7 +90,7 @@ def lay(places, grid, begin, count, side, end, corners):
 
 @compiled
 def mean_distance(places, corners, length):
-    """Mean distance of places (M, 2) to the first `length` (m) of a polyline (n, 2)."""
+    """Mean distance (m) of places (M, 2) to the first `length` (m) of a polyline (n, 2)."""
     nearest = np.full(places.shape[0], 1e18)
     left = length
     for k in range(corners.shape[0] - 1):
@@ -115,7 +116,7 @@ def mean_distance(places, corners, length):
 
 @compiled
 def fit(places, grid, begin, length, sides, ends):
-    """Whether the best lanes lie across the strip's first axis, their number, their shares of `sides` and `ends`."""
+    """The best design: whether lanes lie across the strip's first axis, their number, and values of `sides`, `ends`."""
     best = 1e18
     best_across, best_count, best_side, best_end = False, 1, sides[0], ends[0]
     for turned in range(2):
@@ -142,15 +143,15 @@ def fit(places, grid, begin, length, sides, ends):
 
 
 def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Array, leg_m: float, legs: int) -> Array:
-    """Points (legs + 1, 2), north and east, a leg apart along the fitted lanes of a strip.
+    """Points (legs + 1, 2), north and east, one leg apart along the fitted lanes of a strip.
 
     Args:
         places_m: Places of the strip along and across `axis_rad`, shape (M, 2).
         grid_m: Their spacing along and across it, (2,).
         axis_rad: The first axis of the strip (rad, clockwise from north); lanes may lie along or across it.
-        start_m: Where the path starts, north and east, shape (2,).
+        start_m: Start of the path, north and east, shape (2,).
         leg_m: Length of a leg.
-        legs: Legs of the path.
+        legs: Number of legs.
     """
     c, s = math.cos(axis_rad), math.sin(axis_rad)
     north, east = float(start_m[0]), float(start_m[1])

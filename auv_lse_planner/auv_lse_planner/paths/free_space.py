@@ -1,18 +1,20 @@
-"""Where a vehicle may go: the operating area, and ground that the map shows to be too shallow.
+"""Free space of a vehicle: the operating area without ground that the map shows as too shallow.
 
-The clearance (distance to the nearest place that may not be entered, negative inside of such places) is kept on a
-raster and read by bilinear interpolation. Theory of operation:
+The clearance is the distance to the nearest forbidden place, negative inside forbidden ground. It is kept on a raster
+and read by bilinear interpolation. Theory of operation:
 
 - A leg is *free* if the clearance along its sampled track is at least half a sample spacing.
-- A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free: repeating one turn
-  the vehicle can then stay there forever, so it is never in a pocket without a way out. By default the loop is the
-  circle of the 90 degree turns.
+- A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free. The vehicle can then
+  stay there forever by repeating one turn, so it is never trapped. By default the loop is the circle of the 90 degree
+  turns.
 - An action is *feasible* if its leg is free and its end state safe. From a safe state the turn of the free loop is
-  feasible (the next state has the same loop), so that a vehicle that takes feasible actions always has one.
-- Where nothing is feasible (a start in a corner, a current, ground that has just turned out to be shallow):
-  the *escape* is the action whose end is safe and whose track has the largest least clearance; if no end is safe,
-  the one whose end state comes nearest to being safe. It is deterministic and always exists. So a vehicle outside of
-  the area comes back; from farther outside than `HOLD_BEYOND_M` it does not, and circles: something else is wrong.
+  feasible, because the next state has the same loop. A vehicle that takes only feasible actions therefore always has
+  one.
+- If no action is feasible (a start in a corner, a current, newly detected shallow ground), the vehicle takes the
+  *escape*: the action with a safe end whose track keeps the largest clearance. If no end is safe, the escape is the
+  action whose end state is nearest to being safe. It is deterministic and always exists.
+- The escape brings a vehicle back that has left the area. A vehicle more than `HOLD_BEYOND_M` outside circles instead,
+  since its position is then most likely wrong.
 """
 
 from __future__ import annotations
@@ -33,18 +35,18 @@ from auv_lse_planner.paths.motion import MotionTable, advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Farther outside of the area than this a vehicle holds (m).
+#: A vehicle farther outside of the area than this (m) holds.
 HOLD_BEYOND_M = 5000.0
 
 
 class Space(NamedTuple):
-    """Free space and motion as the compiled functions take them.
+    """Free space and motion as arguments of the compiled functions.
 
     Attributes:
         raster: Clearance (m) at the nodes, shape (N, E).
-        north0, east0, cell: North and east of the first node, and distance of nodes (m).
+        north0, east0, cell: North and east of the first node, and spacing of the nodes (m).
         tracks: Body-frame tracks of the actions, shape (A, T, 2).
-        spacing: Distance of track places (m).
+        spacing: Spacing of the track's places (m).
         loops: Center (ahead, starboard) and reach of the turning loops, shape (2, 3).
         turns: Heading change of each action (rad), shape (A,).
         steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
@@ -63,9 +65,9 @@ class Space(NamedTuple):
 
 @compiled
 def bilinear(field, x, y):
-    """Row, column, and shares u, v of the cell of a field (N, E) that holds node coordinates x, y inside of it.
+    """Row, column and fractions u, v of the cell of a field (N, E) that contains the node coordinates x, y.
 
-    Also the values at that v on the cell's low and high side: the field's value is low (1 - u) + high u.
+    Also the values at v on the cell's low and high side: the field's value is low (1 - u) + high u.
     """
     i = min(int(x), field.shape[0] - 2)
     j = min(int(y), field.shape[1] - 2)
@@ -78,7 +80,7 @@ def bilinear(field, x, y):
 
 @compiled
 def clearance_at(space, north, east):
-    """Bilinear clearance (m) at a place; off the raster the nearest node's, less the distance to it."""
+    """Bilinear clearance (m) at a place; outside the raster the nearest node's, minus the distance to it."""
     raster = space.raster
     x = (north - space.north0) / space.cell
     y = (east - space.east0) / space.cell
@@ -93,9 +95,9 @@ def clearance_at(space, north, east):
 
 @compiled
 def leg_clearance(space, heading, north, east, action):
-    """Least clearance (m) along the leg of an action; skips ahead where the clearance allows it.
+    """Smallest clearance (m) along the leg of an action; skips track places where the clearance is large.
 
-    Exact up to half the spacing wherever it is small enough to matter (clearance is 1-Lipschitz).
+    The error is at most half the spacing wherever the value is small enough to matter (clearance is 1-Lipschitz).
     """
     c, s = math.cos(heading), math.sin(heading)
     track, spacing = space.tracks[action], space.spacing
@@ -105,7 +107,7 @@ def leg_clearance(space, heading, north, east, action):
         ahead, starboard = track[i, 0], track[i, 1]
         here = clearance_at(space, north + c * ahead - s * starboard, east + s * ahead + c * starboard)
         least = min(least, here)
-        # the least of a blocked track is only needed roughly: its sign decides
+        # a blocked track needs only the sign, so a rough value is enough
         i += 1 if here < 0.5 * spacing else max(1, int(here / spacing))
     return least
 
@@ -121,15 +123,15 @@ def loop_clearance(space, heading, north, east, side):
 
 @compiled
 def room_to_loop(space, heading, north, east):
-    """Clearance (m) of the freer turning loop of a state: the state is safe where it is at least half a spacing."""
+    """Clearance (m) of the freer turning loop of a state; the state is safe from half a spacing on."""
     return max(loop_clearance(space, heading, north, east, 0), loop_clearance(space, heading, north, east, 1))
 
 
 @compiled
 def safe_reach(space):
-    """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
+    """Clearance (m) from which on every action is feasible: an upper bound of the reach of a leg and its end's loops.
 
-    Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
+    Clearance is 1-Lipschitz; its bilinear interpolation is sqrt(2)-Lipschitz.
     """
     leg = space.spacing * (space.tracks.shape[1] - 1)  # the longest
     reach = 1.5 * leg + 0.5 * space.spacing
@@ -156,7 +158,7 @@ def is_feasible(space, heading, north, east, action):
 
 @compiled
 def escape_action(space, heading, north, east):
-    """The action to take where none is feasible; see the module's theory of operation."""
+    """The action to take if none is feasible; see the module's theory of operation."""
     if clearance_at(space, north, east) < -HOLD_BEYOND_M:
         return np.argmax(np.abs(space.turns))  # repeated, it is the tightest loop
     best = 0
@@ -177,9 +179,9 @@ def escape_action(space, heading, north, east):
 
 @compiled
 def cheapest_action(space, heading, north, east, costs, roomy):
-    """The feasible action with the least of `costs` (A,), which is overwritten; the escape where none is feasible.
+    """The feasible action with the lowest of `costs` (A,), which are overwritten; the escape if none is feasible.
 
-    `roomy` states that all are feasible, since the place's clearance is at least `safe_reach`.
+    `roomy` means that the place's clearance is at least `safe_reach`, so that all actions are feasible.
     """
     for _ in range(costs.shape[0]):
         action = int(np.argmin(costs))
@@ -200,9 +202,9 @@ def feasible_mask(space, heading, north, east):
 
 @compiled
 def random_actions(space, heading, north, east, randoms):
-    """Feasible actions by chance, one for each uniform number of `randoms` (the escape where there is none).
+    """Random feasible actions, one for each uniform number in `randoms` (the escape if no action is feasible).
 
-    By rejection: most actions are feasible, and to test one is cheaper than to test all.
+    Uses rejection: most actions are feasible, and testing one is cheaper than testing all.
     """
     kinds = space.turns.shape[0]
     actions = np.zeros(randoms.shape[0], dtype=np.int64)
@@ -232,18 +234,18 @@ def random_actions(space, heading, north, east, randoms):
 
 
 class FreeSpace:
-    """Clearance of the operating area and of known shallow ground, and what is feasible in it.
+    """Clearance of the operating area and of known shallow ground, and the feasible actions in it.
 
     Attributes:
         raster: Clearance (m) at the nodes, shape (N, E).
         north0_m: North of the first row.
         east0_m: East of the first column.
         cell_m: Spacing of the nodes.
-        margin_m: Distance that is kept from the border: clearance is counted from there.
+        margin_m: Distance kept from the border; clearance is measured from there.
     """
 
     def __init__(self, area: OperatingArea, motion: MotionTable, cell_m: float = 2.0) -> None:
-        """Samples the clearance of `area` at every `cell_m` metres."""
+        """Samples the clearance of `area` every `cell_m` metres."""
         corners = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
         low, high = corners.min(axis=0) - 2.0 * cell_m, corners.max(axis=0) + 2.0 * cell_m
         counts = np.ceil((high - low) / cell_m).astype(int) + 1
@@ -260,10 +262,10 @@ class FreeSpace:
         self.raster: Array = self.area_raster
 
     def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
-        """Keeps clear of ground that is known to be too shallow, in addition to what the area forbids.
+        """Blocks ground that is known to be too shallow, in addition to the area's limits.
 
         Args:
-            places_m: Places of a regular grid, shape (P, 2); elsewhere only the area counts.
+            places_m: Places of a regular grid, shape (P, 2); elsewhere only the area's limits apply.
             shallow: Whether the ground there is too shallow, shape (P,).
             spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
         """
@@ -289,7 +291,7 @@ class FreeSpace:
         self.raster[window] = np.minimum(there, outside - inside)
 
     def arguments(self, static: bool = False) -> Space:
-        """What the compiled functions need; `static`: of the area alone, which all vehicles share."""
+        """Arguments of the compiled functions; `static`: of the area alone, which all vehicles share."""
         m = self.motion
         return Space(
             self.area_raster if static else self.raster,
@@ -304,20 +306,20 @@ class FreeSpace:
         )
 
     def clearance_m(self, north_m: float, east_m: float) -> float:
-        """Distance of a place to the border of the area that vehicles keep to, negative outside (m)."""
+        """Distance (m) of a place to the border of the area without its margin, negative outside."""
         return float(clearance_at(self.arguments(static=True), north_m, east_m))
 
     def feasible(self, state: Array) -> Ints:
-        """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""
+        """Indices of the feasible actions of a state (3,), ascending; empty if there are none."""
         return np.flatnonzero(feasible_mask(self.arguments(), state[0], state[1], state[2])).astype(np.int64)
 
     def choices(self, state: Array) -> Ints:
-        """The feasible actions of a state, or, where there is none, the escape alone: never empty."""
+        """The feasible actions of a state, or the escape alone if there are none; never empty."""
         actions = self.feasible(state)
         return actions if actions.size else np.array([self.escape(state)], dtype=np.int64)
 
     def escape(self, state: Array) -> int:
-        """The action that leads out of a state where nothing is feasible."""
+        """The action to take in a state without feasible actions."""
         return int(escape_action(self.arguments(), state[0], state[1], state[2]))
 
     def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int) -> bool:

@@ -1,8 +1,8 @@
 """Motion primitives (paper, section 4): an action is an arc of |a| at the turning radius, then a straight.
 
-A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The print's
-slips are read as docs/design/paper.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the
-old one plus the rotated step. `MotionTable` computes the step of every action once.
+A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). docs/design/paper.md lists the
+paper's misprints. Here dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one plus the
+rotated step. `MotionTable` computes the step of every action once.
 """
 
 from __future__ import annotations
@@ -67,10 +67,10 @@ class MotionTable:
         tracks_m: Track of each action in the body's frame, shape (A, T, 2): ahead, starboard, from the start to
             the end at equal steps of arc length of at most `track_spacing_m`.
         loops_m: For the tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3).
-            Repeating `loop_actions` keeps the vehicle within that radius of that center, so where the circle is
-            free, a vehicle can go on forever.
+            Repeating `loop_actions` keeps the vehicle within that radius of that center, so a vehicle can circle
+            forever if the circle is free.
         loop_actions: The actions of the loops, shape (2,).
-        straight_on: Index of the action that turns least.
+        straight_on: Index of the action with the smallest turn.
     """
 
     def __init__(self, config: MotionConfig) -> None:
@@ -103,7 +103,7 @@ class MotionTable:
 
     @property
     def leg_length_m(self) -> float:
-        """Length of the straight-on leg: of every leg, in the constant reading."""
+        """Length of the straight-on leg; with `motion.straight` 'constant', of every leg."""
         return float(self.lengths_m[self.straight_on])
 
     def points(self, action: int, along_m: Array) -> Array:
@@ -114,7 +114,7 @@ class MotionTable:
     def samples(self, action: int, count: int) -> Array:
         """`count` measurement places along an action's leg, shape (count, 2), in the frame of `points`.
 
-        They lie at equal distances, the last one at the leg's end.
+        They are evenly spaced, the last one at the leg's end.
         """
         fractions = np.arange(1, count + 1) / count
         places = self.points(action, fractions * self.lengths_m[action])
@@ -140,7 +140,7 @@ class MotionTable:
         return loops, np.array([best[0][2], best[1][2]])
 
     def leg(self, step: int, state: Array, action: int) -> Leg:
-        """The leg of an action from a state (3,) at mission step `step`, as it is travelled."""
+        """The leg of an action from a state (3,) at mission step `step`."""
         return Leg(
             step=step,
             heading_rad=float(state[0]),
@@ -152,7 +152,7 @@ class MotionTable:
         )
 
     def end_state(self, state: Array, action: int) -> Array:
-        """The state after one action, by the same scalar arithmetic that `roll` uses."""
+        """The state after one action, with the same scalar arithmetic as `roll`."""
         return np.array(advance(state[0], state[1], state[2], self.turns_rad[action], *self.steps_m[action]))
 
     def roll(self, state: Array, actions: NDArray[np.integer] | list[int] | tuple[int, ...]) -> Array:

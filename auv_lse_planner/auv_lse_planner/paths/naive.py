@@ -2,21 +2,25 @@
 
 | id | path |
 |---|---|
-| 0xF0, 0xF1 | lawnmower, lanes along the main axis at `lane_spacing_m`, sweeping to the one side, to the other |
+| 0xF0, 0xF1 | lawnmower, lanes along the main axis with `lane_spacing_m`, sweeping to starboard or to port first |
 | 0xF2, 0xF3 | the same with lanes across the main axis |
-| 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, but lanes as far apart as the remaining steps need to cover the area |
-| 0xF8 | straight on, turning as little as needed at the boundary |
+| 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, with the lane spacing at which the remaining steps just cover the area |
+| 0xF8 | straight on, turning as little as possible at the border |
 | 0xF9 | hold: the tightest loop |
-| 0xFA .. 0xFE | as 0xF4, over strip 1 to 5 of as many strips of the area as there are vehicles (at most 5) |
+| 0xFA .. 0xFE | as 0xF4, over strip 1 to 5; the area has one strip for each vehicle (at most 5) |
 | 0xE0 .. 0xE4 | straight lanes fitted to strip 1 to 5 and to the path's length (`fitted_lanes.py`) |
 | 0xFF | none |
 
-A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
-nearer to its heading, makes a U-turn to the sweep's side where the lane ends, and so on until the sweep's side of the
-area is done; it then goes back to the lane next to its first one and sweeps the other side; when that is done too it
-returns over the area on the lanes in between. At each leg it takes the feasible action that, with the best
-next one, comes nearest to the lane (distance + `HEADING_WEIGHT_M` x heading error). Only the area counts, not the map,
-and all arithmetic is scalar, so an id and a state give every receiver of a packet the same path to the last bit.
+A lawnmower consists of feasible actions and can start from any state:
+
+1. It follows the lane through its start, in the direction nearer to its heading. At the lane's end it makes a U-turn to
+   the sweep's side.
+2. When that side of the area is done, it goes back to the lane next to the first one and sweeps the other side.
+3. When both sides are done, it returns over the area midway between the lanes.
+
+For each leg it takes the feasible action that, with the best next one, comes nearest to the lane (distance +
+`HEADING_WEIGHT_M` x heading error). The path depends on the area but not on the map, and all arithmetic is scalar. An id
+and a state therefore give every receiver of a packet the same path to the last bit.
 """
 
 from __future__ import annotations
@@ -52,9 +56,9 @@ from auv_lse_planner.paths.steering import Steering
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Metres off the lane that weigh as much as one radian off its direction.
+#: Distance from the lane (m) that costs as much as a heading error of one radian.
 HEADING_WEIGHT_M = 20.0
-#: Fitted lanes that are kept: a decision asks several times for those from the same place, and fitting takes 2 ms.
+#: Number of fits to cache: a decision requests the same fit several times, and a fit takes 2 ms.
 FITS_KEPT = 16
 
 
@@ -64,7 +68,7 @@ class Lanes(NamedTuple):
     Attributes:
         axis: Their direction (rad, clockwise from north).
         spacing: Distance between them (m).
-        low, high: Range of positions across the axis that they can have (m, to starboard of the axis).
+        low, high: Range of their positions across the axis (m, to starboard of the axis).
     """
 
     axis: float
@@ -84,9 +88,9 @@ def _wrap(angle):
 
 @compiled
 def next_lane(lanes, lane, first, side, sweeps):
-    """The lane after `lane`, the side it lies to, and the number of sweeps done.
+    """The next lane, the side of the sweep, and the number of sweeps done.
 
-    Sweep 0 covers the side of the first lane that is swept first, 1 the other; later ones lead back between the lanes.
+    Sweep 0 covers one side of the first lane, sweep 1 the other. Later sweeps lead back between the lanes.
     """
     lane += side * lanes.spacing
     low, high = lanes.low - 0.25 * lanes.spacing, lanes.high + 0.25 * lanes.spacing
@@ -106,9 +110,9 @@ def next_lane(lanes, lane, first, side, sweeps):
 
 @compiled
 def lane_costs(space, offset, error, work, costs):
-    """Costs (A,) of the actions at an offset to starboard of a lane (m), and off its course by an error (rad).
+    """Writes the costs (A,) of the actions, given the offset to starboard of a lane (m) and the heading error (rad).
 
-    Two legs of look-ahead; `work` is room of shape (6, A), whose last rows are the actions' cosines and sines.
+    Looks two legs ahead. `work` is scratch memory of shape (6, A); its last two rows are the turns' cosines and sines.
     """
     turns, steps = space.turns, space.steps
     o1, e1, c1, s1, cos_t, sin_t = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -165,7 +169,7 @@ def lawnmower(space, state, count, lanes, side, straight):
             error = _wrap(heading - course)
             lane, side, sweeps = next_lane(lanes, lane, first, side, sweeps)
         if settled and abs(across - lane) < 1.5 and abs(error) < 0.009:
-            action = straight  # on the lane, and found free above
+            action = straight  # on the lane, and feasible as checked above
         else:
             lane_costs(space, (across - lane) * direction, error, work, costs)
             action = cheapest_action(space, heading, north, east, costs, roomy)
@@ -201,7 +205,7 @@ def sums_along(space, states, actions, field, north0, east0, cell):
 
 @compiled
 def turn_least(space, state, count, ranks):
-    """Actions that are the first feasible one of each leg, by their ranks (A,)."""
+    """Takes the feasible action with the lowest of `ranks` (A,) on each leg; returns the actions (count,)."""
     actions = np.zeros(count, dtype=np.int64)
     heading, north, east = state[0], state[1], state[2]
     for index in range(count):
@@ -213,12 +217,12 @@ def turn_least(space, state, count, ranks):
 
 @dataclass(frozen=True, slots=True)
 class LaneFrame:
-    """Direction of lanes and the range they can lie in.
+    """Direction of lanes and the range of their positions.
 
     Attributes:
         axis_rad: Direction of the lanes (rad, clockwise from north).
-        low_m: Least position across them, to starboard of the axis.
-        high_m: Largest.
+        low_m: Smallest position across the lanes, to starboard of the axis.
+        high_m: Largest position.
         area_m2: Free area to cover.
     """
 
@@ -236,7 +240,7 @@ class NaivePaths:
     """
 
     def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
-        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for so many `vehicles`.
+        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for `vehicles` strips.
 
         The main axis is the direction of the polygon's longest side.
         """
@@ -249,7 +253,7 @@ class NaivePaths:
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
         self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]
-        self._fits: dict[tuple[int, float, float, int], Array] = {}  # the last lanes fitted, the oldest first
+        self._fits: dict[tuple[int, float, float, int], Array] = {}  # the cached fits, oldest first
         self._steering = Steering(space)
         order = np.argsort(np.abs(space.motion.turns_rad), kind="stable")
         self._by_size = np.argsort(order).astype(float)  # rank of each action by the size of its turn
@@ -274,11 +278,11 @@ class NaivePaths:
             state: Heading, north, east.
             naive_path: Its id.
             steps: Number of legs.
-            around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
-                vehicles cannot rebuild the path then.
+            around_shallows: Whether to avoid ground that this vehicle's map shows as too shallow; other vehicles then
+                cannot rebuild the path.
 
         Raises:
-            ValueError: for an id that names no path.
+            ValueError: for an unknown id.
         """
         if steps <= 0 or naive_path == NONE:
             return np.empty(0, dtype=np.int64)
@@ -301,7 +305,7 @@ class NaivePaths:
         raise ValueError(f"naive_path: got {naive_path:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
     def actions_from(self, states: Array, naive_path: int, steps: int) -> Ints:
-        """Actions (B, steps) of a naive path from each of many states (B, 3): `actions`, all at once."""
+        """Actions (B, steps) of a naive path from each of many states (B, 3): the batch version of `actions`."""
         states = np.ascontiguousarray(states, dtype=float)
         if naive_path not in MOWING or naive_path in FITTED or steps <= 0:
             rows = [self.actions(state, naive_path, steps) for state in states]
@@ -312,7 +316,7 @@ class NaivePaths:
         return np.asarray(lawnmowers(self._arguments, states, steps, own[0][0], sides, straight))
 
     def _lanes(self, state: Array, naive_path: int, steps: int) -> tuple[Lanes, float]:
-        """Lanes of a lawnmower, and the side that it sweeps to first; only a strip's side depends on the state."""
+        """Lanes of a lawnmower and the side of its first sweep; only the side of a strip depends on the state."""
         motion = self.space.motion
         kind = (naive_path - LAWNMOWERS[0]) % 4 if naive_path not in STRIPS else 0
         frame = self._frames[kind // 2]
@@ -327,21 +331,21 @@ class NaivePaths:
             inset = min(0.5 * spacing, 0.5 * width)
             low, high = low + number * width + inset, low + (number + 1) * width - inset
             across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
-            side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
+            side = 1.0 if across < 0.5 * (low + high) else -1.0  # away from the near side
         spacing = max(spacing, 2.0 * motion.radius_m)
         return Lanes(frame.axis_rad, spacing, low, high), side
 
     def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
-        """Points a leg apart along the lanes that are fitted to a strip and to so many legs from a state."""
+        """Points one leg apart along the lanes fitted to a strip and to `steps` legs from a state."""
         strip = (naive_path - FITTED[0]) % self._strips
-        asked = strip, float(state[1]), float(state[2]), steps
-        if asked not in self._fits:
+        key = strip, float(state[1]), float(state[2]), steps
+        if key not in self._fits:
             if len(self._fits) >= FITS_KEPT:
                 del self._fits[next(iter(self._fits))]
             places, grid = self._strip_places[strip]
             leg_m = self.space.motion.leg_length_m
-            self._fits[asked] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
-        return self._fits[asked]
+            self._fits[key] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
+        return self._fits[key]
 
     def _places_of_strip(self, polygon_m: Array, number: int) -> tuple[Array, Array]:
         """Places (M, 2) of a strip along and across the main axis, and their spacing (2,)."""
@@ -361,7 +365,7 @@ class NaivePaths:
         row = np.rint((along * c - across * s - space.north0_m) / space.cell_m).astype(np.int64)
         column = np.rint((along * s + across * c - space.east0_m) / space.cell_m).astype(np.int64)
         rows, columns = space.area_raster.shape
-        # The strip's box is not the raster's where the main axis is slanted.
+        # With a slanted main axis the strip's box extends beyond the raster.
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         inside[inside] = space.area_raster[row[inside], column[inside]] >= -space.margin_m
         places = np.column_stack([along, across])
@@ -382,7 +386,7 @@ class NaivePaths:
         return np.asarray(sums_along(self._arguments, states, actions, field, north0, east0, cell))
 
     def distinct(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
-        """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
+        """`naive_paths` without ids that stand for the same strip as an earlier one (with fewer strips than ids)."""
         named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: self._strips])
         return tuple(h for h in naive_paths if h not in (*STRIPS, *FITTED) or h in named) or naive_paths[:1]
 

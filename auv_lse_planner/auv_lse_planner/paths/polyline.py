@@ -1,4 +1,4 @@
-"""Places along a polyline, and their derivative by its corners."""
+"""Places along a polyline, and their derivatives with respect to its corners."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from auv_lse_common.support.compiled import compiled
 
 Array = NDArray[np.float64]
 
-#: Least length of a segment (m): below it a direction means nothing.
+#: Smallest length of a segment (m); below it the direction is undefined.
 SHORTEST_M = 1e-3
 
 
 def arc_m(line_m: Array) -> float:
-    """Length of a polyline (n + 1, 2): a little less than that of the path whose bends it cuts."""
+    """Length (m) of a polyline (n + 1, 2)."""
     return float(np.hypot(*np.diff(line_m, axis=0).T).sum())
 
 
 @compiled
 def places_along(waypoints, first, spacing, count):
-    """Places (count, 2) of a polyline (n + 1, 2), at `first`, then every `spacing` (m of arc); straight on behind it.
+    """Places (count, 2) along a polyline (n + 1, 2), from `first` on every `spacing` (m of arc), extended straight.
 
-    Also the segment of each place, shape (count,), and its distance from that segment's first corner.
+    Also returns the segment of each place, shape (count,), and its distance (m) from that segment's first corner.
     """
     places = np.empty((count, 2))
     segments = np.empty(count, dtype=np.int64)
@@ -53,7 +53,7 @@ def places_along(waypoints, first, spacing, count):
 
 @compiled
 def pull_back(waypoints, segments, along, gradient):
-    """Derivative (n + 1, 2) by the waypoints from that by the places (P, 2) of `places_along`."""
+    """Gradient (n + 1, 2) with respect to the waypoints, from that with respect to the places of `places_along`."""
     result = np.zeros(waypoints.shape)
     count = waypoints.shape[0] - 1
     units = np.empty((count, 2))
@@ -74,7 +74,7 @@ def pull_back(waypoints, segments, along, gradient):
         result[k + 1, 0] += turn_n
         result[k + 1, 1] += turn_e
         pushed[k] += ahead
-    behind = 0.0  # what lengthening a segment takes from all places behind it
+    behind = 0.0  # effect of lengthening a segment on all places after it
     for k in range(count - 1, -1, -1):
         result[k + 1, 0] -= behind * units[k, 0]
         result[k + 1, 1] -= behind * units[k, 1]

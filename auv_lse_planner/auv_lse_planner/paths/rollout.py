@@ -1,6 +1,6 @@
-"""A plan as a path: its states, its actions to the mission's end, and the places where it measures.
+"""Converts a plan to a path: its states, its actions to the mission's end, and its measurement places.
 
-The planner, its team mates and the judge of a mission all ask here, so that they mean the same places.
+The planner, its team mates and the judge of a mission all use this module, so that they compute the same places.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class PlannedPath:
-    """The legs of a plan from a mission step on.
+    """The legs of a plan from a given mission step on.
 
     Attributes:
         step: Mission step of the first state.
         states: States before and after each of L legs, shape (L + 1, 3): heading (rad), north, east (m).
         actions: Action of each leg, shape (L,).
-        own: How many of the legs are the plan's own, its actions and its tour; the naive path travels the others.
+        own: Number of legs from the plan's actions and its tour; the naive path adds the others.
         leg_places_m: Measurement places of each leg, in the order travelled, shape (L, n, 2): north, east.
     """
 
@@ -45,14 +45,14 @@ class PlannedPath:
         return len(self.actions)
 
     def from_step(self, step: int) -> PlannedPath:
-        """The same path from mission step `step` on; without legs after its end."""
-        gone = min(max(step - self.step, 0), len(self))
+        """The same path from mission step `step` on; without legs if `step` is past its end."""
+        skipped = min(max(step - self.step, 0), len(self))
         return PlannedPath(
-            self.step + gone,
-            self.states[gone:],
-            self.actions[gone:],
-            max(0, self.own - gone),
-            self.leg_places_m[gone:],
+            self.step + skipped,
+            self.states[skipped:],
+            self.actions[skipped:],
+            max(0, self.own - skipped),
+            self.leg_places_m[skipped:],
         )
 
     @property
@@ -62,7 +62,7 @@ class PlannedPath:
 
     @property
     def own_places_m(self) -> Array:
-        """Measurement places of the plan's own legs, shape (P, 2)."""
+        """Measurement places on the legs of the plan's actions and tour, shape (P, 2)."""
         return self.leg_places_m[: self.own].reshape(-1, 2)
 
     @property
@@ -75,13 +75,13 @@ class Rollout:
     """Follows plans to the mission's end."""
 
     def __init__(self, motion: MotionTable, naive: NaivePaths, steps: int, samples_per_leg: int) -> None:
-        """Takes what a path follows from.
+        """Sets up the rollout.
 
         Args:
             motion: Actions.
             naive: Naive paths.
             steps: Steps of the mission.
-            samples_per_leg: Measurement places on a leg, at equal distances, the last one at its end.
+            samples_per_leg: Measurement places on a leg, evenly spaced, the last one at its end.
         """
         self.motion = motion
         self.naive = naive
@@ -97,14 +97,14 @@ class Rollout:
     def path(
         self, step: int, state: Array, actions: Sequence[int], naive_path: int, tour: Tour | None = None
     ) -> PlannedPath:
-        """The path of actions, the tour after them and the naive path after that; without naive path it ends there.
+        """The path of the actions, then the tour, then the naive path; without a naive path it ends after the tour.
 
         Args:
-            step: Mission step of the first state; actions beyond the mission's end are left out.
+            step: Mission step of the first state; actions beyond the mission's end are dropped.
             state: First state, shape (3,).
             actions: Indices of the actions.
             naive_path: Id of the naive path, `NONE` for none.
-            tour: Travelled from where the actions end, for as many legs as it is long; None: no tour.
+            tour: Tour that starts where the actions end; None: no tour.
         """
         left = max(0, self.steps - step)
         own = np.array(actions[:left], dtype=np.int64)
@@ -120,9 +120,10 @@ class Rollout:
         return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))
 
     def can_follow(self, plan: Plan) -> bool:
-        """Whether a received plan can be followed: a vehicle's state; known step, actions, tour and naive path.
+        """Whether a received plan can be followed: its state is possible; step, actions, tour and naive path are valid.
 
-        A step beyond the mission counts as unknown: such a plan would keep all true plans of its sender out as older.
+        A step beyond the mission's end is invalid. If it were accepted, all later plans of the sender would be ignored
+        as older.
         """
         return (
             is_possible(plan.heading_rad, plan.north_m, plan.east_m)
@@ -137,8 +138,8 @@ class Rollout:
 
         Args:
             states: State before each leg.
-            actions: Action of each.
-            samples: Places on a leg; None: as many as the rollout has.
+            actions: Action of each leg.
+            samples: Places on a leg; None: `samples_per_leg`.
         """
         each = samples or self.samples_per_leg
         if each not in self._samples_m:
@@ -158,10 +159,10 @@ class Rollout:
         return places.reshape(len(states), -1, 2)
 
     def naive_places(self, states: Array, naive_path: int, legs: int) -> Array:
-        """Measurement places (B, legs * n, 2) of a naive path over so many legs from many states (B, 3)."""
+        """Measurement places (B, legs * n, 2) of a naive path over `legs` legs from many states (B, 3)."""
         return self.places_of_many(states, self.naive.actions_from(states, naive_path, legs))
 
 
 def _samples(motion: MotionTable, count: int) -> Array:
-    """Places (A, count, 2) of every action from the state before it: ahead, to starboard."""
+    """Measurement places (A, count, 2) of every action in the frame of the state before it: ahead, to starboard."""
     return np.stack([motion.samples(a, count) for a in range(motion.actions)])

@@ -1,13 +1,13 @@
-"""Steering along a tour: the actions that follow a polyline of equal segments.
+"""Steers along a tour: computes the actions that follow a polyline of equal segments.
 
-Theory of operation. A tour keeps time: after i legs the vehicle should be at the polyline's point i leg lengths from
-its start. At each leg it takes the feasible action that, with the best next two legs, ends nearest to the points due
-then: the sum of three squared distances, of which errors along the polyline count for little (`ALONG`), since a vehicle
-that is ahead after a bend need not wiggle until it is late, and the next leg most (`NEAREST`, `FARTHEST`). Behind its
-last waypoint the polyline goes straight on.
+Theory of operation. A tour is a schedule: after i legs the vehicle should be at the polyline's point i leg lengths from
+its start. On each leg the vehicle takes the feasible action that, with the best next two legs, ends nearest to the
+three scheduled points. The cost is the sum of three squared distances. Errors along the polyline have a low weight
+(`ALONG`), so that a vehicle ahead of schedule after a bend does not weave to lose time. The next leg has the largest
+weight (`NEAREST`, `FARTHEST`). After its last waypoint the polyline continues straight.
 
-Only the area counts, not the map, and all arithmetic is scalar: the same waypoints, state and parameters give every
-receiver of a packet the same actions to the last bit.
+The result depends on the area but not on the map, and all arithmetic is scalar. The same waypoints, state and
+parameters therefore give every receiver of a packet the same actions to the last bit.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from auv_lse_planner.paths.polyline import SHORTEST_M, places_along
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Legs that an action is judged by, and that the map must leave feasible where a plan goes on.
+#: Look-ahead of the steering (legs); also the next legs of an existing plan that must be feasible on the map.
 LOOK_AHEAD = 3
-#: Legs of a new plan that are checked against the map, and legs that lead around shallow ground as explicit actions.
+#: Legs of a new plan that are checked against the map; also the legs of an explicit detour around shallow ground.
 DETOUR_LEGS = 8
-#: What a squared error along the polyline counts, of one across it.
+#: Weight of a squared error along the polyline, relative to one across it.
 ALONG = 0.2
-#: What the first and the third target count, of the second.
+#: Weights of the first and the third scheduled point, relative to the second.
 NEAREST, FARTHEST = 2.0, 0.5
 
 
@@ -53,7 +53,7 @@ def point_along(waypoints, segment, along):
 
 @compiled
 def due_on_tour(waypoints, segment, leg, count):
-    """Points due (count, 4) at the ends of legs: place and direction, along segments of equal length."""
+    """Scheduled points (count, 4) at the ends of legs, place and direction, along segments of equal length."""
     due = np.empty((count, 4))
     for i in range(count):
         due[i, 0], due[i, 1], due[i, 2], due[i, 3] = point_along(waypoints, segment, i * leg + leg)
@@ -62,7 +62,7 @@ def due_on_tour(waypoints, segment, leg, count):
 
 @compiled
 def due_on_line(waypoints, leg, count):
-    """Points due (count, 4) at every `leg` (m of arc) of any polyline (n + 1, 2); straight on behind it."""
+    """Scheduled points (count, 4) every `leg` (m of arc) along any polyline (n + 1, 2), extended straight."""
     places, segments, _ = places_along(waypoints, 0.0, leg, count + 1)
     due = np.empty((count, 4))
     for i in range(count):
@@ -76,7 +76,7 @@ def due_on_line(waypoints, leg, count):
 
 @compiled
 def off_track(north, east, due):
-    """Squared distance from a point due (4,), of which the error along the polyline counts `ALONG`."""
+    """Squared distance from a scheduled point (4,); the part along the polyline has the weight `ALONG`."""
     dn, de = north - due[0], east - due[1]
     ahead = dn * due[2] + de * due[3]
     return dn * dn + de * de - (1.0 - ALONG) * ahead * ahead
@@ -84,9 +84,9 @@ def off_track(north, east, due):
 
 @compiled
 def steering_costs(space, heading, north, east, due, cos_t, sin_t, costs):
-    """Costs (A,) of the actions in a state: with the best next two, the distances from three points due (3, 4).
+    """Writes the costs (A,) of the actions in a state: distances from three scheduled points (3, 4), next legs optimal.
 
-    `cos_t`, `sin_t` are those of the actions' turns.
+    `cos_t`, `sin_t` are the cosines and sines of the actions' turns.
     """
     steps, kinds = space.steps, costs.shape[0]
     n3, e3, north3, east3 = due[2, 0], due[2, 1], due[2, 2], due[2, 3]
@@ -125,8 +125,8 @@ def steer(space, state, count, due):
         space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
         count: Number of actions.
-        due: Where the vehicle should be after each leg and after two more, and the polyline's direction there, shape
-            (count + 2, 4): north, east (m), ahead to the north and to the east.
+        due: Scheduled points after each leg and after two more, and the polyline's direction there, shape
+            (count + 2, 4): north, east (m), unit vector north, east.
     """
     actions = np.zeros(count, dtype=np.int64)
     kinds = space.turns.shape[0]
@@ -148,22 +148,22 @@ class Steering:
     """Follows tours in one operating area."""
 
     def __init__(self, space: FreeSpace) -> None:
-        """Takes the area and the actions from `space`; what it knows of shallow ground does not count."""
+        """Takes the area and the actions from `space`; shallow ground is ignored by default."""
         self._space = space
         self._leg_m = space.motion.leg_length_m
 
     def actions(
         self, state: Array, waypoints_m: Array, segment_legs: int, legs: int, around_shallows: bool = False
     ) -> Ints:
-        """Actions (legs,) from a state (3,) along a polyline (n + 1, 2) of segments of so many legs.
+        """Actions (legs,) from a state (3,) along a polyline (n + 1, 2) of segments of `segment_legs` legs.
 
         Args:
             state: Heading, north, east.
             waypoints_m: The polyline, its start first.
-            segment_legs: Legs that each of its segments is long.
+            segment_legs: Length of each segment, in legs.
             legs: Number of actions.
-            around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
-                vehicles cannot rebuild the path then.
+            around_shallows: Whether to avoid ground that this vehicle's map shows as too shallow; other vehicles then
+                cannot rebuild the path.
 
         Raises:
             ValueError: if the polyline has no segment.
@@ -173,7 +173,7 @@ class Steering:
         return self._steer(state, due, legs, around_shallows)
 
     def along(self, state: Array, line_m: Array, spacing_m: float, legs: int, around_shallows: bool = False) -> Ints:
-        """Actions (legs,) from a state (3,) along any polyline (n + 1, 2), of which a leg takes `spacing_m` of arc.
+        """Actions (legs,) from a state (3,) along any polyline (n + 1, 2); each leg covers `spacing_m` of its arc.
 
         Raises:
             ValueError: if the polyline has no segment.
@@ -187,7 +187,7 @@ class Steering:
 
 
 def _polyline(name: str, places_m: Array) -> Array:
-    """Places (n + 1, 2) as compiled code takes them, which would read beyond the end of a polyline without segment."""
+    """Places (n + 1, 2) for compiled code, which does not check bounds and needs at least one segment."""
     if len(places_m) < 2:
-        raise ValueError(f"{name}: got {len(places_m)}; expected two at least: a polyline has a segment")
+        raise ValueError(f"{name}: got {len(places_m)}; expected at least two places, so that there is a segment")
     return np.ascontiguousarray(places_m, dtype=float)
