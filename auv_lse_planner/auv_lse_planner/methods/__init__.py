@@ -1,1 +1,1 @@
-"""The planning methods: a class for each family (`families.py`), and what they have in common (`method.py`)."""
+"""The planning methods: one class per family (`families.py`) and their common base (`method.py`)."""

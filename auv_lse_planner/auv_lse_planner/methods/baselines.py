@@ -1,4 +1,4 @@
-"""Baselines: a naive path alone (the lawnmower), and the next leg by a score."""
+"""Baseline methods: a naive path alone (the lawnmower), and greedy selection of the next leg."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from auv_lse_planner.search.uct import Actions, SearchResult
 
 
 class NaivePath(PathMethod):
-    """A naive path alone to the mission's end; each vehicle takes its turn of `planner.naive_paths`."""
+    """A naive path alone to the mission's end; vehicles take the ids of `planner.naive_paths` in turn."""
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
         """Always keeps the incumbent: a naive path is never replaced."""
         return True
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
-        """The naive path from here.
+        """The naive path from the current state.
 
-        Where it would cross ground that the map shows to be too shallow, its first legs lead around, as explicit
-        actions, since other vehicles do not know of that ground.
+        If it would cross ground that the map shows as too shallow, its first legs lead around it. They are explicit
+        actions, because other vehicles do not have this map.
         """
         s, rollout, ids = situation, self.context.rollout, situation.planner.naive_paths
         naive_path, left = ids[(self.context.vehicle - 1) % len(ids)], rollout.steps - s.step
@@ -38,7 +38,7 @@ class NaivePath(PathMethod):
 
 
 class OneLeg(PathMethod):
-    """The next leg with the best score at its end, which `planner.proposals` names."""
+    """The next leg with the best score at its end; `planner.proposals` selects the score."""
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
         """The best leg."""

@@ -1,10 +1,10 @@
 """Decentralized MCTS (Best, Cliff, Patten, Mettu, Fitch 2019), the paper's alternative to the sequential order.
 
-No vehicle comes before another. Each keeps a distribution over its own plans, sends it to the others, and searches its
-tree against plans drawn from theirs. As a packet has room for one plan:
+Vehicles have no order. Each one keeps a distribution over its plans, sends it to the others, and searches its tree
+against plans drawn from theirs. A packet has room for only one plan, which leads to these adaptations:
 
-- A packet carries one plan *drawn* from the sender's distribution, instead of the best one. A receiver's last different
-  plans of a team mate, newer ones weighing more, represent the mate's distribution.
+- A packet carries one plan *drawn* from the sender's distribution instead of the best plan. A receiver represents the
+  distribution of a team mate by its last different plans, with larger weights for newer ones.
 - The search evaluates a sequence by its mean over `JOINT_DRAWS` joint draws of the team mates' plans: by the drop of
   the map's risk that it adds to theirs, which is the local utility of the paper. Evaluated at its own places, as in the
   paper's other searches, it loses half as much again (docs/design/planner.md, "Team").
@@ -50,20 +50,20 @@ def distribution(values: Array, step: int) -> Array:
 
 
 class JointDraws:
-    """Values of action sequences in the mean over joint draws of the team mates' plans.
+    """Mean values of action sequences over joint draws of the team mates' plans.
 
-    A sequence is continued by one naive path in all draws: the one that is best in the mean.
+    A sequence is continued by the same naive path in all draws: the one with the best mean.
 
     Attributes:
-        naive_path: Of every sequence evaluated, the naive path that suits it best; `NONE` where there is none.
+        naive_path: The best naive path for every evaluated sequence; `NONE` without naive paths.
     """
 
     def __init__(self, rewards: list[AnytimeReward], rollout: Rollout, problem: SearchProblem) -> None:
-        """Takes what evaluates a sequence against each draw.
+        """Sets up the evaluation.
 
         Args:
-            rewards: Of each draw, what the map gains by paths from here on: of the sequences' length without naive
-                paths, to the mission's end with them.
+            rewards: For each draw, the map reward of paths from the current step: over the sequences' length without
+                naive paths, else to the mission's end.
             rollout: Follows plans to the mission's end.
             problem: State, and naive paths that may continue a sequence.
         """
@@ -93,9 +93,9 @@ class DecMcts(TreeSearch):
         return self.search(self.context.search_problem(situation, self.seeds), reward, draws)
 
     def draw(self, now_s: float) -> Array:
-        """Places (P, 2) ahead of all team mates by one kept plan of each, drawn at random.
+        """Places (P, 2) ahead of all team mates, from one randomly drawn plan of each.
 
-        A plan is twice as likely as the one that was heard before it.
+        A plan is twice as likely as the one received before it.
         """
         places = [np.empty((0, 2))]
         for kept in self.context.team.recent_places(now_s):

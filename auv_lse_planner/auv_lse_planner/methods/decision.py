@@ -23,15 +23,15 @@ class BoundRecord:
         reward_so_far: Reward of the legs already decided.
         expected_end: Reward of the chosen path from here to its end (the paper's Jbar, or J without a naive path).
         lower_bound: The time-varying lower bound: reward_so_far + the part of `expected_end` that no later decision can
-            lose, which is that of the naive path, or `expected_end` less the budget.
+            lose. That part is the naive path's reward, or `expected_end` minus the budget.
         lower_bound_max: Its running maximum.
         incumbent_value: `expected_end` of the incumbent on the same data; NaN where there was none.
         incumbent_kept: Whether the incumbent was kept.
         iterations: Search iterations.
         deadline_hit: Whether the deadline ended the search.
-        budget: By how much later decisions may lower the expected end (method tour), never negative. NaN for a method
-            without a budget.
-        void: Why the last plan was discarded without a charge: "shallow ground", "off the plan"; else empty.
+        budget: Amount by which later decisions may lower the expected end (method tour), never negative. NaN for a
+            method without a budget.
+        void: Reason why the last plan was discarded without a charge: "shallow ground", "off the plan"; else empty.
     """
 
     step: int
@@ -59,10 +59,10 @@ class Statistics:
     """How a decision was found.
 
     Attributes:
-        team_places: Places that team mates' plans still hold.
-        evaluations: Different paths evaluated.
-        best_new_value: Value of the best path that the search found, by the search's own reward; NaN without one.
-        escape: Whether nothing was feasible.
+        team_places: Number of places ahead on team mates' plans.
+        evaluations: Number of different paths evaluated.
+        best_new_value: Value of the best path found by the search, in the search's reward; NaN without one.
+        escape: Whether no action was feasible.
         reanchored: Whether the plan starts from odometry instead of the planned state.
         incumbent_infeasible: Whether the map now forbids the next legs of the last plan.
     """

@@ -1,10 +1,10 @@
-"""What a planning method is, and what it gets and gives.
+"""The interface of planning methods: their inputs, their result and their common base.
 
 A method decides one leg after another (the receding horizon of the paper, section 6). `VehiclePlanner` calls it when a
-decision is due, travels the leg, and writes the bound record. The method owns what it optimizes with, what it may
-spend, and its view of the posterior; it leaves the vehicle's own posterior unchanged.
+decision is due, tracks the leg, and writes the bound record. The method keeps its optimizer state, its budget and its
+copy of the posterior; it does not change the vehicle's posterior.
 
-The incumbent is the last plan, continued. It stays anchored at the state it was made from, and so does its packet, so
+The incumbent is the last plan, continued. It and its packet keep the state the plan was made from as their anchor, so
 that every receiver builds the same path.
 """
 
@@ -45,14 +45,14 @@ class PlanningContext:
 
     Attributes:
         vehicle: Number of the vehicle, from 1.
-        settings: All parameters, as they were at the start.
-        space: Where it may go.
+        settings: All parameters at the start.
+        space: Its free space.
         rollout: Follows plans to the mission's end.
-        posterior: Its map. A method that needs planned places makes a posterior of its own (`with_planned`).
+        posterior: Its map. A method that needs planned places makes a copy (`with_planned`).
         team: Its team mates.
         map_grid: Places over which the map's risk is summed.
-        coarse_grid: Places over which it is summed where only its gradient counts.
-        rng: Random stream; every choice by chance is drawn from it.
+        coarse_grid: Places over which it is summed if only its gradient is needed.
+        rng: Random stream for every random choice.
     """
 
     vehicle: int
@@ -99,7 +99,7 @@ class PlanningContext:
         return PathReward(self.posterior.with_planned(planned_m), level_set, situation.planner.credit)
 
     def search_problem(self, situation: Situation, seeds: list[Actions]) -> SearchProblem:
-        """The problem of a tree search, which tries `seeds` first."""
+        """The problem of a tree search that tries `seeds` first."""
         planner, left = situation.planner, self.settings.mission.steps - situation.step
         continued = planner.augmented and left > planner.horizon
         return SearchProblem(
@@ -130,16 +130,16 @@ class Followed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """What a decision starts from.
+    """The inputs of a decision.
 
     Attributes:
         planner: The planner's parameters, complete.
         now_s: Mission time.
         step: Mission step planned from.
         state: Heading (rad), north, east (m), shape (3,).
-        last: The last plan, its path from this step on; None before the first.
-        off_plan: Whether `state` comes from odometry, so that the last plan leads on from elsewhere.
-        deadline: Tells when to stop searching; None: never.
+        last: The last plan and its path from this step on; None before the first.
+        off_plan: Whether `state` comes from odometry, so that the last plan cannot be continued from it.
+        deadline: Returns whether to stop searching; None: no deadline.
     """
 
     planner: PlannerConfig
@@ -158,13 +158,13 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A plan that may be followed, with its path from the present step on and its value.
+    """A candidate plan, with its path from the current step on and its value.
 
     Attributes:
         plan: The plan.
         path: Its path.
-        value: Its value on today's data.
-        waypoints_m: The waypoints that its tour was made from, shape (n + 1, 2); None without a tour.
+        value: Its value on the current data.
+        waypoints_m: The waypoints of its tour, shape (n + 1, 2); None without a tour.
     """
 
     plan: Plan
@@ -178,19 +178,19 @@ class Choice:
     """The decision of a method.
 
     Attributes:
-        chosen: The plan that is followed: the incumbent, or a new one.
-        incumbent: The last plan, continued; None where there was none, or it is void.
+        chosen: The plan to follow: the incumbent or a new one.
+        incumbent: The last plan, continued; None if there is none or it is void.
         told: The plan for the team.
         assured: The part of the chosen plan's expected end that no later decision can lose.
-        leg_reward: Reward expected of the next leg, where rewards are added up leg by leg.
-        map_risk: Risk of the map, where the reward so far is measured by its drop instead; else NaN.
+        leg_reward: Expected reward of the next leg, if rewards are added up leg by leg.
+        map_risk: Risk of the map, if the reward so far is measured by its drop; else NaN.
         budget: See `BoundRecord`.
         void: See `BoundRecord`.
         infeasible: Whether the map forbids the next legs of the last plan.
-        team_places: Places that team mates' plans still hold.
+        team_places: Number of places ahead on team mates' plans.
         iterations: Search iterations.
-        evaluations: Different paths evaluated.
-        best_new_value: Expected end of the best new plan, by the search's own reward.
+        evaluations: Number of different paths evaluated.
+        best_new_value: Expected end of the best new plan, in the search's reward.
         deadline_hit: Whether the deadline ended the search.
     """
 
@@ -212,11 +212,11 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class SurfacingValue:
-    """What a surfacing gains and costs, both in the unit of the map's risk.
+    """Gain and cost of a surfacing, both in the unit of the map's risk.
 
     Attributes:
         gain: Drop of the loss from uncertain places.
-        cost: Drop of the map's expected risk by the legs that are then missing.
+        cost: Drop of the map's expected risk that is lost with the skipped legs.
     """
 
     gain: float
@@ -229,7 +229,7 @@ class SurfacingValue:
 
 
 class Method(Protocol):
-    """A planning method of one vehicle. Only `decide` has no default; subclasses override what they keep."""
+    """A planning method of one vehicle. Subclasses implement `decide`; the other members have defaults."""
 
     context: PlanningContext
 
@@ -238,7 +238,7 @@ class Method(Protocol):
         ...
 
     def weigh_surfacing(self, situation: Situation, path: PlannedPath, legs: int) -> SurfacingValue:
-        """Compares a fix at the end of the leg just decided with the last `legs` of the path that would be missing."""
+        """Compares a fix at the end of the leg just decided with the last `legs` of the path, which it would cost."""
         self.context.assume_plans(situation)
         gain = gain_of_fix(self.context.map_points, self.context.settings.level_set)
         reward = self.context.map_reward(situation)
@@ -247,18 +247,18 @@ class Method(Protocol):
         return SurfacingValue(gain, reward.value(places).expected_end - reward.value(kept).expected_end)
 
     def spend(self, cost: float) -> float | None:
-        """Takes the cost of a surfacing from the budget, as far as it goes.
+        """Subtracts the cost of a surfacing from the budget, down to 0.
 
         Returns:
-            The budget afterwards; None for a method whose expected end does not count the map.
+            The remaining budget; None for a method without a budget.
         """
         return None
 
     def shift(self, legs: int) -> None:
-        """The plan goes on this many legs later than decided; negative means earlier."""
+        """Shifts the plan to this many legs later than decided; negative means earlier."""
 
     def snapshot(self) -> dict[str, Any]:
-        """The method's own state, for a journal: JSON values."""
+        """The method's state as JSON values, for a journal."""
         return {}
 
     def restore(self, values: Mapping[str, Any]) -> None:

@@ -2,10 +2,10 @@
 
 With S the data, O the places that team mates before this vehicle will visit, V a path:
 
-1. Incumbent: the last plan, with its J(V | S u O) on today's data. It is void when the map forbids its next legs.
+1. Incumbent: the last plan, with its J(V | S u O) on the current data. It is void if the map forbids its next legs.
 2. Proposal: the method's new plan (`propose`).
-3. Choice: the incumbent is exchanged only for a plan worth more (`planner.incumbent`).
-4. Bound: the reward so far plus what the chosen plan's naive path brings (paper: the time-varying lower bound).
+3. Choice: the incumbent is replaced only by a plan with a higher value (`planner.incumbent`).
+4. Bound: the reward so far plus the reward of the chosen plan's naive path (paper: the time-varying lower bound).
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class PathMethod(Method):
         self.context = context
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
-        """A new plan, evaluated by `reward`, whose posterior holds the team mates' places."""
+        """A new plan, evaluated by `reward`, whose posterior includes the team mates' places."""
         raise NotImplementedError
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
-        """Whether the incumbent is kept where it may be."""
+        """Whether to keep a feasible incumbent instead of the new plan."""
         return incumbent.expected_end >= new.expected_end
 
     def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
-        """Called with every choice, for what the next search starts from."""
+        """Called after every choice, to prepare the next search."""
 
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
@@ -48,7 +48,7 @@ class PathMethod(Method):
         proposal = self.propose(s, reward)
         found = proposal.found
         new = self._evaluated(Plan.at(s.step, s.state, found.actions, proposal.naive_path), reward, found.value)
-        if proposal.told is not None:  # its value was against draws; from here on against the last plans heard
+        if proposal.told is not None:  # found against draws; evaluate against the last plans received
             new = self._evaluated(new.plan, reward)
         chosen, may_stay = new, s.planner.incumbent and not infeasible
         if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
@@ -75,13 +75,13 @@ class PathMethod(Method):
         return choice
 
     def _places_of_mates(self, s: Situation) -> np.ndarray:
-        """Places (O, 2) ahead of the team mates whose plans count."""
+        """Places (O, 2) ahead of the team mates whose plans are taken into account."""
         team = self.context.team
         mates = team.others if s.planner.family.all_mates else team.before
         return np.concatenate([np.empty((0, 2)), *(team.places_ahead(s.now_s, mate) for mate in mates)])
 
     def _incumbent(self, s: Situation, reward: PathReward) -> Candidate | None:
-        """The last plan with its value on today's data."""
+        """The last plan with its value on the current data."""
         if s.off_plan or s.last is None or not len(s.last.path):
             return None
         value = reward.value(reward.posterior.at(s.last.path.places_m))
@@ -93,7 +93,7 @@ class PathMethod(Method):
         return self.context.space.path_feasible(path.states[0], path.actions, legs)
 
     def _evaluated(self, plan: Plan, reward: PathReward, value: float | None = None) -> Candidate:
-        """A new plan with its path, and its value if that is not known."""
+        """A new plan with its path and its value, which is computed if not given."""
         path = self.context.rollout.follow(plan)
         if value is None:
             value = reward.value(reward.posterior.at(path.places_m))

@@ -1,4 +1,4 @@
-"""What a vehicle knows of its team mates: their last received plans, and the places they have still to visit."""
+"""Team mates of a vehicle: their last received plans, and the places that lie ahead of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
 
-#: Different plans of a team mate that are kept.
+#: Number of different plans kept for each team mate.
 KEPT_PLANS = 3
 
 
@@ -25,7 +25,7 @@ class _Mate:
     path: PlannedPath
     reference_step: float  # the mate was at least at this step ...
     reference_s: float  # ... at this time
-    earlier: list[_Mate]  # different plans heard before this one, the last first
+    earlier: list[_Mate]  # different plans received before this one, newest first
 
 
 class Team:
@@ -33,7 +33,7 @@ class Team:
 
     Attributes:
         others: Their numbers.
-        before: Numbers of those that come before this vehicle in `planner.team_order`.
+        before: Numbers of those before this vehicle in `planner.team_order`.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Team:
         follow: Callable[[Plan], PlannedPath],
         assumed: Callable[[int], Plan] | None = None,
     ) -> None:
-        """Sets up without any plan known.
+        """Starts without any plan.
 
         Args:
             vehicle: Own number.
@@ -55,7 +55,7 @@ class Team:
             leg_s: Time a leg takes.
             expiry_s: Age at which a plan is dropped.
             follow: The path of a plan.
-            assumed: The plan that a team mate never heard is assumed to follow (`assume_plans`); None: none.
+            assumed: The plan assumed for a team mate without a received plan (`assume_plans`); None: none.
         """
         self.others = [v for v in range(1, vehicles + 1) if v != vehicle]
         self.before = self.others if order == "all" else [v for v in self.others if v < vehicle]
@@ -65,9 +65,9 @@ class Team:
         self._assumed: dict[int, _Mate] = {}
 
     def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
-        """Takes the plan received of a vehicle; one of the same step and state as the last is only refreshed.
+        """Stores the plan received from a vehicle; a repeated plan only refreshes its time of reception.
 
-        A plan older than the one known (its step is lower) came late and is ignored.
+        A plan with a lower step than the current one arrived late and is ignored.
         """
         if vehicle == self._vehicle:
             return
@@ -79,8 +79,8 @@ class Team:
             return
         reference_step, earlier = float(plan.step), []
         if known is not None:
-            # an unchanged part of an old plan may be sent long after its first step, and a plan from the same state at
-            # a later step is the old one, delayed by a surfacing: keep the better estimate
+            # An unchanged plan may be sent long after its first step. A plan with the same state and a later step is
+            # the old one, delayed by a surfacing. Keep the better estimate in both cases.
             estimate = self._step_of(known, now_s)
             delayed = plan.step > known.plan.step and np.array_equal(plan.state, known.plan.state)
             if delayed or (estimate > reference_step and plan.step <= known.plan.step):
@@ -97,20 +97,21 @@ class Team:
         return {v: now_s - m.last_heard_s for v, m in sorted(self._mates.items())}
 
     def places_ahead(self, now_s: float, vehicle: int) -> Array:
-        """Measurement places (P, 2) that a team mate has still to visit, by its clock."""
+        """Measurement places (P, 2) ahead of a team mate, at its estimated step."""
         mate = self._mates.get(vehicle)
         return np.empty((0, 2)) if mate is None or self._expired(mate, now_s) else self._ahead(mate, now_s)
 
     def recent_places(self, now_s: float) -> list[list[Array]]:
-        """Of each team mate that was heard, the places (P, 2) ahead by each of its kept plans, the newest first."""
+        """For each team mate with a received plan, the places (P, 2) ahead on each of its kept plans, newest first."""
         heard = [[mate, *mate.earlier] for _, mate in sorted(self._mates.items())]
         recent = [[self._ahead(m, now_s) for m in plans if not self._expired(m, now_s)] for plans in heard]
         return [places for places in recent if places]
 
     def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
-        """Of each team mate whose plan counts, the legs (P,) from now after which it is at the places (P, 2) ahead.
+        """For each team mate with a valid or assumed plan, the places (P, 2) ahead and the legs (P,) until it is there.
 
-        Plans that are assumed count as well.
+        Returns:
+            The legs from now and the places of each mate.
         """
         ahead = []
         for vehicle in self.others:
@@ -124,7 +125,7 @@ class Team:
         return ahead
 
     def assume_plans(self, now_s: float) -> None:
-        """Team mates never heard follow the assumed plan, from the first call on and as long as a plan lasts."""
+        """Assumes plans for team mates without a received one, from the first call until `expiry_s` later."""
         if self._assumed_plan is not None:
             for vehicle in self.others:
                 if vehicle not in self._mates and vehicle not in self._assumed:
@@ -136,11 +137,11 @@ class Team:
         self._assumed[vehicle] = _Mate(plan, now_s, self._follow(plan), float(plan.step), now_s, [])
 
     def snapshot(self) -> list[list[float]]:
-        """Since when (s) which mates never heard are assumed to follow the assumed plan, for a journal."""
+        """Mates with an assumed plan and the time (s) since when it is assumed, for a journal."""
         return [[vehicle, mate.last_heard_s] for vehicle, mate in self._assumed.items()]
 
     def restore(self, values: Sequence[Sequence[float]]) -> None:
-        """Continues from a `snapshot`; plans heard are heard again by `hear`."""
+        """Continues from a `snapshot`; received plans must be passed to `hear` again."""
         for vehicle, since_s in values:
             self._assume(int(vehicle), since_s)
 

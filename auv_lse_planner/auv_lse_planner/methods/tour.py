@@ -1,18 +1,18 @@
 """The method `tour`: one tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
 
-A decision evaluates everything by the same reward (`reward/anytime.py`), with the team mates' places in time order. The
-incumbent is the last plan, continued; it stays unless another is worth more. Every `planner.tour_interval` legs, and
-where the incumbent is void, `tour_candidates.py` makes new plans.
+A decision evaluates all plans with the same reward (`reward/anytime.py`), with the team mates' places in time order.
+The incumbent is the last plan, continued; it is kept unless another plan has a higher value. `tour_candidates.py` makes
+new plans every `planner.tour_interval` legs, and whenever the incumbent is void.
 
-The budget keeps the bound. Let E be the drop of the map's risk that is expected for the mission's end
+The budget enforces the bound. Let E be the drop of the map's risk expected at the mission's end
 (`Value.expected_end`):
 
     required   E(chosen) >= E(reference) - budget
     then       budget += E(chosen) - E(reference)
 
-The reference is the best naive path at the start, with a budget of 0, and the incumbent from then on. E
-telescopes, so that the mission's expected end is never below that of mowing from the start. An incumbent that the map
-or a current makes void is discarded without a charge; the bound record names the reason.
+At the start the reference is the best naive path and the budget is 0; afterwards the reference is the incumbent. E
+telescopes, so that the mission's expected end is never below that of the best naive path. If the map or a current makes
+an incumbent void, it is discarded without a charge, and the bound record gives the reason.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Best sequences of a tree search that begin a candidate, and from which share of the mission on: before it none was
-#: ever chosen. Sequences that the next such search tries first.
+#: Number of best sequences of a tree search that are used as the first legs of candidates.
 HEADS = 3
+#: Share of the mission after which they are used; in trials none was chosen earlier.
 HEADS_FROM = 0.4
+#: Number of sequences that the next such search tries first.
 SEEDS = 4
 
 
@@ -43,7 +44,7 @@ class Tour(Method):
     """Chooses the tour of one vehicle, decision by decision.
 
     Attributes:
-        budget: By how much later decisions may lower the expected end; 0 for a plan of another method.
+        budget: Amount by which later decisions may lower the expected end; 0 for a plan of another method.
     """
 
     def __init__(self, context: PlanningContext) -> None:
@@ -63,7 +64,7 @@ class Tour(Method):
         mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in reward.mates)])
         due = last is None or bool(void) or self._interval_is_over(s)
         heads = self._heads(s, mates_m) if due and last is not None else []
-        incumbent = reference = None  # `reference` is the expected end that the budget is counted from
+        incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None and not void:
             incumbent = self._candidates.evaluated(last.plan, last.path, reward)
             reference = incumbent.value.expected_end
@@ -124,7 +125,7 @@ class Tour(Method):
         self._candidates.restore(values["candidates"])
 
     def _void(self, s: Situation) -> str:
-        """Why the last plan cannot be followed from here, "" if it can."""
+        """Reason why the last plan cannot be followed from here; "" if it can."""
         if s.last is None:
             return ""
         if s.off_plan:

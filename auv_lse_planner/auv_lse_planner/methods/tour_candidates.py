@@ -1,12 +1,12 @@
 """New plans of the method `tour`.
 
-At the mission's start waypoints are optimized from several boustrophedons for the mission's end alone, which is what
-the budget is about, and the best path of all is bent. The naive paths are candidates.
+At the mission's start, waypoints are optimized from several boustrophedons for the expected end alone, to which the
+budget refers. The naive paths are candidates too. The best path of all is then bent.
 
-Later the last path is bent to where it brings more (`search/tour.py`), by explicit actions: a tour's equal segments do
-not hold its narrow turns. It is bent for what comes early as far as the budget allows and a few tries find. Beside that
-a tree search proposes heads: next legs, which rejoin the tour's waypoints. The rest of a path that is too long to be
-told by its actions stays a tour, and its waypoints are optimized.
+Later, the last path is bent to increase its value (`search/tour.py`). The result consists of explicit actions, because
+a tour's equal segments cannot represent narrow turns. The bend favors early reward as far as the budget allows; a few
+shares of the anytime weight are tried. In addition, a tree search proposes heads: next legs that rejoin the tour's
+waypoints. A path too long to be sent as actions stays a tour, and its waypoints are optimized instead.
 """
 
 from __future__ import annotations
@@ -32,39 +32,38 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: The floor of an expected end where none is required.
+#: Floor of the expected end if none is required.
 NO_FLOOR = -math.inf
-#: Iterations that bend the last path, and the best path at the mission's start.
+#: Iterations to bend the last path, and the best path at the mission's start.
 ITERATIONS = 14
 FIRST_BEND_ITERATIONS = 20
-#: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
-#: after that.
+#: Number of boustrophedons optimized at the start, iterations of each, and further iterations of the best one.
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it: at the
-#: start all of them; then `TRIES`, from the one before the last that was allowed, for the budget changes little from
-#: one time to the next, or from the one after those that were not.
+#: Shares of the anytime weight to bend paths with, tried in this order until the expected end stays above its floor.
+#: All are tried at the start. Later only `TRIES` are: from the share before the last allowed one, because the budget
+#: changes little from one decision to the next, or from the share after the rejected ones.
 EARLINESS = (1.0, 0.5, 0.25, 0.0)
 TRIES = 2
-#: A tour is rejoined at a waypoint at least so far (m) away.
+#: A head rejoins the tour at a waypoint at least this far (m) away.
 REJOIN_M = 20.0
-#: Explicit actions of a plan at most: told two to a byte they leave a packet room for ten samples.
+#: Largest number of explicit actions of a plan: at two per byte they leave a packet room for ten samples.
 MAX_EXPLICIT_ACTIONS = 200
-#: Places of a leg by which a path is a fine polyline.
+#: Places per leg when a path is converted to a fine polyline.
 LINE_PLACES = 4
-#: A path's risk is guessed by one in so many of its places.
+#: The risk along a path is estimated from every n-th of its places.
 SPARSE = 4
 
 
 @dataclass(frozen=True, slots=True)
 class TourProblem:
-    """What candidates are made for.
+    """The problem that candidates are made for.
 
     Attributes:
         situation: The situation.
-        reward: What paths are worth.
-        floor: Least expected end that is allowed.
+        reward: Reward of paths.
+        floor: Lowest allowed expected end.
     """
 
     situation: Situation
@@ -73,7 +72,7 @@ class TourProblem:
 
     @property
     def start(self) -> Array:
-        """The state as a packet will have it, shape (3,)."""
+        """The state rounded as in a packet, shape (3,)."""
         return Plan.at(self.situation.step, self.situation.state, (), NONE).state
 
     @property
@@ -92,8 +91,8 @@ class Candidates:
 
     Attributes:
         plans: The plans.
-        floor: Least expected end that is allowed.
-        gradients: Gradients computed.
+        floor: Lowest allowed expected end.
+        gradients: Number of gradients computed.
         deadline_hit: Whether the deadline ended the search.
     """
 
@@ -103,14 +102,14 @@ class Candidates:
     deadline_hit: bool = False
 
     def add(self, plan: Candidate, found: Found) -> None:
-        """Takes a plan that an optimization has found."""
+        """Adds a plan found by an optimization."""
         self.plans.append(plan)
         self.gradients += found.evaluations
         self.deadline_hit = found.deadline_hit
 
 
 class TourCandidates:
-    """Makes tours of one vehicle, and remembers the waypoints of the one that is followed."""
+    """Makes tours for one vehicle and stores the waypoints of the current one."""
 
     def __init__(self, context: PlanningContext) -> None:
         """Starts before the first decision."""
@@ -119,20 +118,20 @@ class TourCandidates:
         self._steering = Steering(context.space)
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
         self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
-        self._earliness = 0  # which of `EARLINESS` is tried first
-        self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
+        self._earliness = 0  # index into `EARLINESS` to try first
+        self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
 
     def follow(self, chosen: Candidate, step: int) -> None:
-        """A new candidate was chosen at mission step `step`."""
+        """Stores the candidate chosen at mission step `step` as the current tour."""
         self._waypoints, self._waypoints_step = chosen.waypoints_m, step
 
     def shift(self, legs: int) -> None:
-        """The plan that is followed goes on this many legs later."""
+        """Delays the current tour by this many legs."""
         self._waypoints_step += legs
 
     def snapshot(self) -> dict[str, Any]:
-        """What is remembered, for a journal."""
+        """The state, for a journal."""
         waypoints = None if self._waypoints is None else np.asarray(self._waypoints).tolist()
         return {"earliness": self._earliness, "waypoints": waypoints, "waypoints_step": self._waypoints_step}
 
@@ -144,7 +143,7 @@ class TourCandidates:
     # ------------------------------------------------------------------ at the mission's start
 
     def at_start(self, problem: TourProblem) -> Candidates:
-        """Candidates for the mission's start; the floor is the best expected end of the naive paths among them."""
+        """Candidates for the mission's start; their floor is the best expected end of the naive paths."""
         s, reward = problem.situation, problem.reward
         naive = self._naive(problem)
         result = Candidates(naive, max(c.value.expected_end for c in naive), 0, s.out_of_time)
@@ -167,8 +166,8 @@ class TourCandidates:
     def _naive(self, problem: TourProblem) -> list[Candidate]:
         """The naive paths.
 
-        This vehicle's fitted lanes come first, then naive paths in the order of the risk that they pass: with a short
-        deadline some of them are all that there is.
+        This vehicle's fitted lanes come first, then naive paths by decreasing risk along them. A short deadline may
+        leave only the first ones.
         """
         number, reward = self._context.vehicle - 1, problem.reward
         plans = [problem.plan((), i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
@@ -183,17 +182,17 @@ class TourCandidates:
         return naive
 
     def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
-        """Tours optimized from the best of several starts, and behind them what the best becomes with more iterations.
+        """Tours optimized from the best of several starts, followed by the best one after more iterations.
 
-        Which of them is best shows with fewer places on each leg as well.
+        Starts are compared with fewer places on each leg, which is enough to rank them.
         """
-        worth = []
+        values = []
         for waypoints in starts:
-            worth.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
+            values.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
             if s.out_of_time:
                 break
         found: list[Found] = []
-        for i in sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]:
+        for i in sorted(range(len(values)), key=lambda i: -values[i])[:STARTS]:
             found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline))
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
@@ -225,29 +224,29 @@ class TourCandidates:
         return result
 
     def _waypoints_ahead(self, problem: TourProblem, path: PlannedPath) -> Array:
-        """Waypoints to optimize from: those of the last optimization that are still ahead, else the last path's."""
-        gone, aside = divmod(problem.situation.step - self._waypoints_step, self._search.segment_legs(len(path)))
-        if self._waypoints is not None and not aside and len(self._waypoints) > gone + 1:
-            return np.concatenate([problem.place_m, self._waypoints[gone + 1 :]])
+        """Waypoints to optimize from: those of the last optimization that lie ahead, else those of the last path."""
+        passed, partial = divmod(problem.situation.step - self._waypoints_step, self._search.segment_legs(len(path)))
+        if self._waypoints is not None and not partial and len(self._waypoints) > passed + 1:
+            return np.concatenate([problem.place_m, self._waypoints[passed + 1 :]])
         return self._search.resampled(self._polyline(problem, path), len(path))
 
     def _polyline(self, problem: TourProblem, path: PlannedPath) -> Array:
-        """A path as a polyline from the state: the ends of its legs."""
+        """A path as a polyline from the state through the ends of its legs."""
         return np.concatenate([problem.place_m, path.states[1:, 1:]])
 
     def _bend_early(
         self, problem: TourProblem, path: PlannedPath, iterations: int, tries: int, result: Candidates
     ) -> None:
-        """Bends a path for what comes early: by the first of a few shares that keeps the expected end above its floor.
+        """Bends a path towards early reward, with the first share that keeps the expected end above its floor.
 
-        The next time begins with the share before that one, or after the last one tried if none did. Without a floor
-        the path is bent by the whole share.
+        The next call starts with the share before that one, or with the share after the last one tried if all failed.
+        Without a floor the full share is used.
 
         Args:
-            problem: What the path is bent for.
+            problem: The problem.
             path: The path.
-            iterations: Of each bend, at most.
-            tries: Shares tried, at most.
+            iterations: Largest number of iterations of each bend.
+            tries: Largest number of shares to try.
             result: Receives the candidates.
         """
         limited = problem.floor > NO_FLOOR
@@ -255,7 +254,7 @@ class TourCandidates:
         for i in range(first, min(first + tries, len(EARLINESS))):
             bent, found = self._bent(problem, path, EARLINESS[i], iterations)
             result.add(bent, found)
-            if found.deadline_hit or not limited:  # a bend cut short tells nothing about its share
+            if found.deadline_hit or not limited:  # an interrupted bend does not show whether its share is allowed
                 break
             allowed = bent.value.expected_end >= problem.floor
             self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(EARLINESS) - 1)
@@ -265,7 +264,7 @@ class TourCandidates:
     # ------------------------------------------------------------------ single candidates
 
     def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:
-        """A path, displaced to where it brings more: by explicit actions, which keep its narrow turns."""
+        """A path displaced to increase its value, as explicit actions, which preserve its narrow turns."""
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
@@ -277,7 +276,7 @@ class TourCandidates:
         return self._candidate(problem.plan(actions), reward), found
 
     def _through(self, problem: TourProblem, waypoints_m: Array) -> Candidate:
-        """The tour through waypoints; around shallow ground by explicit actions, which no receiver could know."""
+        """The tour through waypoints; detours around shallow ground are explicit actions, as receivers lack the map."""
         reward, legs = problem.reward, problem.reward.legs
         candidate = self._candidate(problem.plan((), tour=self._search.tour(waypoints_m, legs)), reward)
         if self._space.path_feasible(problem.situation.state, candidate.path.actions, DETOUR_LEGS):
@@ -293,7 +292,7 @@ class TourCandidates:
         return self._candidate(problem.plan(around, tour=tour), reward)
 
     def _headed(self, problem: TourProblem, actions: Actions, base_m: Array) -> Candidate:
-        """Actions, and the rest of a tour's waypoints after them, from the one that is nearest to where they end."""
+        """Actions, followed by the rest of a tour's waypoints, from the one nearest to the actions' end."""
         reward, legs = problem.reward, problem.reward.legs
         head = actions[:legs]
         if len(head) == legs:

@@ -1,7 +1,7 @@
 """The paper's methods: Monte Carlo tree search on the path's reward (augmented, plain, exponential_quadratic).
 
-They differ in their parameters alone (`auv_lse_common.mission_file.methods`): whether a naive path continues the legs
-searched (paper: the augmented path), how many legs that are, and how the risk integral is computed.
+They differ only in their parameters (`auv_lse_common.mission_file.methods`): the number of legs searched, whether a
+naive path continues them (paper: the augmented path), and the integral of the expected risk.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import Proposal, search_path
 from auv_lse_planner.search.uct import Actions
 
-#: Sequences of a search that the next search tries first.
+#: Number of sequences of a search that the next search tries first.
 SEEDS = 4
 
 
@@ -33,7 +33,7 @@ class TreeSearch(PathMethod):
         return search_path(problem, self.context.space, self.context.rollout, reward)
 
     def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
-        """Keeps this search's best sequences that begin with the leg decided, less that leg."""
+        """Keeps this search's best sequences that begin with the decided leg, without that leg."""
         actions = tuple(int(a) for a in choice.chosen.path.actions)
         ranking = proposal.found.ranking
         self.seeds = [a[1:] for a, _ in ranking if len(a) > 1 and a[0] == actions[0]][:SEEDS]

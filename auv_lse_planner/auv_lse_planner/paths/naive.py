@@ -19,8 +19,8 @@ A lawnmower consists of feasible actions and can start from any state:
 3. When both sides are done, it returns over the area midway between the lanes.
 
 For each leg it takes the feasible action that, with the best next one, comes nearest to the lane (distance +
-`HEADING_WEIGHT_M` x heading error). The path depends on the area but not on the map, and all arithmetic is scalar. An id
-and a state therefore give every receiver of a packet the same path to the last bit.
+`HEADING_WEIGHT_M` x heading error). The path depends on the area but not on the map, and all arithmetic is scalar. An
+id and a state therefore give every receiver of a packet the same path to the last bit.
 """
 
 from __future__ import annotations

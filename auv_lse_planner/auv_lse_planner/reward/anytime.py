@@ -11,14 +11,14 @@ without inflation: it telescopes to R_0 - R_L, the drop at the mission's end tha
 cause together. Mates measure at their time, as this vehicle does. What they measure after this vehicle's last leg
 counts at the end.
 
-R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
+R is computed at a few legs only, the *checkpoints*, and interpolated linearly in between. J is thus a sum over
 checkpoints. `expected_end` does not depend on them.
 
 The variance left at the map's cells after each checkpoint, and the gradient of J by this vehicle's places, are those of
 measurements conditioned on jointly (`reward/joint.py`).
 
-The gradient is the exact one of the value that `value_and_gradient` gives, which is coarser than `value`: on a wider
-grid, without cells whose risk hardly counts, with fewer checkpoints and with some of the mates' places.
+`value_and_gradient` returns a coarser value than `value`, and the exact gradient of that coarser value. It uses a wider
+grid, fewer checkpoints and a subset of the mates' places, and it skips cells of negligible risk.
 """
 
 from __future__ import annotations
@@ -39,25 +39,25 @@ from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Legs between checkpoints of the exact value, about.
+#: Approximate number of legs between checkpoints of the exact value.
 LEGS_APART = 4
-#: Checkpoints of the gradient, at most.
+#: Largest number of checkpoints of the gradient.
 GRADIENT_CHECKPOINTS = 10
-#: The gradient takes one in so many of a mate's places.
+#: The gradient uses every n-th of a mate's places.
 GRADIENT_MATES_EVERY = 3
-#: Cells of less risk, as a share of the largest that a place can have, are left out of the value, of the gradient.
+#: The value (NO_RISK) and the gradient (LITTLE_RISK) skip cells with a lower risk, relative to the largest possible.
 NO_RISK = 1e-6
 LITTLE_RISK = 5e-3
-#: How far (m) a measurement tells of the ground, roughly.
+#: Approximate range (m) over which a measurement reduces the variance.
 NEAR_M = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """What a path is worth.
+    """The value of a path.
 
     Attributes:
-        weighted: Drops of the map's expected risk, those of early legs counted more, with inflated standard deviations.
+        weighted: Weighted sum of the drops of the map's expected risk (J), with inflated standard deviations.
         expected_end: Drop of the map's expected risk at the mission's end (paper: Jbar, over the map).
     """
 
@@ -67,13 +67,13 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Weighting:
-    """How much a drop of risk counts leg by leg: w in J.
+    """Weight of a drop of risk on each leg: w in J.
 
     Attributes:
         legs: Legs that this vehicle still has to travel.
         step: Its mission step.
         steps: Steps of the mission.
-        weight: How much more a drop of risk counts at the mission's start than at its end.
+        weight: Additional weight of a drop of risk at the mission's start, compared with its end.
     """
 
     legs: int
@@ -84,7 +84,7 @@ class Weighting:
 
 @dataclass(frozen=True, slots=True)
 class _Schedule:
-    """When places are measured, in legs from now.
+    """Checkpoints and their weights; times are in legs from now.
 
     Attributes:
         checkpoints: Legs after which the risk is computed, ascending, the last one the mission's end, (J,).
@@ -96,14 +96,14 @@ class _Schedule:
 
     @classmethod
     def of(cls, w: Weighting, count: int) -> _Schedule:
-        """`count` checkpoints or fewer."""
+        """At most `count` checkpoints."""
         ends = np.unique(np.rint(np.linspace(0.0, w.legs, min(count, w.legs) + 1)).astype(np.int64))[1:]
         of_leg = 1.0 + w.weight * (1.0 - (w.step + np.arange(1, w.legs + 1)) / w.steps)
         sums = np.concatenate([[0.0], np.cumsum(of_leg)])[np.concatenate([[0], ends])]
         return cls(ends, np.diff(sums) / np.diff(ends, prepend=0))
 
     def after(self, legs: Array) -> Ints:
-        """Number of the first checkpoint at which what is measured after so many legs (P,) is known."""
+        """Number of the first checkpoint that includes measurements made after `legs` legs (P,)."""
         return np.asarray(np.minimum(np.searchsorted(self.checkpoints, legs), len(self.checkpoints) - 1))
 
     @property
@@ -114,12 +114,12 @@ class _Schedule:
 
     @property
     def counting(self) -> Ints:
-        """The checkpoints whose risk has a part in J: the last one alone if every leg weighs the same."""
+        """The checkpoints whose risk contributes to J: only the last one if all legs have the same weight."""
         return np.flatnonzero(self.share)
 
 
 class AnytimeReward:
-    """Anytime reward for one decision: data, mates and time are fixed.
+    """Anytime reward for one decision, with fixed data, mates' places and time.
 
     Attributes:
         legs: Legs that this vehicle still has to travel.
@@ -136,7 +136,7 @@ class AnytimeReward:
         coarse: CachedPoints | None = None,
         inflation: float = 1.0,
     ) -> None:
-        """Takes the posterior as it stands; places planned on it are taken as measured before the first leg.
+        """Uses the posterior in its current state; places planned on it count as measured before the first leg.
 
         Args:
             fine: The map's places, kept up to date with the posterior.
@@ -158,7 +158,7 @@ class AnytimeReward:
         self.risk_before = self._exact.risk_before
 
     def weighing(self, share: float) -> AnytimeReward:
-        """The same with this share of the anytime weight; 0: no more for an early drop of risk than for a late one."""
+        """The same reward with a share of the anytime weight; with 0, early and late drops of risk count the same."""
         other = copy.copy(self)
         other._weighting = replace(self._weighting, weight=share * self._weighting.weight)
         other._exact = self._exact.weighted_by(other._weighting)
@@ -168,7 +168,7 @@ class AnytimeReward:
     def _drop(
         self, points: CachedPoints, every: int, schedule: _Schedule, least_share: float, *, cache_inverse: bool
     ) -> _Drop:
-        """The drop of risk at some points, with one in `every` of the mates' places."""
+        """The drop of risk at the given points, with every n-th (`every`) of the mates' places."""
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
@@ -179,13 +179,13 @@ class AnytimeReward:
         return _Drop(points.posterior, self._level_set, counted, schedule, measured, groups, cache_inverse)
 
     def value(self, places_m: Array) -> Value:
-        """Value of a path, on all of the map.
+        """Value of a path over the whole map.
 
         Args:
-            places_m: Measurement places of each leg from now on, (L, n, 2); fewer legs than are left are allowed.
+            places_m: Measurement places of each leg from now on, (L, n, 2); L may be less than the remaining legs.
 
         Raises:
-            ValueError: for more legs than are left, or if the covariance of the places is not positive definite.
+            ValueError: for more legs than remain, or if the covariance of the places is not positive definite.
         """
         return self._exact.value(*self._timed(places_m))
 
@@ -193,13 +193,13 @@ class AnytimeReward:
         """A coarser `weighted` of a path with all its legs, and its exact gradient.
 
         Args:
-            places_m: Measurement places (L * n, 2) of the L legs that are left, leg after leg.
+            places_m: Measurement places (L * n, 2) of the L remaining legs, leg after leg.
 
         Returns:
             The value, and its gradient with respect to the places (L * n, 2), per metre.
 
         Raises:
-            ValueError: for another number of places, or if their covariance is not positive definite.
+            ValueError: for a wrong number of places, or if their covariance is not positive definite.
         """
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         if self.legs and (len(places) % self.legs or not len(places)):
@@ -214,7 +214,7 @@ class AnytimeReward:
         return self._coarsely().weighted(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
 
     def risk_near(self, places_m: Array) -> float:
-        """Risk before the first leg within `NEAR_M` of places (P, 2): a guess of what they bring, in no time."""
+        """Risk before the first leg within `NEAR_M` of places (P, 2): a fast estimate of their benefit."""
         return self._coarsely().risk_near(np.asarray(places_m, dtype=float).reshape(-1, 2))
 
     def _coarsely(self) -> _Drop:
@@ -226,7 +226,7 @@ class AnytimeReward:
     def _timed(self, places_m: Array) -> tuple[Array, Array]:
         """Places (P, 2), and the legs (P,) after which each is measured, of a path (L, n, 2)."""
         if len(places_m) > self.legs and np.size(places_m):
-            raise ValueError(f"places_m: got {len(places_m)} legs; expected at most the {self.legs} that are left")
+            raise ValueError(f"places_m: got {len(places_m)} legs; expected at most the remaining {self.legs}")
         places = np.asarray(places_m, dtype=float)
         each = places.shape[1] if places.ndim == 3 else 1
         return places.reshape(-1, 2), np.repeat(np.arange(1.0, len(places) + 1.0), each)
@@ -234,15 +234,15 @@ class AnytimeReward:
 
 @dataclass(frozen=True, slots=True)
 class _Counted:
-    """The cells of a map whose risk counts.
+    """The cells of a map whose risk is not negligible.
 
     Attributes:
-        cells: The cells; with inflation their means are as much nearer to the level.
-        places_m: Where they are, (M, 2).
-        risk: Their risk before, (M,).
-        uninflated: Without inflation, their means (M,) and the sum of their risk; None where nothing is inflated.
+        cells: The cells; with inflation, the distance of their means to the level is divided by it.
+        places_m: Their places, (M, 2).
+        risk: Their risk before the first leg, (M,).
+        uninflated: Their means (M,) and their total risk without inflation; None if there is no inflation.
         scale: Weight of a cell.
-        total: Risk of all cells of the map, without inflation and weighted.
+        total: Weighted risk of all cells of the map, without inflation.
     """
 
     cells: Cells
@@ -256,7 +256,7 @@ class _Counted:
     def of(
         cls, points: CachedPoints, level_set: LevelSet, inflation: float, least_share: float, scale: float
     ) -> _Counted:
-        """Cells with at least this share of the largest risk."""
+        """Selects the cells with more than `least_share` of the largest possible risk."""
         now = points.current()
         after = np.minimum(now.planned_var_m2, now.data_var_m2)
         std_known, std_left = np.sqrt(now.data_var_m2 - after), np.sqrt(after)
@@ -279,7 +279,7 @@ class _Counted:
 
 
 class _Drop:
-    """The drop of risk over one set of cells, checkpoint by checkpoint, with one set of mates' places."""
+    """The drop of risk over one set of cells at each checkpoint, with one set of mates' places."""
 
     def __init__(
         self,
@@ -298,9 +298,9 @@ class _Drop:
             level_set: Level and costs.
             counted: The cells.
             schedule: Checkpoints and their weights.
-            mates: Where mates measure, (Q,).
+            mates: Measurement places of the mates, (Q,).
             mate_groups: Number of the first checkpoint that includes each of their places, (Q,).
-            cache_inverse: Whether to invert the posterior's factor, which pays for many paths.
+            cache_inverse: Whether to invert the posterior's factor, which pays off for many paths.
         """
         self.schedule, self.risk_before = schedule, counted.total
         self._posterior, self._level_set, self._cache_inverse = posterior, level_set, cache_inverse
@@ -310,13 +310,13 @@ class _Drop:
         self._timetables: dict[bytes, Timetable] = {}
 
     def weighted_by(self, weighting: Weighting) -> _Drop:
-        """The same with other weights of its checkpoints."""
+        """The same with other weights of the checkpoints."""
         other = copy.copy(self)
         other.schedule = _Schedule.of(weighting, len(self.schedule.checkpoints))
         return other
 
     def value(self, places_m: Array, legs: Array) -> Value:
-        """What a path is worth: J, and the drop of the risk, without inflation, at the mission's end."""
+        """Value of a path: J, and the drop of the risk at the mission's end without inflation."""
         if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return Value(0.0, 0.0)
         left = self._joint(places_m, legs).left(np.arange(len(self.schedule.checkpoints)))
@@ -348,7 +348,7 @@ class _Drop:
         return self._weighted(risks), joint.gradient(later, counting)
 
     def risk_near(self, places_m: Array) -> float:
-        """Risk of the cells that lie near places (P, 2)."""
+        """Risk of the cells near places (P, 2)."""
         off = self._counted.places_m[:, None] - places_m
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._counted.risk[near].sum())
@@ -362,6 +362,6 @@ class _Drop:
         return Joint(self._posterior, self._cells, own, self._timetables[key])
 
     def _weighted(self, risks: Array) -> float:
-        """J of the risks at the checkpoints that count."""
+        """J from the risks at the contributing checkpoints."""
         schedule = self.schedule
         return float(self._scale * (schedule.weights[0] * self._before - schedule.share[schedule.counting] @ risks))

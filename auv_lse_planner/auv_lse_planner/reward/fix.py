@@ -1,15 +1,15 @@
 """Gain of a fix: the drop of the loss from soundings at uncertain places.
 
-The risk that plans minimize undervalues it. Its prior is wider than lakes are, so that its variance is several times
-the square of the map's errors (docs/design/places.md), and beside that variance those of places hardly count. What is
-lost to places is therefore priced beside the variance that the soundings show: with v the map's variance without
-places, D the place effects (`Posterior`), D_1 those that a fix takes away, and c^2 = `Posterior.variance_scale`,
+The risk that plans minimize undervalues a fix. The prior is wide, so that its variance is several times the square of
+the map's errors (docs/design/places.md). Next to it, the variance due to uncertain places is negligible. The gain of a
+fix is therefore computed with the variance estimated from the soundings. Let v be the map's variance without place
+errors, D the place effects (`Posterior`), D_1 those that a fix removes, and c^2 = `Posterior.variance_scale`:
 
-    worth = sum over the map of r(mean, sqrt(c^2 v + D^2)) - r(mean, sqrt(c^2 v + D^2 - D_1^2)),
+    gain = sum over the map of r(mean, sqrt(c^2 v + D^2)) - r(mean, sqrt(c^2 v + D^2 - D_1^2)).
 
-in the unit of the map's risk, summed over the same places as a path's reward. Where c = 0, it is the area between the
-isobath and where it may be displaced to, times the cost of an error. What is not sounded yet does not count, though it
-gains, too: later soundings begin at a known place.
+The gain is in the unit of the map's risk, summed over the same places as a path's reward. For c = 0 it is the area by
+which the isobath may be displaced, times the cost of an error. It ignores the benefit for future soundings, which start
+from a better known place.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
 def gain_of_fix(points: CachedPoints, level_set: LevelSetConfig) -> float:
-    """Gain of a fix of the vehicle, now; 0 where places count as known.
+    """Gain of a fix of the vehicle at present; 0 if places are assumed exact.
 
     Args:
         points: The map's places, of a posterior without planned places.

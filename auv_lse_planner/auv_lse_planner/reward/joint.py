@@ -44,9 +44,9 @@ BLOCK = 64
 
 @dataclass(frozen=True)
 class Cells:
-    """What the posterior says about the map's cells; see `PointPosteriors`, but w is (n, M), a row per measurement.
+    """Posterior of the map's cells, as in `PointPosteriors`, but with w of shape (n, M), one row per measurement.
 
-    With inflation the mean is as much nearer to the level.
+    With inflation, the distance of the mean to the level is divided by the inflation factor.
     """
 
     scaled: Array
@@ -62,20 +62,20 @@ class Cells:
 
 
 class Measured:
-    """Places that will be measured.
+    """Places to be measured.
 
     Attributes:
-        scaled: The places in the kernel's axes and lengths, (P, 2).
+        scaled: The places in the kernel's axes and length scales, (P, 2).
         white: Their whitened covariance with data and planned places, (P, n).
     """
 
     def __init__(self, posterior: Posterior, scaled: Array, cache_inverse: bool) -> None:
-        """Takes places (P, 2) already scaled; `cache_inverse` inverts the posterior's factor, for many paths."""
+        """Takes scaled places (P, 2); `cache_inverse` inverts the posterior's factor, which pays off for many paths."""
         self._kernel = posterior.kernel
         self.scaled = scaled
         covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
         if cache_inverse and covariance.size:
-            dtrmm(1.0, posterior.factor.inverse, covariance.T, lower=1, overwrite_b=1)  # BLAS takes rows for columns
+            dtrmm(1.0, posterior.factor.inverse, covariance.T, lower=1, overwrite_b=1)  # BLAS reads rows as columns
             self.white = covariance
         else:
             self.white = posterior.factor.solve_rows_in_place(covariance)
@@ -85,7 +85,7 @@ class Measured:
         return len(self.scaled)
 
     def covariance_with_cells(self, cells: Cells, out: Array) -> Array:
-        """Covariance (P, M) with the cells, into `out`."""
+        """Writes the covariance (P, M) with the cells into `out` and returns it."""
         self._kernel.of_scaled(self.scaled, cells.scaled, out)
         if out.size and self.white.shape[1]:
             dgemm(-1.0, cells.white.T, self.white.T, beta=1.0, c=out.T, overwrite_c=1)
@@ -103,7 +103,7 @@ class Timetable:
         own: Rows of this vehicle's places, ascending, (P,).
         scaled: All places, once `matrix` has inserted this vehicle's, (P + Q, 2).
         white: Their whitened covariance with data and planned places, (P + Q, n).
-        spare: Room of the size of the covariance with the cells, (P + Q, M).
+        spare: Scratch memory of the size of the covariance with the cells, (P + Q, M).
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Timetable:
         self.spare = np.empty((total, count), dtype=np.float32)
 
     def matrix(self, own: Measured) -> Array:
-        """Covariance of all measurements in time order, Fortran-ordered, its lower triangle."""
+        """Lower triangle of the covariance of all measurements in time order, Fortran-ordered."""
         self.scaled[self.own], self.white[self.own] = own.scaled, own.white
         self._kernel.among_scaled(self.scaled, self._matrix)
         matrix = self._matrix.T
@@ -136,7 +136,7 @@ class Timetable:
         return matrix
 
     def cross(self, own: Measured, cells: Cells) -> Array:
-        """Covariance of all places in time order with the cells, C."""
+        """Covariance C of all places in time order with the cells."""
         if not len(self._others):
             return own.covariance_with_cells(cells, self._cross)
         self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
@@ -174,12 +174,12 @@ class Joint:
     def gradient(self, later: Array, checkpoints: Ints) -> Array:
         """Gradient (P, 2) with respect to this vehicle's places.
 
-        Only what is not zero is computed of products with triangles, a block of rows at a time, and in single
-        precision: half the time, and no search needs a direction to more than the four digits that are left at least.
+        Products with triangular matrices skip their zeros, one block of rows at a time. Single precision halves the
+        time; the result keeps at least four digits, which is enough for a search direction.
 
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
-            checkpoints: Numbers of these checkpoints, the last one among them, (J,).
+            checkpoints: Numbers of these checkpoints, including the last one, (J,).
         """
         kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
         y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
@@ -213,7 +213,7 @@ class Joint:
 
 
 def _inverse(lower: Singles) -> Singles:
-    """L^-1, Fortran-ordered, by products of blocks, much faster than LAPACK's."""
+    """L^-1, Fortran-ordered, from products of blocks; much faster than LAPACK."""
     inverse = np.zeros(lower.shape, dtype=np.float32, order="F")
     for begin in range(0, len(lower), BLOCK):
         rows = slice(begin, begin + BLOCK)
@@ -224,7 +224,7 @@ def _inverse(lower: Singles) -> Singles:
 
 
 def _solve_in_place(lower: Array, right: Array) -> Array:
-    """L^-1 right, for right (P, M), C-ordered: by products with small inverses, much faster than a triangular solve."""
+    """L^-1 right for right (P, M), C-ordered, with inverses of small blocks; much faster than a triangular solve."""
     for begin in range(0, len(lower) if right.size else 0, BLOCK):
         rows = slice(begin, begin + BLOCK)
         part = right[rows].T  # Fortran-ordered: BLAS works in place

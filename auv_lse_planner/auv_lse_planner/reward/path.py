@@ -25,15 +25,15 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 Array = NDArray[np.float64]
 
-#: Paths of at most so many places are factorized together by compiled loops, longer ones by LAPACK one by one.
+#: Paths with at most this many places are factorized together by compiled loops, longer ones one by one by LAPACK.
 SMALL = 24
 
 
 class PathReward:
-    """Path reward for one decision: the data and the team mates' places are fixed."""
+    """Path reward for one decision, with fixed data and team mates' places."""
 
     def __init__(self, posterior: Posterior, level_set: LevelSetConfig, credit: str = "whole") -> None:
-        """Takes the posterior as it stands, with the team mates' places planned (`Posterior.plan`).
+        """Uses the posterior in its current state, with the team mates' places planned (`Posterior.plan`).
 
         Raises:
             ValueError: for an unknown credit.
@@ -46,13 +46,13 @@ class PathReward:
         self._noise = posterior.noise_var_m2
 
     def before(self, columns: PointPosteriors) -> Array:
-        """Risk (P,) that the path is credited for removing: in hand, or expected after the team mates' plans."""
+        """Risk (P,) that the path is credited for removing: the current one, or that after the team mates' plans."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
         return self._expected(columns, columns.planned_var_m2)
 
     def _gains(self, columns: PointPosteriors, var_after_m2: Array) -> Array:
-        """What the path is credited for at each place (P,) once the variances are `var_after_m2` (P,)."""
+        """Credited benefit at each place (P,) for variances `var_after_m2` (P,) after the path."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.before(columns) - self._expected(columns, var_after_m2)
         # before and after in one call
@@ -66,7 +66,7 @@ class PathReward:
         return self.level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
 
     def contributions(self, columns: PointPosteriors) -> Array:
-        """Expected benefit (P,) at each place of the path that has these places and no others."""
+        """Expected benefit (P,) at each place of a path with exactly these places."""
         if not len(columns):
             return np.empty(0)
         return self._gains(columns, self.var_after_m2(columns))
@@ -76,7 +76,7 @@ class PathReward:
         return float(self.contributions(columns).sum())
 
     def var_after_m2(self, columns: PointPosteriors) -> Array:
-        """Variance (P,) of the depth at the path's places once all of them are measured."""
+        """Variance (P,) of the depth at the path's places after all of them are measured."""
         matrix = self.posterior.measured_covariance(columns)
         floor = self._floor(columns, np.diagonal(matrix))
         return self._left(inverse_diagonal_of(matrix)) + floor
@@ -85,17 +85,17 @@ class PathReward:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
     def _floor(self, columns: PointPosteriors, measured_var_m2: Array) -> Array | float:
-        """What uncertain places add to each variance (P,): the planned variance less that without it, plus noise."""
+        """Part of each variance (P,) due to uncertain places: the planned variance minus that of exact places."""
         if not self.posterior.places_uncertain:
             return 0.0
         return np.maximum(columns.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
 
     def values_of_equal(self, columns: PointPosteriors, length: int) -> Array:
-        """J of several paths of equal length, all at once.
+        """J of several paths of equal length, computed together.
 
         Args:
-            columns: Places of all paths, one path after the other, B * length of them.
-            length: Places of each.
+            columns: Places of all paths, one path after the other, B * length in total.
+            length: Number of places of each path.
 
         Returns:
             Values, shape (B,).
@@ -115,12 +115,12 @@ class PathReward:
 
 
 def not_positive_definite(places: int) -> str:
-    """What is wrong with the covariance of measurements at so many places, for an error message."""
-    return f"covariance of {places} planned places is not positive definite; expected gp.noise_std_m to be larger"
+    """Error message for a covariance of `places` measurements that is not positive definite."""
+    return f"covariance of {places} planned places is not positive definite; expected a larger gp.noise_std_m"
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:
-    """Diagonal (P,) of the inverse of a symmetric positive definite matrix: its lower triangle, overwritten.
+    """Diagonal (P,) of the inverse of a symmetric positive definite matrix; reads and overwrites its lower triangle.
 
     Raises:
         ValueError: if it is not positive definite.
@@ -134,9 +134,9 @@ def inverse_diagonal_of(matrix: Array) -> Array:
 
 @compiled
 def small_inverse_diagonals(matrices, diagonals):  # type: ignore[no-untyped-def]  # numba's types
-    """Diagonals (B, P) of the inverses of small matrices (B, P, P), their lower triangles overwritten.
+    """Writes the diagonals (B, P) of the inverses of small matrices (B, P, P); overwrites their lower triangles.
 
-    Returns whether all are positive definite.
+    Returns whether all matrices are positive definite.
     """
     count = matrices.shape[1]
     for b in range(matrices.shape[0]):

@@ -1,17 +1,17 @@
-"""Inflation of the map's standard deviations where paths are compared.
+"""Inflates the map's standard deviations for the comparison of paths.
 
-A stationary prior does not fit a lake both along densely sounded tracks and far from any. Where tracks are wide apart
-on steep ground, errors between them have heavier tails than the map's standard deviation, and a planner that trusts it
-leaves pieces of the isobath unvisited. The soundings show how far that goes: by the ratio of their squared residuals to
-what the prior expects (`Posterior.residual_ratio`). The ratio is 0.4 to 1 for one vehicle in a small and steep lake,
-and about 0.2 for three in a larger one, which hardly inflates at all.
+A stationary prior does not fit a lake both along densely sounded tracks and far from them. Between tracks that are wide
+apart on steep ground, errors have heavier tails than the map's standard deviation suggests. A planner that relies on it
+leaves pieces of the isobath unvisited. The inflation follows from the ratio of the soundings' squared residuals to the
+prior's expectation (`Posterior.residual_ratio`). The ratio is 0.4 to 1 for one vehicle in a small, steep lake. It is
+about 0.2 for three vehicles in a larger lake, which means almost no inflation.
 """
 
 from __future__ import annotations
 
 from auv_lse_gp.inference.posterior import Posterior
 
-#: Inflation for each unit of the residuals' ratio, and the largest inflation.
+#: Inflation per unit of the residual ratio, and the largest inflation.
 MAX_INFLATION = 5.0
 
 

@@ -277,7 +277,7 @@ def test_a_measured_place_has_a_finite_gradient():
 
 def test_wrong_numbers_of_places_are_named():
     case = Case(legs=4)
-    with pytest.raises(ValueError, match="places_m: got 5 legs; expected at most the 4 that are left"):
+    with pytest.raises(ValueError, match="places_m: got 5 legs; expected at most the remaining 4"):
         case.reward.value(np.zeros((5, 1, 2)))
     with pytest.raises(ValueError, match="places_m: got 7 places; expected the same number on each of 4 legs"):
         case.reward.value_and_gradient(np.zeros((7, 2)))
