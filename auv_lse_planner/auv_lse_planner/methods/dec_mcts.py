@@ -118,4 +118,4 @@ class DecMcts(TreeSearch):
         support = found.ranking[:SUPPORT]
         chances = distribution(np.array([value for _, value in support]), p.step)
         drawn = support[int(p.rng.choice(len(support), p=chances))][0]
-        return Proposal(found, joint.naive_path[found.actions], told=(drawn, joint.naive_path[drawn]))
+        return Proposal(found, joint.naive_path[found.actions], team_plan=(drawn, joint.naive_path[drawn]))

@@ -180,7 +180,7 @@ class Choice:
     Attributes:
         chosen: The plan to follow: the incumbent or a new one.
         incumbent: The last plan, continued; None if there is none or it is void.
-        told: The plan for the team.
+        team_plan: The plan for the team.
         assured: The part of the chosen plan's expected end that no later decision can lose.
         leg_reward: Expected reward of the next leg, if rewards are added up leg by leg.
         map_risk: Risk of the map, if the reward so far is measured by its drop; else NaN.
@@ -196,7 +196,7 @@ class Choice:
 
     chosen: Candidate
     incumbent: Candidate | None
-    told: Plan
+    team_plan: Plan
     assured: float
     leg_reward: float = 0.0
     map_risk: float = math.nan

@@ -48,20 +48,20 @@ class PathMethod(Method):
         proposal = self.propose(s, reward)
         found = proposal.found
         new = self._evaluated(Plan.at(s.step, s.state, found.actions, proposal.naive_path), reward, found.value)
-        if proposal.told is not None:  # found against draws; evaluate against the last plans received
+        if proposal.team_plan is not None:  # found against draws; evaluate against the last plans received
             new = self._evaluated(new.plan, reward)
         chosen, may_stay = new, s.planner.incumbent and not infeasible
         if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
             chosen = incumbent
-        told = chosen.plan
-        if proposal.told is not None and chosen is new:
-            told = Plan.at(s.step, s.state, *proposal.told)
+        team_plan = chosen.plan
+        if proposal.team_plan is not None and chosen is new:
+            team_plan = Plan.at(s.step, s.state, *proposal.team_plan)
         gains = reward.contributions(reward.posterior.at(chosen.path.places_m))
         per_leg = context.rollout.samples_per_leg
         choice = Choice(
             chosen=chosen,
             incumbent=incumbent,
-            told=told,
+            team_plan=team_plan,
             assured=float(gains[chosen.path.own * per_leg :].sum()),
             leg_reward=float(gains[:per_leg].sum()),
             infeasible=infeasible,

@@ -86,7 +86,7 @@ class Tour(Method):
         return Choice(
             chosen=chosen,
             incumbent=incumbent,
-            told=chosen.plan,
+            team_plan=chosen.plan,
             assured=chosen.value.expected_end - self.budget,
             map_risk=reward.risk_before,
             budget=self.budget,

@@ -202,7 +202,7 @@ class TourCandidates:
     # ------------------------------------------------------------------ later
 
     def under_way(self, problem: TourProblem, path: PlannedPath, heads: Sequence[Actions]) -> Candidates:
-        """Candidates after the start: the last path bent, and behind each of the heads the rest of the last tour.
+        """Candidates after the start: the last path, bent, and each head followed by the rest of the last tour.
 
         A path with too many actions for a packet is sent as a tour; its waypoints are moved instead.
         """

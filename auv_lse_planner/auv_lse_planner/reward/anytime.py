@@ -124,7 +124,7 @@ class AnytimeReward:
     Attributes:
         legs: Legs that this vehicle still has to travel.
         risk_before: Risk of the map before the first of them, R_0.
-        mates: Of each mate, when it measures, in legs of this vehicle (P,), and where (P, 2).
+        mates: For each mate, the times (P,) of its measurements, in legs of this vehicle, and their places (P, 2).
     """
 
     def __init__(

@@ -22,18 +22,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchProblem:
-    """What a tree search starts from.
+    """The inputs of a tree search.
 
     Attributes:
         planner: The planner's parameters, complete.
         step: Mission step planned from.
         state: Heading (rad), north, east (m), shape (3,).
-        horizon: Legs to search: those of the horizon that the mission still has.
+        horizon: Legs to search: the horizon, or the remaining legs of the mission if fewer.
         naive_paths: Ids of naive paths that may continue the plan; empty for none.
         rng: Random stream.
-        deadline: Tells when to stop searching; None: never.
+        deadline: Returns whether to stop searching; None: no deadline.
         seeds: Action sequences to try first.
-        grid: Grid of the map's places, to guess what naive paths bring; None: not guessed.
+        grid: Grid of the map's places, to estimate the reward of naive paths; None: no estimate.
     """
 
     planner: PlannerConfig
@@ -52,21 +52,21 @@ class Proposal:
     """A new plan.
 
     Attributes:
-        found: Its actions with their value, and how they were found.
+        found: Its actions, their value, and statistics of the search.
         naive_path: Id of the naive path that continues it, `NONE` for none.
-        told: Actions and naive path of the plan that team mates get instead of this one; None: they get this one.
+        team_plan: Actions and naive path of the plan sent to team mates instead of this one; None: this one is sent.
     """
 
     found: SearchResult
     naive_path: int
-    told: tuple[Actions, int] | None = None
+    team_plan: tuple[Actions, int] | None = None
 
 
 def search_path(problem: SearchProblem, space: FreeSpace, rollout: Rollout, reward: PathReward) -> Proposal:
     """Searches for the sequence of the largest reward; every path is evaluated exactly."""
     p, planner = problem, problem.planner
     sequences = PathSequences(reward, rollout, p.step, p.state, p.naive_paths, p.grid)
-    # a good part of the growing phase goes to the most promising sequences
+    # a large part of the tree-growing phase starts with the most promising sequences
     seeds = [*p.seeds, *sequences.promising(space, p.horizon, planner.iterations // 4, 2, p.deadline)]
     tree = ActionTree(space, p.state, p.horizon, planner.exploration)
     found = run_search(tree, sequences, p.horizon, planner.iterations, planner.batch, p.rng, p.deadline, seeds)

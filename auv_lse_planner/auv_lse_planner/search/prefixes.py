@@ -1,4 +1,4 @@
-"""Prefixes of action sequences, numbered: what sequences share is looked up once."""
+"""Numbers the prefixes of action sequences, so that shared prefixes are evaluated once."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Ints = NDArray[np.int64]
 
 @compiled
 def enter(children, states, origins, count, turns, steps, sequences, numbers):
-    """Numbers all prefixes of `sequences` (B, L) into `numbers` (B, L); returns how many numbers are given then.
+    """Writes the numbers of all prefixes of `sequences` (B, L) into `numbers` (B, L); returns the new prefix count.
 
     Args:
-        children: Number of the prefix that each action extends a prefix to, -1 if none yet, shape (N, A).
-        states: State after each, shape (N, 3).
-        origins: Number of the prefix that is one shorter, and the action, shape (N, 2).
-        count: How many numbers are given.
-        turns, steps: Of the actions: `MotionTable`.
+        children: Number of each prefix extended by each action, -1 if none yet, shape (N, A).
+        states: State after each prefix, shape (N, 3).
+        origins: Number of the prefix that is one action shorter, and that action, shape (N, 2).
+        count: Number of prefixes so far.
+        turns, steps: Turns and steps of the actions (`MotionTable`).
     """
     for b in range(sequences.shape[0]):
         at = 0
@@ -69,7 +69,7 @@ class Prefixes:
         return numbers
 
     def states(self, numbers: Ints) -> Array:
-        """States (..., 3) after the prefixes of these numbers."""
+        """States (..., 3) after the prefixes with these numbers."""
         return self._states[numbers]
 
     def last_legs(self, first: int) -> tuple[Array, Ints, Array]:

@@ -20,11 +20,11 @@ from auv_lse_planner.search.uct import Actions
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Most sequences that `promising` values.
+#: Largest number of sequences that `promising` evaluates.
 MOST_PREFIXES = 1500
-#: How many of them are valued together.
+#: Number of them evaluated together.
 PREFIXES_AT_ONCE = 256
-#: How many naive paths are guessed between two looks at the deadline.
+#: Number of naive paths estimated between two checks of the deadline.
 GUESSES_AT_ONCE = 64
 
 
@@ -46,19 +46,19 @@ class PathSequences:
         """Prepares for sequences from `state`.
 
         Args:
-            reward: Reward, with data and team mates' places fixed.
+            reward: Reward, with fixed data and team mates' places.
             rollout: Follows plans to the mission's end.
             step: Mission step of the root state.
             state: Root state, shape (3,).
             naive_paths: Ids of the naive paths to choose from; empty for none.
-            grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
+            grid: Grid of places over the area, to estimate the reward of naive paths; None: no estimate.
         """
         self._reward, self._rollout, self._grid = reward, rollout, grid
         self._steps_left, self._naive_paths, self._samples = rollout.steps - step, naive_paths, rollout.samples_per_leg
         self._root = np.array(state, dtype=float)
         self._prefixes = Prefixes(rollout.motion, self._root)
         self._pool = PointPool(len(reward.posterior))
-        #: Of every sequence valued, the naive path that suits it best; `NONE` where there is none.
+        #: The best naive path for every evaluated sequence; `NONE` without naive paths.
         self.naive_path: dict[Actions, int] = {}
 
     def promising(
@@ -69,21 +69,22 @@ class PathSequences:
         per_first: int,
         deadline: Callable[[], bool] | None = None,
     ) -> list[Actions]:
-        """Sequences that promise most: what a search should try first.
+        """The most promising sequences, for a search to try first.
 
-        All of them are valued, together and exactly, which costs about as much as ten with naive paths; so only where
-        there are not more than `MOST_PREFIXES` (three legs of eleven actions). What the naive paths add is guessed as
-        the risk in hand along them: little of it is left at a place that is measured.
+        Evaluates all sequences together and exactly, at about the cost of ten evaluations with naive paths. It is
+        limited to `MOST_PREFIXES` sequences (three legs of eleven actions). The reward of a naive path is estimated as
+        the current risk along it, since little risk remains at a measured place.
 
         Args:
-            space: Where to go.
+            space: Free space.
             horizon: Length of the sequences.
-            overall: How many of the best.
-            per_first: How many of the best of each first action.
-            deadline: Says when to stop guessing; what is not guessed by then is left out, unless nothing is.
+            overall: Number of best sequences to return.
+            per_first: Number of best sequences to return for each first action.
+            deadline: Returns whether to stop estimating, checked after the first batch; sequences without an estimate
+                are then left out.
 
         Returns:
-            Sequences, best first; none if there would be too many to value.
+            Sequences, best first; none if there are too many to evaluate.
         """
         if self._rollout.motion.actions**horizon > MOST_PREFIXES or (deadline is not None and deadline()):
             return []
@@ -112,7 +113,7 @@ class PathSequences:
         return list(chosen)
 
     def _naive_roughly(self, states: Array, legs: int, risk: Array) -> Array:
-        """Risk in hand along the best of the naive paths from each of `states` (B, 3), after so many legs."""
+        """Current risk along the best naive path from each of `states` (B, 3), after `legs` legs."""
         assert self._grid is not None
         left = self._steps_left - legs
         rough = [self._rollout.naive.sums_along(states, h, left, risk, self._grid) for h in self._naive_paths]
@@ -136,7 +137,7 @@ class PathSequences:
         return self._reward.values_of_equal(self._prefix_columns(numbers), numbers.shape[1] * self._samples)
 
     def _by_naive_path(self, sequences: Sequence[Actions]) -> Array:
-        """Values (H, B) of sequences of the same length, by the naive path after them; (1, B) where there is none."""
+        """Values (H, B) of sequences of the same length with each naive path after them; (1, B) without naive paths."""
         actions = np.array(sequences, dtype=np.int64)
         numbers, new = self._numbered(actions)
         ends = self._prefixes.states(numbers[:, -1])
@@ -157,7 +158,7 @@ class PathSequences:
         return values
 
     def __call__(self, sequences: Sequence[Actions]) -> Array:
-        """Values (B,) of sequences of the same length, each continued by the naive path that suits it best."""
+        """Values (B,) of sequences of the same length, each continued by its best naive path."""
         values, ids = self._by_naive_path(sequences), self._naive_paths or (NONE,)
         self.naive_path.update(zip(sequences, (ids[i] for i in values.argmax(axis=0)), strict=True))
         best: Array = values.max(axis=0)

@@ -1,16 +1,16 @@
-"""Optimizes a tour: waypoints over the rest of a mission, moved by the gradient of what the tour brings.
+"""Optimizes a tour: waypoints over the rest of a mission, moved along the gradient of the tour's reward.
 
 The vehicle measures at fixed distances along the polyline of its position and the waypoints, p_i = P((i - 1/2) leg / n)
-(corners lie at the ends of legs, and a place on a corner would be worth more than the path that is steered around it).
-The polyline is cut where the mission ends, so it needs no penalty on its length: a detour at its beginning costs what
-its end would have brought. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of
-length l_k and t = (a - S_k) / l_k,
+(corners lie at the ends of legs; a place on a corner would overestimate the steered path, which cuts the corner). The
+polyline is cut at the mission's end, so it needs no penalty on its length: a detour early on costs the reward of its
+end. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of length l_k and
+t = (a - S_k) / l_k,
 
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
 
-and dS_k collects the changes of length of all segments before: a gradient g = dJ/dp of the places becomes one of the
-waypoints in a few sums (`pull_back`). Waypoints are moved by L-BFGS-B within the box of the free area; where places
-come too near to what may not be entered, the clearance's own gradient pushes them off.
+and dS_k is the sum of the length changes of all segments before. `pull_back` thus converts a gradient g = dJ/dp of the
+places to one of the waypoints in a few sums. L-BFGS-B moves the waypoints within the box of the free area. A penalty on
+the clearance pushes places away from forbidden ground.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
 
-#: Clearance (m) that a tour's places should keep; a vehicle turns within its radius.
+#: Clearance (m) that a tour's places should keep, as room for turns.
 ROOM_M = 6.0
-#: What a place without that room costs, per square metre that it lacks, as a part of the tour's value.
+#: Penalty per square metre of missing clearance at a place, relative to the tour's value.
 ROOM_WEIGHT = 1e-4
-#: What a segment costs that is twice as long as a tour's, as a part of the tour's value.
+#: Penalty of a segment of twice the nominal length, relative to the tour's value.
 EVEN_WEIGHT = 3e-2
-#: What it costs to bend a path: of a displacement that grows by a segment's length over a segment, of the tour's value.
+#: Penalty of a bend whose displacement grows by a segment's length along a segment, relative to the tour's value.
 BEND_WEIGHT = 3e-3
-#: An optimization ends with the first iteration that gains less, as a part of the tour's value: of waypoints, and of a
-#: bend, which goes on behind iterations that gain little (docs/evidence/planner-trials.md).
+#: An optimization stops at the first iteration with a lower gain, relative to the tour's value: for waypoints and for
+#: bends. Bends often improve again after iterations of little gain (docs/evidence/planner-trials.md).
 LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
-#: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
+#: Largest ratio of a polyline's length to that of the tour of equal segments through it, which cuts its corners.
 CUT_CORNERS = 1.25
-#: Most segments of a tour: with the actions before them, a packet keeps room for 15 samples.
+#: Largest number of segments of a tour: with the actions before them, it leaves a packet room for 15 samples.
 LONGEST = 50
 
 
 @compiled
 def lack_of_room(space, room, places):
-    """Sum of squares of the room (m) that places (P, 2) lack, and its derivative (P, 2); raster read bilinearly."""
+    """Sum of squares of the missing clearance (m) at places (P, 2), and its gradient (P, 2); bilinear on the raster."""
     raster, cell = space.raster, space.cell
     total = 0.0
     gradient = np.zeros(places.shape)
@@ -73,7 +73,7 @@ def lack_of_room(space, room, places):
 
 @compiled
 def unevenness(waypoints, length):
-    """Sum of squares of what segments are longer or shorter than `length`, in lengths; its derivative (n + 1, 2)."""
+    """Sum of squares of the segments' relative deviations from `length`, and its gradient (n + 1, 2)."""
     total = 0.0
     gradient = np.zeros(waypoints.shape)
     for k in range(waypoints.shape[0] - 1):
@@ -90,17 +90,17 @@ def unevenness(waypoints, length):
 
 
 class OutOfTimeError(Exception):
-    """The deadline has passed: the search goes back to the best it has seen."""
+    """The deadline has passed; the search returns the best polyline so far."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What an optimization gives.
+    """The result of an optimization.
 
     Attributes:
         waypoints_m: The polyline, shape (n + 1, 2), the start first.
         value: Its value.
-        evaluations: Values with gradients that it took.
+        evaluations: Number of values with gradients computed.
         deadline_hit: Whether the deadline ended it.
     """
 
@@ -112,7 +112,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Deformation:
-    """How a polyline depends on the unknowns of an optimization.
+    """The dependence of a polyline on the unknowns of an optimization.
 
     Attributes:
         first: Where it begins, in unknowns of the size of 1.
@@ -131,13 +131,13 @@ class Deformation:
 
 
 class TourSearch:
-    """Optimizes waypoints, and makes the tours to start from."""
+    """Optimizes waypoints and creates the initial tours."""
 
     def __init__(self, space: FreeSpace, samples_per_leg: int) -> None:
-        """Takes where to go.
+        """Sets up the search.
 
         Args:
-            space: The area, and what is known to be shallow in it.
+            space: The area and its known shallow ground.
             samples_per_leg: Measurement places on a leg.
         """
         self._space = space
@@ -155,11 +155,11 @@ class TourSearch:
         )
 
     def segment_legs(self, legs: int) -> int:
-        """Legs that a segment of a tour over so many legs is long: two, or more where a packet would not hold it."""
+        """Length of a segment (legs) of a tour over `legs` legs: two, or more if the tour would not fit a packet."""
         return max(2, math.ceil(legs / LONGEST))
 
     def resampled(self, waypoints_m: Array, legs: int) -> Array:
-        """A polyline over so many legs along `waypoints_m`, with corners at equal arcs, the start first."""
+        """A polyline over `legs` legs along `waypoints_m`, with corners at equal arcs, the start first."""
         every = self.segment_legs(legs)
         count = math.ceil(legs / every)
         spacing = every * self._leg_m
@@ -215,7 +215,7 @@ class TourSearch:
         return tours
 
     def tour(self, waypoints_m: Array, legs: int) -> Tour:
-        """The tour along a polyline, about so many legs long; behind the polyline's end it goes straight on."""
+        """The tour along a polyline, about `legs` legs long; after the polyline's end it continues straight."""
         every, total_m = self.segment_legs(legs), legs * self._leg_m
         segments = min(MAX_SEGMENTS, math.ceil(legs / every))
         at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(waypoints_m, axis=0).T))])
@@ -245,7 +245,7 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
-        """Moves the waypoints (all but the first) of a polyline by so many iterations at most."""
+        """Optimizes the waypoints of a polyline (all but the first) with at most `iterations` iterations."""
         start = np.array(waypoints_m[0], dtype=float)
         shape = (len(waypoints_m) - 1, 2)
         length, unit = self.segment_legs(legs) * self._leg_m, self._leg_m
@@ -270,16 +270,16 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
-        """Displaces a travelled path, by as many places as a tour has waypoints and evenly between them.
+        """Bends a path: displaces it at as many places as a tour has waypoints, interpolated linearly in between.
 
-        Unlike `improve` it keeps what the path is made of where nothing is gained, narrow turns too.
+        Unlike `improve` it preserves the path's shape, including narrow turns, wherever a displacement gains nothing.
 
         Args:
-            line_m: The path as a fine polyline, its start first, as many segments for each leg, shape (n + 1, 2).
-            legs: Its legs.
-            reward: What places are worth.
-            iterations: At most.
-            deadline: Says when to stop.
+            line_m: The path as a fine polyline, its start first, the same number of segments per leg, shape (n + 1, 2).
+            legs: Number of legs.
+            reward: Reward of the places.
+            iterations: Largest number of iterations.
+            deadline: Returns whether to stop.
         """
         line = np.ascontiguousarray(line_m, dtype=float)
         each, every = (len(line) - 1) // legs, self.segment_legs(legs)
@@ -317,7 +317,7 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None,
     ) -> Found:
-        """The best polyline that L-BFGS-B comes by, with legs of `leg_m` along it."""
+        """The best polyline that L-BFGS-B evaluates, with legs of `leg_m` along it."""
         d = deformation
         spacing, count = leg_m / self._samples, legs * self._samples
         room = self._space.arguments()

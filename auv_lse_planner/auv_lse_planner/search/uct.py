@@ -1,8 +1,8 @@
 """Monte Carlo tree search (UCT) over actions: one search for every reward.
 
-What differs is passed in: the tree says where to go, the valuer what sequences are worth, the batch how many are valued
-together. `PathSequences` evaluates at the path's own places, `JointDraws` on the map, in the mean over the team mates'
-possible plans (Dec-MCTS).
+The tree defines the admissible actions, the valuer evaluates sequences, and the batch is the number of sequences
+evaluated together. `PathSequences` evaluates at the path's own places. `JointDraws` evaluates on the map, averaged over
+the team mates' possible plans (Dec-MCTS).
 
 The tree's nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to 0..1
 by the least and largest seen, adds one node, completes the sequence to the horizon by random feasible actions, and
@@ -83,7 +83,7 @@ def run_search(
         iterations: Budget.
         batch: Sequences valued together.
         rng: Random stream.
-        deadline: Says when to stop; asked between batches, after the first.
+        deadline: Returns whether to stop; checked between batches, after the first.
         seeds: Sequences tried first (the last search's best, moved on); infeasible ones are skipped, short ones
             completed at random.
 

@@ -268,7 +268,7 @@ class VehiclePlanner:
         self._followed = Followed(choice.chosen.plan, path)
         leg = self.motion.leg(step, path.states[0], int(path.actions[0]))
         decision = Decision(
-            plan=choice.told,
+            plan=choice.team_plan,
             leg=leg,
             bound=self._bound(situation, choice),
             statistics=Statistics(

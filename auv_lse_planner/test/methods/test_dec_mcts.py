@@ -86,8 +86,8 @@ def test_team_mates_get_a_plan_drawn_from_the_best():
     problem = search_problem(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
     proposal = _search(_scene(), problem)
     assert proposal.found.iterations == 20  # shared among the draws
-    assert proposal.told is not None
-    actions, naive_path = proposal.told
+    assert proposal.team_plan is not None
+    actions, naive_path = proposal.team_plan
     assert actions in [a for a, _ in proposal.found.ranking[:10]]
     assert naive_path in LAWNMOWERS[:2]
     assert proposal.found.value == max(v for _, v in proposal.found.ranking)
