@@ -35,11 +35,11 @@ class MotionConfig:
     straight: str = parameter(
         "constant",
         choices=("constant", "growing"),
-        help="straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; 'growing' r "
-        "(theta_max + |a|) is the paper's",
+        help="length of the straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; "
+        "'growing' r (theta_max + |a|) is the paper's formula",
     )
     track_spacing_m: float = parameter(
-        1.0, unit="m", above=0.0, help="spacing of the places at which a track is checked"
+        1.0, unit="m", above=0.0, help="spacing of the places at which a leg's clearance is checked"
     )
 
     def __post_init__(self) -> None:

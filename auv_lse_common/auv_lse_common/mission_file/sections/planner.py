@@ -24,7 +24,7 @@ else:
     #: A parameter whose default (None) depends on the method; `PlannerConfig.complete` resolves it.
     FromMethod = Optional
 
-#: Largest number of places of a path that can be evaluated at once: their covariances take 0.5 GB.
+#: Largest number of places of a path that can be evaluated together; their covariance takes 0.5 GB.
 MOST_PLACES = 8000
 
 
@@ -41,7 +41,7 @@ def from_method(paper: Any, **options: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerConfig:
-    """Planning. Parameters that are left out follow from the method."""
+    """Planning. Omitted parameters follow from the method."""
 
     method: str = parameter(
         "tour",
@@ -63,14 +63,14 @@ class PlannerConfig:
         LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (docs/reference/packet.md)"
     )
     incumbent: FromMethod[bool] = from_method(
-        True, help="keep the last plan unless the new one is worth more with the same data"
+        True, help="keep the last plan unless the new one has a higher value on the same data"
     )
     exploration: FromMethod[float] = from_method(
         0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
     )
     batch: int = parameter(8, low=1, high=256, help="paths that the search evaluates together")
     samples_per_leg: int = parameter(
-        1, low=1, high=20, help="measurement places along each leg that count in the reward"
+        1, low=1, high=20, help="measurement places along each leg at which the reward is computed"
     )
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
     map_spacing_m: float = parameter(
@@ -79,16 +79,16 @@ class PlannerConfig:
     proposals: FromMethod[str] = from_method(
         "path",
         choices=PROPOSALS,
-        help="how plans are proposed: an optimized tour (map reward), a tree search (path reward), a naive path "
-        "alone, or the next leg at random or by a score",
+        help="source of new plans: an optimized tour (map reward), a tree search (path reward), a naive path "
+        "alone, or a single next leg, random or with the best score",
     )
     anytime_weight: float = parameter(
-        1.0, low=0.0, help="method tour: how much more an early drop of the map's risk counts than a late one"
+        1.0, low=0.0, help="method tour: additional weight of an early drop of the map's risk over a late one"
     )
     own_share: float = parameter(
         1.0,
         low=0.0,
-        help="method tour: weight of the benefit at the next legs' own places, relative to the drop of the map's risk",
+        help="method tour: weight of the benefit at the next legs' places, relative to the drop of the map's risk",
     )
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
@@ -96,13 +96,13 @@ class PlannerConfig:
     team_order: str = parameter(
         "id",
         choices=("id", "all"),
-        help="whose plans a vehicle takes into account: those of lower numbers (id), or of all team mates",
+        help="plans that a vehicle takes into account: those of vehicles with lower numbers (id), or of all team mates",
     )
     coordination: str = parameter(
         "sequential",
         choices=("sequential", "dec_mcts"),
-        help="sequential: each vehicle plans greedily on the mates' plans; dec_mcts: Dec-MCTS (Best et al. 2019) "
-        "on the map's reward, without credit and incumbent",
+        help="sequential: each vehicle plans greedily, given the mates' plans; dec_mcts: Dec-MCTS (Best et al. 2019) "
+        "on the map's reward; it ignores credit and incumbent",
     )
     deadline_s: float = parameter(
         2.0,
@@ -114,8 +114,8 @@ class PlannerConfig:
         4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
     )
     plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is discarded")
-    odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")
-    map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map that is reported as a problem")
+    odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry above which planning stops")
+    map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map above which it is a problem")
     reanchor_m: float = parameter(
         10.0,
         unit="m",
@@ -163,10 +163,10 @@ class PlannerConfig:
 
 
 def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
-    """Refuses parameters that contradict each other, and paths of more places to the end than can be valued at once.
+    """Rejects contradictory parameters and missions with more places to the end than can be evaluated together.
 
     Raises:
-        ParameterError: with what contradicts, or the most steps that the method can plan.
+        ParameterError: naming the contradiction, or the largest number of steps that the method can plan.
     """
     try:
         complete = planner.complete()

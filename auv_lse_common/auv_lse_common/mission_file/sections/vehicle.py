@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.parameter_file import merge
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
-#: Default of `vehicle.surfacings` where a fix is worth something.
+#: Default of `vehicle.surfacings` if a fix can improve the map.
 MOST_SURFACINGS = 2
 #: Default depths (m), taken by the vehicles in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
@@ -29,7 +29,7 @@ class VehicleConfig:
     """One vehicle: start, depth, speed, surfacings, and the end of its mission."""
 
     depth_m: float = parameter(
-        3.0, unit="m", low=0.0, help="travel depth below the surface; left out of a mission file: 3, 4 and 5 m in turn"
+        3.0, unit="m", low=0.0, help="travel depth below the surface; by default vehicles take 3, 4 and 5 m in turn"
     )
     speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
     start_north_m: float = parameter(0.0, unit="m", help="north of the start")
@@ -39,7 +39,7 @@ class VehicleConfig:
         0.0,
         unit="s",
         low=0.0,
-        help="time of departure on the simulator's clock (on a real vehicle's UTC clock it has long passed)",
+        help="time of departure on the simulator's clock; no effect on a real vehicle, whose clock is UTC",
     )
     start: str = parameter(
         "at_once",
@@ -56,22 +56,23 @@ class VehicleConfig:
         None,
         low=0,
         high=10,
-        help="largest number of surfacings for a GPS fix in a mission; a vehicle surfaces only where the fix is "
-        "worth its time. Left out: 2, but 0 with the paper's methods (planner.method augmented, "
+        help="largest number of surfacings for a GPS fix in a mission; a vehicle surfaces only where the fix "
+        "gains more than the time it costs. Default: 2, but 0 with the paper's methods (planner.method augmented, "
         "exponential_quadratic, plain), with ideal simulated navigation, and with an autopilot (link.kind "
-        "mavlink), where the owner decides whether it may surface. Needs places.correct",
+        "mavlink), whose operator must allow surfacing by setting it. Needs places.correct",
     )
     surfacing_s: float = parameter(
         60.0,
         unit="s",
         above=0.0,
-        help="duration of a surfacing: stop, climb, fix, dive; it shortens the mission by that many legs",
+        help="duration of a surfacing: stop, climb, fix, dive; the mission loses the legs that fit into this time",
     )
     min_water_m: float = parameter(
         3.0,
         unit="m",
         low=0.0,
-        help="least water below the vehicle: it avoids ground that the map shows shallower than depth_m plus this",
+        help="smallest water depth below the vehicle: it avoids ground that the map shows as shallower than depth_m "
+        "plus this value",
     )
 
     def __post_init__(self) -> None:
