@@ -25,7 +25,7 @@ class BoundRecord:
         lower_bound: The time-varying lower bound: reward_so_far + the part of `expected_end` that no later decision can
             lose. That part is the naive path's reward, or `expected_end` minus the budget.
         lower_bound_max: Its running maximum.
-        incumbent_value: `expected_end` of the incumbent on the same data; NaN where there was none.
+        incumbent_value: `expected_end` of the incumbent on the same data; NaN without an incumbent.
         incumbent_kept: Whether the incumbent was kept.
         iterations: Search iterations.
         deadline_hit: Whether the deadline ended the search.

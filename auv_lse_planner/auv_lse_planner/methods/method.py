@@ -76,7 +76,7 @@ class PlanningContext:
         return CachedPoints(self.posterior, self.coarse_grid.places_m)
 
     def assume_plans(self, situation: Situation) -> None:
-        """From the first call on, assumes that team mates not yet heard mow their strips."""
+        """From the first call on, assumes that team mates without a received plan mow their strips."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def map_reward(self, situation: Situation) -> AnytimeReward:

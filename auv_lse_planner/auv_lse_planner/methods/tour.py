@@ -156,7 +156,7 @@ class Tour(Method):
     def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
         """The candidate with the largest anytime value; the first of equals.
 
-        Beside it counts `planner.own_share` of what the next legs bring at their own places, beyond the mates' places.
+        The score adds `planner.own_share` times the benefit at the next legs' places, beyond the mates' places.
         """
         score = np.array([c.value.weighted for c in candidates])
         if s.planner.own_share and len(candidates) > 1:

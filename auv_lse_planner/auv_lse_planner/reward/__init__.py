@@ -1,1 +1,1 @@
-"""What a path is worth: at its own places (the paper), or over the map."""
+"""Rewards of a path: at its own places (the paper), or over the map."""

@@ -1,4 +1,4 @@
-"""Places of measurements, own and mates', conditioned on jointly in time order: what they leave of the map's variance.
+"""Variance of the map's cells after measurements of this vehicle and its mates, conditioned on jointly in time order.
 
 With S the data, O places planned on the posterior beforehand, M the map's cells, and J the reward of
 `reward/anytime.py`, in which the risk after checkpoint j has the weight wbar_j - wbar_{j+1}:

@@ -2,7 +2,7 @@
 
 J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
 That is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
-what the team mates' plans would bring anyway (a vehicle is then not paid for going where another goes).
+the benefit of the team mates' plans, so that a vehicle is not rewarded for places that another one will visit.
 
 With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
 sigma^2 - sigma^4 diag(M^-1), and what the uncertain places of the data add (`Posterior.place_variance`), before and

@@ -16,7 +16,7 @@ from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_actio
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: What `children` says about an action that leads to no node: it may be taken, or not.
+#: Values of `children` for actions without a node: admissible but untried, or inadmissible.
 UNTRIED = -1
 FORBIDDEN = -2
 
@@ -36,7 +36,7 @@ def mark_choices(space, heading, north, east, children):
 
 @compiled
 def is_choice(space, heading, north, east, action):
-    """Whether an action may be taken in a state: feasible, or the escape where nothing is."""
+    """Whether an action is admissible in a state: feasible, or the escape if no action is feasible."""
     if is_feasible(space, heading, north, east, action):
         return True
     for other in range(space.turns.shape[0]):
@@ -144,7 +144,7 @@ def select(nodes, node, low, high, exploration):
 
 @compiled
 def untried_action(children, random):
-    """An untried action by chance, by a node's `children` (A,); -1 if there is none."""
+    """A random untried action of a node, from its `children` (A,); -1 if there is none."""
     count = 0
     for child in children:
         if child == UNTRIED:
@@ -220,7 +220,7 @@ def back_up(nodes, paths, values):
 
 
 def grown(array: Any, rows: int, fill: int = 0) -> Any:
-    """An array (N, ...) with room for so many rows: itself, or a copy of twice the length at least."""
+    """Returns an array (N, ...) with room for `rows` rows: itself, or a copy of at least twice the length."""
     if rows <= len(array):
         return array
     more = max(rows, 2 * len(array)) - len(array)

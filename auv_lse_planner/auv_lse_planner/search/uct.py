@@ -88,7 +88,7 @@ def run_search(
             completed at random.
 
     Returns:
-        The best sequence; there always is one, as the first batch is valued whatever the deadline says.
+        The best sequence. It always exists, since the first batch is evaluated regardless of the deadline.
     """
     done, hit = 0, False
     memo = _Memo(valuer)
