@@ -1,5 +1,6 @@
 """A small mission with known ground, made without the simulator: what the tests of evaluation and reports judge."""
 
+import copy
 import math
 
 import numpy as np
@@ -91,7 +92,8 @@ def drive(vehicle, state, steps, drift_mps, rng):
 def make_run(steps=30, drift_mps=0.002, with_truth=True):
     """Two vehicles, from west and east; every 30 s one packet with every tenth sounding, every third one lost."""
     rng = np.random.default_rng(3)
-    parameters = {**PARAMETERS, "/**": {**PARAMETERS["/**"], "mission": {"steps": steps, "seed": 7, "vehicles": 2}}}
+    parameters = copy.deepcopy(PARAMETERS)
+    parameters["/**"]["mission"]["steps"] = steps
     vehicles = [
         drive(1, np.array([0.0, 40.0, 30.0]), steps, drift_mps, rng),
         drive(2, np.array([0.0, 40.0, 270.0]), steps, -drift_mps, rng),

@@ -131,7 +131,7 @@ def test_foxglove_gets_every_topic_and_its_time_bar_moves_the_recording(timeline
             stop.wait(0.1)
         asyncio.run(asyncio.wait_for(talk(), 30))
         assert playback.t >= 100.0
-        with pytest.raises(FoxgloveError, match=r"--foxglove \d+: cannot listen .* fix: --foxglove N"):
+        with pytest.raises(FoxgloveError, match=r"--foxglove \d+: cannot listen .* Choose another port: --foxglove N"):
             FoxgloveViewer(viewer._port, playback)
     finally:
         stop.set()

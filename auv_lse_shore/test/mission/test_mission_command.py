@@ -94,7 +94,7 @@ def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=r"auv1: modem\.port: missing; expected a serial device"):
         vehicle_file(Settings.load(run_file(tmp_path)))
     for modem, link in (("emulated", "direct"), ("direct", "mavlink")):
-        with pytest.raises(ParameterError, match="of that run's emulated hardware"):
+        with pytest.raises(ParameterError, match="of a run's emulated hardware"):
             vehicle_file(Settings.load(run_file(tmp_path, modem, link), {"modem.port": "/dev/ttyUSB0"}))
     by_hand = tmp_path / "by_hand.yaml"
     link = {"kind": "mavlink", "endpoint": "serial:///dev/ttyS1:57600", "soundings": False}

@@ -43,7 +43,7 @@ def subscriptions() -> dict[str, set[str]]:
         topics = {
             name
             for c in methods
-            if c.func.attr in ("listen", "create_subscription", "_listen")
+            if c.func.attr in ("listen", "create_subscription", "_listen", "_subscribe")
             for name in topic_names(c)
         }
         if topics - {""}:

@@ -92,7 +92,7 @@ def needs_ros() -> None:
         (["RUN", "--rate", "0"], "--rate: got 0; expected a finite number above 0"),
         (["RUN", "--rate", "inf"], "--rate: got inf; expected a finite number above 0"),
         (["RUN", "--start", "1e6"], "expected 0 to"),
-        (["RUN", "--domain", "999"], "ROS domain '999': expected a whole number from 0 to 232"),
+        (["RUN", "--domain", "999"], "ROS domain: got '999'; expected a whole number from 0 to 232"),
         (
             ["RUN", "--topics", "/nothing"],
             "--topics: got /nothing; expected topics of the recording: /auv1/",

@@ -118,7 +118,7 @@ def test_without_lockstep_no_tick_is_ready_by_itself() -> None:
 def test_speed_is_that_of_the_last_seconds() -> None:
     speed = Speed()
     for wall_s in range(40):
-        speed.note(float(wall_s) ** 2, float(wall_s))
+        speed.mark(float(wall_s) ** 2, float(wall_s))
     assert speed.value == pytest.approx(39.0 + 14.0), "mean slope of t^2 from 14 s to 39 s"
 
 
