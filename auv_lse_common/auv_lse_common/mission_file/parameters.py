@@ -105,22 +105,45 @@ def problems(cls: type, mapping: Any, where: str) -> list[str]:
 
     Conditions between several parameters are left to `from_mapping`.
     """
+    return [text for _, text in split_refused(cls, mapping, where)[1]]
+
+
+def split_refused(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Separates the usable values of a mapping for dataclass `cls` from the refused ones, each key on its own.
+
+    Conditions between several parameters are left to `from_mapping`.
+
+    Returns:
+        The usable values, and an error for each refused one: its dotted name in the mapping and the message. An
+        unknown key has the name of the parameter that it probably stands for, or else of its section, where it may
+        stand for any parameter; "" is `cls` itself.
+    """
     try:
         hints, fields = _declared(cls, mapping, where)
     except ParameterError as error:
-        return [str(error)]
-    found: list[str] = []
+        return {}, [("", str(error))]
+    usable: dict[str, Any] = {}
+    refused: list[tuple[str, str]] = []
     for key, value in mapping.items():
-        try:
-            if key not in fields:
-                raise _unknown(key, value, fields, where)
-            if dataclasses.is_dataclass(hints[key]):
-                found += problems(typing.cast(type, hints[key]), value, f"{where}.{key}")
-            else:
+        if key not in fields:
+            refused.append((_nearest(key, fields), str(_unknown(key, value, fields, where))))
+        elif dataclasses.is_dataclass(hints[key]):
+            usable[key], inner = split_refused(typing.cast(type, hints[key]), value, f"{where}.{key}")
+            refused += [(f"{key}.{name}".rstrip("."), text) for name, text in inner]
+        elif typing.get_origin(hints[key]) is dict and isinstance(value, Mapping):
+            usable[key] = {}
+            for name, item in value.items():
+                try:
+                    usable[key].update(_convert(hints[key], {name: item}, f"{where}.{key}", fields[key]))
+                except ParameterError as error:
+                    refused.append((key, str(error)))
+        else:
+            try:
                 _convert(hints[key], value, f"{where}.{key}", fields[key])
-        except ParameterError as error:
-            found.append(str(error))
-    return found
+                usable[key] = value
+            except ParameterError as error:
+                refused.append((key, str(error)))
+    return usable, refused
 
 
 def to_mapping(config: Any) -> dict[str, Any]:
@@ -172,9 +195,14 @@ def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict
     return typing.get_type_hints(cls), {f.name: f for f in dataclasses.fields(cls) if f.init}
 
 
+def _nearest(key: Any, known: Iterable[str]) -> str:
+    """The known name that an unknown key probably stands for, "" if none is similar."""
+    return next(iter(difflib.get_close_matches(str(key), known, n=1)), "")
+
+
 def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> ParameterError:
-    near = difflib.get_close_matches(str(key), known, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+    near = _nearest(key, known)
+    hint = f"did you mean '{near}'?" if near else f"known: {', '.join(sorted(known))}"
     return ParameterError(f"{where}.{key}: unknown parameter (value {value!r}); {hint}")
 
 

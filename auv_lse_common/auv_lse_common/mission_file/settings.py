@@ -80,7 +80,7 @@ class Settings(TeamSections):
         for_all = _overridden(for_all, on_top, None)
         mission = section(MissionConfig, for_all, "mission", where)
         for pattern, values in [*patterns.items(), *on_top]:
-            _check_pattern(pattern, values, where, mission.vehicles)
+            check_pattern(pattern, values, where, mission.vehicles)
         vehicles = []
         for number in range(1, mission.vehicles + 1):
             own = _overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number)
@@ -192,10 +192,16 @@ def _vehicle_of(pattern: str) -> int | None:
     return int(match[1]) if match else None
 
 
-def _check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles: int) -> None:
+def check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles: int) -> int | None:
     """Refuses a pattern that matches no node of a mission, and sections that do not belong under it.
 
     A vehicle beyond `vehicles` is allowed: a smaller team may fly the file of a larger one.
+
+    Returns:
+        The pattern's vehicle; None for all vehicles.
+
+    Raises:
+        ParameterError: naming the pattern, or the section.
     """
     number = _vehicle_of(pattern)
     if number is None and pattern not in _ALL_NODES:
@@ -217,6 +223,7 @@ def _check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles
                     f"{where}: {pattern}: {name_of_section}: is the same for the whole team; expected it under '/**' "
                     f"(vehicles may differ in {', '.join(VEHICLE_SECTIONS)})"
                 )
+    return number
 
 
 def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:

@@ -76,10 +76,13 @@ def test_a_raster_does_not_miss_a_thin_wall():
     [
         ((0.0, 0.0, 1.0, 1.0), r"area\.polygon_m: got 4 numbers; expected north, east of at least 3 corners"),
         ((0.0, 0.0, 1.0, 1.0, 2.0, 0.0, 1.0), r"got 7 numbers"),
-        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"corner 1 is \(1\.0, nan\); expected finite"),
-        ((0.0, 0.0, 10.0, 10.0, 10.0, 0.0, 0.0, 10.0), r"crosses itself: the edge from corner 0 .* corner 2"),
+        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"corner 2 is \(1\.0, nan\); expected finite"),
+        (
+            (0.0, 0.0, 10.0, 10.0, 10.0, 0.0, 0.0, 10.0),
+            r"itself: the edge from corner 1 \(0, 0\) to corner 2 .* meets the edge from corner 3 .* to corner 4",
+        ),
         ((0.0, 0.0, 10.0, 0.0, 20.0, 0.0), r"crosses itself|has no area"),
-        ((0.0, 0.0, 0.0, 0.0, 10.0, 5.0), r"corner 0 \(0\.0, 0\.0\) is given twice in a row"),
+        ((0.0, 0.0, 0.0, 0.0, 10.0, 5.0), r"corner 1 \(0\.0, 0\.0\) is given twice in a row"),
         ((0.0, 0.0, 10.0, 0.0, 5.0, 0.0, 5.0, 5.0), r"crosses itself"),
         ((0.0, 0.0, 1e7, 0.0, 1e7, 1e7), r"expected finite, within 1000 km"),
     ],

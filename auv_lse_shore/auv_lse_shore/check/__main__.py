@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
-from auv_lse_shore.check.machine import check_machine
+from auv_lse_shore.check.machine import check_files, check_machine
 from auv_lse_shore.check.mission_file import check_file
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
@@ -47,16 +47,17 @@ def check(path: Path, vehicle: str | None = None) -> Findings:
     """
     findings = Findings()
     settings = check_file(path, findings)
-    if settings is None:
-        return findings
-    methods = sorted({own.planner.method for own in settings.vehicles})
-    team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
-    findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
+    if findings.usable("mission", "planner.method"):
+        methods = sorted({own.planner.method for own in settings.vehicles})
+        team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
+        findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
+    number = None if vehicle is None else vehicle_number(vehicle)
+    check_files(settings, number, findings)
     check_geometry(settings, findings)
     check_timing(settings, findings)
-    if vehicle is not None:
+    if number is not None:
         simulated = "sim" in read_parameter_file(path).get("/**", {})
-        check_machine(settings, vehicle_number(vehicle), simulated, findings)
+        check_machine(settings, number, simulated, findings)
     return findings
 
 

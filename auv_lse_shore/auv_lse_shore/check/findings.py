@@ -7,9 +7,15 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class Findings:
-    """Findings in order: pairs of a level ("error", "warning", "note") and a sentence."""
+    """Findings in order, and the parameters that later checks cannot use.
+
+    Attributes:
+        rows: Pairs of a level ("error", "warning", "note") and a sentence.
+        refused: Dotted names of refused parameters, groups and sections, each with its vehicle (None: all vehicles).
+    """
 
     rows: list[tuple[str, str]] = field(default_factory=list)
+    refused: set[tuple[str, int | None]] = field(default_factory=set)
 
     def error(self, text: str) -> None:
         """The mission is impossible, or would not do what the file asks for."""
@@ -26,3 +32,26 @@ class Findings:
     def count(self, level: str) -> int:
         """The number of findings of a level."""
         return sum(found == level for found, _ in self.rows)
+
+    def refuse(self, name: str, text: str, vehicle: int | None = None) -> None:
+        """Adds an error, and marks `name` as refused."""
+        self.error(text)
+        self.refused.add((name, vehicle))
+
+    def is_refused(self, name: str, vehicle: int | None = None) -> bool:
+        """Whether this very parameter is refused, of a vehicle or of all."""
+        return bool(self.refused & {(name, None), (name, vehicle)})
+
+    def usable(self, *names: str, vehicle: int | None = None) -> bool:
+        """Whether no parameter with, below or above one of the dotted names is refused.
+
+        Args:
+            names: Parameters, groups or sections that a check reads.
+            vehicle: The only vehicle whose values it reads; None: those of all vehicles.
+        """
+        return not any(
+            f"{name}.".startswith(f"{refused}.") or f"{refused}.".startswith(f"{name}.")
+            for refused, owner in self.refused
+            if vehicle is None or owner in (None, vehicle)
+            for name in names
+        )

@@ -21,27 +21,44 @@ from auv_lse_sim.ground.navigable import can_turn, expectations, fit_to_ground
 #: Vehicles need at least this depth difference (m), for the errors of depth sensors and control.
 _LEAST_SEPARATION_M = 0.5
 
+#: Parameters of the operating area in local coordinates.
+_SHAPE = ("area.polygon_m", "area.no_go", "area.margin_m", "area.raster_m")
+_START = ("vehicle.start_north_m", "vehicle.start_east_m", "vehicle.start_heading_rad")
+
 
 def check_geometry(settings: Settings, findings: Findings) -> None:
-    """Checks starts, lanes, depth separation, and whether vehicles can cross the isobath."""
-    try:
-        area = OperatingArea(settings.area)
-        motion = MotionTable(settings.motion)
-    except ParameterError as error:
-        findings.error(f"{settings.where}: {error}")
-        return
-    _check_starts(settings, area, motion, findings)
+    """Checks starts, lanes, depth separation, and whether vehicles can cross the isobath.
+
+    Each check runs if the parameters that it reads are usable.
+    """
+    area = motion = None
+    if findings.usable(*_SHAPE):
+        try:
+            area = OperatingArea(settings.area)
+        except ParameterError as error:
+            findings.refuse("area", f"{settings.where}: {error}")
+    if findings.usable("motion"):
+        try:
+            motion = MotionTable(settings.motion)
+        except ParameterError as error:
+            findings.refuse("motion", f"{settings.where}: {error}")
+    if area is not None and motion is not None:
+        _check_starts(settings, area, motion, findings)
     _check_recovery(settings, findings)
-    _check_lanes(settings, area, motion, findings)
+    if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
+        _check_lanes(settings, area, motion, findings)
     _check_depths(settings, findings)
-    for text in expectations(settings):
-        (findings.warning if " is too " in text else findings.note)(text)
+    if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp.length_scale_m"):
+        for text in expectations(settings):
+            (findings.warning if " is too " in text else findings.note)(text)
     _check_ground(settings, findings)
 
 
 def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:
     margin = settings.area.margin_m
     for number, own in enumerate(settings.vehicles, 1):
+        if not findings.usable(*_START, vehicle=number):
+            continue
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
         place = f"auv{number}: vehicle.start_north_m, start_east_m: got {start[0]:g}, {start[1]:g} m"
@@ -62,6 +79,8 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, 
 
 def _check_recovery(settings: Settings, findings: Findings) -> None:
     for number in range(1, settings.mission.vehicles + 1):
+        if not findings.usable("area.polygon_m", "vehicle", "safety", vehicle=number):
+            continue
         name = f"/auv{number}/safety_node"
         try:
             Safety.of(parameters_for(settings.to_patterns(), name), f"{settings.where} (auv{number})", number)
@@ -92,16 +111,20 @@ def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, f
             f"less than {across / 2.0:.0f} m"
         )
     inner = (north - south - 2.0 * settings.area.margin_m) * (east - west - 2.0 * settings.area.margin_m)
+    if not findings.usable("mission"):
+        return
     needed = math.ceil(inner / spacing / motion.leg_length_m / settings.mission.vehicles)
     findings.note(
-        f"lanes: {lanes} with planner.lane_spacing_m = {spacing:g} m; mowing the whole area takes each vehicle about "
-        f"{needed} legs, the mission has {settings.mission.steps}"
+        f"lanes: {lanes} with planner.lane_spacing_m = {spacing:g} m. Mowing the whole area takes each vehicle about "
+        f"{needed} legs; the mission has {settings.mission.steps}"
     )
 
 
 def _check_depths(settings: Settings, findings: Findings) -> None:
     numbered = list(enumerate((own.vehicle for own in settings.vehicles), 1))
     for (i, one), (k, other) in itertools.combinations(numbered, 2):
+        if not all(findings.usable("vehicle.depth_m", vehicle=number) for number in (i, k)):
+            continue
         if abs(one.depth_m - other.depth_m) < _LEAST_SEPARATION_M:
             findings.warning(
                 f"auv{i}, auv{k}: vehicle.depth_m: got {one.depth_m:g} and {other.depth_m:g} m; expected a difference "
@@ -110,7 +133,8 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
     level = settings.level_set.level_m
     for number, vehicle in numbered:
         needed = vehicle.depth_m + vehicle.min_water_m
-        if needed >= level:
+        depths = ("level_set.level_m", "vehicle.depth_m", "vehicle.min_water_m")
+        if needed >= level and findings.usable(*depths, vehicle=number):
             findings.warning(
                 f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m {vehicle.min_water_m:g}: got "
                 f"{needed:g} m; expected less than level_set.level_m = {level:g} m, to cross the isobath"
@@ -118,7 +142,8 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
 
 
 def _check_ground(settings: Settings, findings: Findings) -> None:
-    if not settings.sim.bathymetry.file:
+    read = ("sim.bathymetry", "sim.dvl", "sim.ideal", "area", "motion", "mission", "vehicle", "level_set", "planner")
+    if not settings.sim.bathymetry.file or not findings.usable(*read, "gp.length_scale_m"):
         return
     try:
         fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=True)

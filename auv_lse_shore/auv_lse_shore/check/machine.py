@@ -19,6 +19,31 @@ _PACKAGES = {
 }
 
 
+def check_files(settings: Settings, number: int | None, findings: Findings) -> None:
+    """Checks that the files with depths exist on this machine.
+
+    Args:
+        settings: The mission.
+        number: The vehicle that this machine belongs to; None: every vehicle's files are checked.
+        findings: Takes what is found.
+    """
+    missing = {}
+    for k, own in enumerate(settings.vehicles, 1):
+        file = own.gp.survey_file
+        if number not in (None, k) or findings.is_refused("gp.survey_file", k):
+            continue
+        if file and not Path(file).is_file():
+            missing[k] = file
+    if len(missing) == len(settings.vehicles) and len(set(missing.values())) == 1:
+        findings.error(f"gp.survey_file: got {missing[1]!r}; expected a file on this machine")
+    else:
+        for k, file in missing.items():
+            findings.error(f"auv{k}: gp.survey_file: got {file!r}; expected a file on this machine")
+    file = settings.sim.bathymetry.file
+    if file and not Path(file).is_file():
+        findings.refuse("sim.bathymetry", f"sim.bathymetry.file: got {file!r}; expected a file on this machine")
+
+
 def check_machine(settings: Settings, number: int, simulated: bool, findings: Findings) -> None:
     """Checks what vehicle `number` needs on this machine.
 
@@ -28,46 +53,55 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
         simulated: Whether the file has a section sim; nodes then wait for a simulator.
         findings: Takes what is found.
     """
-    if number > settings.mission.vehicles:
+    if not 1 <= number <= settings.mission.vehicles:
         findings.error(f"auv{number}: expected one of the mission's {settings.mission.vehicles} vehicles")
         return
-    own = settings.vehicle(number)
     if simulated:
         findings.warning(
             f"{settings.where}: has a section sim, so the nodes wait for a simulator; expected a file from "
             "scripts/mission --for-vehicles"
         )
-    if own.modem.kind == "micromodem":
-        try:
-            check_send_duration(settings.tdma, own.modem, settings.where)
-        except ParameterError as error:
-            findings.error(str(error))
-        _check_device("modem.port", own.modem.port, findings)
-        if "://" not in own.modem.port:
-            _check_package("serial", f"modem.port = {own.modem.port}", findings)
-    else:
-        findings.warning(
-            f"auv{number}: modem.kind: got {own.modem.kind!r}, which drives no modem; expected 'micromodem'"
-        )
-    if own.link.kind == "mavlink":
-        _check_package("pymavlink", "link.kind = mavlink", findings)
-        if own.link.endpoint.startswith("serial://"):
-            _check_device("link.endpoint", own.link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
-    else:
-        findings.warning(
-            f"auv{number}: link.kind: got {own.link.kind!r}, which drives no autopilot; expected 'mavlink'"
-        )
-    if own.gp.survey_file and not Path(own.gp.survey_file).is_file():
-        findings.error(f"gp.survey_file: got {own.gp.survey_file!r}; expected a file on this machine")
-    if settings.packet.tag:
+    _check_modem(settings, number, findings)
+    _check_link(settings, number, findings)
+    if settings.packet.tag and findings.usable("packet.key_file"):
         _check_key(Path(settings.packet.key_file), findings)
     if settings.record.folder and not any(map(importlib.util.find_spec, ("rosbag2_py", "rosbags"))):
         findings.error(
             "record.folder: recording needs rosbag2_py or rosbags. Fix: sudo apt install ros-jazzy-rosbag2-py, or pip "
             "install rosbags"
         )
-    if not settings.record.folder:
+    if not settings.record.folder and findings.usable("record.folder"):
         findings.warning("record.folder: got ''; expected a folder, or the dive is not recorded")
+
+
+def _check_modem(settings: Settings, number: int, findings: Findings) -> None:
+    modem = settings.vehicle(number).modem
+    if not findings.usable("modem.kind", vehicle=number):
+        return
+    if modem.kind != "micromodem":
+        findings.warning(f"auv{number}: modem.kind: got {modem.kind!r}, which drives no modem; expected 'micromodem'")
+        return
+    if findings.usable("tdma", "modem", vehicle=number):
+        try:
+            check_send_duration(settings.tdma, modem, settings.where)
+        except ParameterError as error:
+            findings.error(str(error))
+    if findings.usable("modem.port", vehicle=number):
+        _check_device("modem.port", modem.port, findings)
+        if "://" not in modem.port:
+            _check_package("serial", f"modem.port = {modem.port}", findings)
+
+
+def _check_link(settings: Settings, number: int, findings: Findings) -> None:
+    link = settings.vehicle(number).link
+    if not findings.usable("link.kind", vehicle=number):
+        return
+    if link.kind != "mavlink":
+        findings.warning(f"auv{number}: link.kind: got {link.kind!r}, which drives no autopilot; expected 'mavlink'")
+        return
+    _check_package("pymavlink", "link.kind = mavlink", findings)
+    if link.endpoint.startswith("serial://") and findings.usable("link.endpoint", vehicle=number):
+        _check_device("link.endpoint", link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
 
 
 def _check_device(name: str, port: str, findings: Findings) -> None:

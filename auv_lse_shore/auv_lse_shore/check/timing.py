@@ -19,10 +19,26 @@ _STEPS_PER_SEGMENT = 2
 
 
 def check_timing(settings: Settings, findings: Findings) -> None:
-    """Checks slots and decision times; estimates duration and packet content."""
-    leg_m = MotionTable(settings.motion).leg_length_m
+    """Checks slots and decision times; estimates duration and packet content.
+
+    Each check runs if the parameters that it reads are usable.
+    """
+    longest_s = None
+    if findings.usable("motion"):
+        longest_s = _check_legs(settings, MotionTable(settings.motion).leg_length_m, findings)
+    if not findings.usable("tdma", "mission.vehicles"):
+        return
+    cycle_s = _check_slots(settings, longest_s, findings)
+    if cycle_s is not None and findings.usable("planner", "motion", "mission", "packet", "sim.altimeter", "link"):
+        _check_packet(settings, cycle_s, findings)
+
+
+def _check_legs(settings: Settings, leg_m: float, findings: Findings) -> float | None:
+    """Checks decision times. Returns the longest vehicle's duration (s), if it is known."""
     longest_s = 0.0
     for number, own in enumerate(settings.vehicles, 1):
+        if not findings.usable("vehicle.speed_mps", "planner", vehicle=number):
+            continue
         leg_s = leg_m / own.vehicle.speed_mps
         longest_s = max(longest_s, own.vehicle.start_delay_s + settings.mission.steps * leg_s)
         if own.planner.replan_lead_s >= leg_s:
@@ -35,16 +51,17 @@ def check_timing(settings: Settings, findings: Findings) -> None:
                 f"auv{number}: planner.deadline_s: got {own.planner.deadline_s:g} s; expected less than "
                 f"planner.replan_lead_s = {own.planner.replan_lead_s:g} s, so that plans come before their leg starts"
             )
+    if not findings.usable("mission", "vehicle.speed_mps", "vehicle.start_delay_s", "planner"):
+        return None
     minutes, seconds = divmod(round(longest_s), 60)
     findings.note(
-        f"duration: {minutes} min {seconds} s ({settings.mission.steps} legs of {leg_m:.1f} m, without current)"
+        f"duration: {minutes} min {seconds} s without current. Each vehicle has {settings.mission.steps} legs of "
+        f"{leg_m:.1f} m"
     )
-    cycle_s = _check_slots(settings, longest_s, findings)
-    if cycle_s is not None:
-        _check_packet(settings, cycle_s, findings)
+    return longest_s
 
 
-def _check_slots(settings: Settings, longest_s: float, findings: Findings) -> float | None:
+def _check_slots(settings: Settings, longest_s: float | None, findings: Findings) -> float | None:
     tdma, vehicles = settings.tdma, settings.mission.vehicles
     order = tdma.order or tuple(range(1, vehicles + 1))
     try:
@@ -60,20 +77,21 @@ def _check_slots(settings: Settings, longest_s: float, findings: Findings) -> fl
             )
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
-    if span > tdma.max_range_m:
+    if span > tdma.max_range_m and findings.usable("area.polygon_m"):
         findings.warning(
             f"tdma.max_range_m: got {tdma.max_range_m:g} m; expected at least {span:.0f} m, the length of the area; "
             "otherwise packets from its far end arrive in the next slot"
         )
     cycle_s = len(order) * tdma.slot_s
     spare = tdma.slot_s - tdma.needed_s
+    findings.note(f"slots: {len(order)} x {tdma.slot_s:g} s = a cycle of {cycle_s:g} s")
     findings.note(
-        f"slots: {len(order)} x {tdma.slot_s:g} s = a cycle of {cycle_s:g} s; a packet needs {tdma.needed_s:.1f} s of "
-        f"its slot with guards and travel time ({spare:.1f} s spare); {int(longest_s // cycle_s)} packets per "
-        "slot"
+        f"slots: a packet needs {tdma.needed_s:.1f} s of its slot with guards and travel time ({spare:.1f} s spare)"
     )
+    if longest_s is not None:
+        findings.note(f"slots: {int(longest_s // cycle_s)} packets per slot in the mission")
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
-    if expiry < 2.0 * cycle_s:
+    if expiry < 2.0 * cycle_s and findings.usable("planner.plan_expiry_s"):
         findings.warning(
             f"planner.plan_expiry_s: got {expiry:g} s; expected at least two cycles, {2.0 * cycle_s:g} s, to survive "
             "one lost packet"
@@ -110,8 +128,8 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     room = f"{least} samples" if least == most else f"{least} to {most} samples (more as the path gets shorter)"
     tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
     which = "every one" if nth == 1 else f"one in {nth}"
+    findings.note(f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}")
+    average = "" if settings.packet.selection == "every_nth" else " on average"
     findings.note(
-        f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}; of "
-        f"{soundings:.0f} soundings in a cycle {which} is sent, {apart:.0f} m apart"
-        + ("" if settings.packet.selection == "every_nth" else " on average")
+        f"packet: of {soundings:.0f} soundings in a cycle {which} is sent. Sent ones are {apart:.0f} m apart{average}"
     )

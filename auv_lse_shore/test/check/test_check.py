@@ -61,6 +61,87 @@ def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
     ]
 
 
+TEN_MISTAKES = """\
+/**:
+  ros__parameters:
+    mission: {vehicles: 2, steps: 50}
+    gp: {kernal: matern52, noise_std_m: -1.0, mean: survey, survey_file: no_survey.csv}
+    level_set: {level_m: deep}
+    area: {polygon_m: [0.0, 0.0, 500.0, 500.0, 500.0, 0.0, 0.0, 500.0], origin_lat_deg: 47.6}
+    plannr: {horizon: 3}
+    planner: {method: genetic}
+    tdma: {slot_s: 3.0}
+    sim: {bathymetry: {file: no_ground.csv}}
+/auv9/**:
+  ros__parameters:
+    vehicle: {depth_m: 4.0}
+"""
+
+
+def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
+    path = tmp_path / "ten.yaml"
+    path.write_text(TEN_MISTAKES)
+    texts = {level: "\n".join(found(path, level)) for level in ("error", "warning", "note")}
+    assert [text.removeprefix(f"{path}: ").split(": got")[0] for text in found(path, "error")] == [
+        "/**: gp.kernal: unknown parameter (value 'matern52'); did you mean 'kernel'?",
+        "/**: gp.noise_std_m",
+        "/**: level_set.level_m",
+        "/**: plannr: unknown section; did you mean 'planner'?",
+        "/**: planner.method",
+        "area.polygon_m: crosses itself: the edge from corner 1 (0, 0) to corner 2 (500, 500) meets the edge from "
+        "corner 3 (500, 0) to corner 4 (0, 500); expected the corners in order around the area",
+        "area.origin_lat_deg, origin_lon_deg",
+        "tdma.slot_s",
+        "gp.survey_file",
+        "sim.bathymetry.file",
+    ]
+    assert "/auv9/**: got parameters of vehicle 9; expected vehicles 1 to 2" in texts["warning"]
+    assert "outside the operating area" not in texts["error"], "the default area is not the file's"
+    assert "lanes" not in texts["note"]
+
+
+@pytest.mark.parametrize(
+    ("sections", "own", "words"),
+    [
+        ({"gp": {"x": 1}}, {"vehicle": {"start_north_m": 900.0}}, ["gp.x", "auv2: .* 900, 0 m, outside the operating"]),
+        ({"gp": {"x": 1}, "tdma": {"order": [1, 9]}}, None, ["gp.x", "tdma.order: .*9"]),
+        ({"area": {"no_go": {"a": [1.0], "b": [2.0], "c": 3}}}, None, ["no_go.a:", "no_go.b:", "no_go.c:"]),
+        ({"packet": {"tag": True}}, None, ["packet.key_file", "packet.session"]),
+        ({"packet": {"tag": True, "key_file": 3}}, None, ["packet.key_file", "packet.session"]),
+        ({"gp": {"signal_std_m": "x", "min_depth_m": 9.0, "max_depth_m": 8.0}}, None, ["signal_std_m", "min_depth_m"]),
+        ({"sim": {"dvl": {"rate_hz": 0, "dropout_min_s": 9.0}, "lake": {"level_m": 99.0}}}, None,
+         ["dvl.rate_hz", "dvl.dropout_min_s: got 9", "lake.terrace_m, level_m"]),
+        ({"planner": {"coordination": "dec_mcts"}, "mission": {"steps": 0}}, None, ["steps", "planner.coordination"]),
+        ({"mission": {"vehicles": 0}}, {"modem": {"kind": "micromodem"}}, ["vehicles", r"\(auv2\): modem.port"]),
+        ({"gp.kernel.x": 1, "gp.kernel": "matern32", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
+        ({}, {"mission": {"steps": 5}, "gp": {"x": 1}}, ["/auv2.*: mission: is the same", "gp.x"]),
+    ],
+)  # fmt: skip
+def test_one_mistake_hides_no_other(
+    tmp_path: Path, sections: dict[str, Any], own: dict[str, Any] | None, words: list[str]
+) -> None:
+    errors = found(write(tmp_path, own=own, **sections), "error")
+    assert len(errors) == len(words), errors
+    for word in words:
+        assert any(re.search(word, error) for error in errors), (word, errors)
+
+
+def test_a_refused_value_causes_no_further_findings(tmp_path: Path) -> None:
+    polygon = [0.0, 0.0, 500.0, 500.0, 500.0, 0.0, 0.0, 500.0]
+    path = write(tmp_path, own={"vehicle": {"start_north_m": 9e3}}, area={"polygon_m": polygon})
+    assert len(found(path, "error")) == 1, "no start can be outside of a polygon that is none"
+    assert len(found(write(tmp_path, gp={"signal_std_m": "x", "noise_std_m": 1e-4}), "error")) == 1
+    assert found(write(tmp_path, own={"vehicle": {"depth_m": "3"}}), "warning") == []
+
+
+def test_files_are_those_of_the_checked_computer(tmp_path: Path) -> None:
+    path = write(tmp_path, own={"gp": {"mean": "survey", "survey_file": "no_survey.csv"}})
+    error = "auv2: gp.survey_file: got 'no_survey.csv'; expected a file on this machine"
+    assert error in found(path, "error")
+    assert error in found(path, "error", "auv2")
+    assert error not in found(path, "error", "auv1")
+
+
 def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
     assert "packet.key_file: got '' with tag true" in found(write(tmp_path, packet={"tag": True}), "error")[0]
     assert "tdma.slot_s: got 3 s; expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
@@ -99,7 +180,7 @@ def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
         ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "expected less than the time of a leg, 15.7 s"),
         ({"planner": {"deadline_s": 4.0}}, None, "warning", "expected less than planner.replan_lead_s = 4 s"),
         ({"planner": {"method": "plain", "horizon": 200}}, None, "note", "200 actions and 3 samples"),
-        ({"mission": {"steps": 5}}, None, "warning", "the area is too large for this mission"),
+        ({"mission": {"steps": 5}}, None, "warning", "The area is too large for this mission"),
         ({"sim": {"bathymetry": {"file": "/nowhere.csv"}}}, None, "error", "nowhere.csv"),
     ],
 )
@@ -113,8 +194,9 @@ def test_what_it_finds(
 def test_what_to_expect_of_the_papers_trial() -> None:
     notes = found(ROOT / "config" / "missions" / "trial_3_augmented.yaml", "note")
     assert any("3 x 10 s = a cycle of 30 s" in note for note in notes)
-    assert any("3 actions and 19 samples; of 30 soundings in a cycle one in 2 is sent, 3 m" in note for note in notes)
-    assert any("duration: 26 min 11 s (100 legs of 23.6 m" in note for note in notes)
+    assert any("3 actions and 19 samples" in note for note in notes)
+    assert any("of 30 soundings in a cycle one in 2 is sent. Sent ones are 3 m apart" in note for note in notes)
+    assert any("duration: 26 min 11 s without current. Each vehicle has 100 legs of 23.6 m" in note for note in notes)
     plan = Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,) * 3, naive_path=0xF0)
     assert room_for_samples(plan) == 19
 

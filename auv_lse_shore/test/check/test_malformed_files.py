@@ -7,6 +7,9 @@ import pytest
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.check.__main__ import check
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.mission_file import check_file
 
 DEFAULT = Path(__file__).parents[3] / "config" / "missions" / "default.yaml"
 HEAD = "/**:\n  ros__parameters:\n"
@@ -71,6 +74,11 @@ def test_a_file_that_cannot_be_a_mission_is_refused_in_words(tmp_path, name):
     file.write_text(REFUSED[name])
     with pytest.raises(ParameterError, match=r"expected|not valid YAML|known:|has no area"):
         Settings.load(file)
+    try:
+        errors = check(file).count("error")
+    except ParameterError:  # not a ROS 2 parameter file
+        return
+    assert errors > 0
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
@@ -85,8 +93,17 @@ def test_four_hundred_mutated_mission_files_are_read_or_refused_in_words(tmp_pat
     lines = DEFAULT.read_text().splitlines(keepends=True)
     for _ in range(400):
         file.write_bytes(mutated(lines, rng))
+        findings, loads = Findings(), True
         try:
             Settings.load(file)
         except ParameterError:
             refused += 1
+            loads = False
+        try:
+            check_file(file, findings)
+        except ParameterError:
+            assert not loads
+        else:
+            assert not loads or not findings.count("error")
+            assert loads or findings.count("error"), "what the loader refuses is an error"
     assert 250 < refused < 400  # the rest are missions, too

@@ -48,7 +48,7 @@ def test_default_mission_is_left_alone():
         fitted, notes = fit_to_ground(s, ground_of(s))
         assert fitted.to_patterns() == s.to_patterns()
         assert len(notes) == 2
-        assert "3 vehicles x 100 steps = 7.1 km of path in 0.42 km2" in notes[1]
+        assert "3 vehicles x 100 steps. The paths have a length of 7.1 km, the area has 0.42 km2." in notes[1]
         assert "too" not in notes[1]
 
 

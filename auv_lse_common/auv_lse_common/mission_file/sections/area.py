@@ -74,26 +74,31 @@ def corners(name: str, flat: tuple[float, ...]) -> Array:
     bad = np.flatnonzero(~np.isfinite(polygon).all(axis=1) | (np.abs(polygon) > 1e6).any(axis=1))
     if len(bad):
         raise ParameterError(
-            f"{name}: corner {bad[0]} is {tuple(polygon[bad[0]].tolist())}; expected finite, within 1000 km"
+            f"{name}: corner {bad[0] + 1} is {tuple(polygon[bad[0]].tolist())}; expected finite, within 1000 km"
         )
     if len(polygon) > 3 and np.array_equal(polygon[0], polygon[-1]):
         polygon = polygon[:-1]
     following = np.roll(polygon, -1, axis=0)
     same = np.flatnonzero((polygon == following).all(axis=1))
     if len(same):
-        raise ParameterError(f"{name}: corner {same[0]} {tuple(polygon[same[0]].tolist())} is given twice in a row")
+        raise ParameterError(f"{name}: corner {same[0] + 1} {tuple(polygon[same[0]].tolist())} is given twice in a row")
     crossing = _crossing_edges(polygon, following)
     if crossing is not None:
-        i, j = crossing
+        one, other = (_edge_text(polygon, edge) for edge in crossing)
         raise ParameterError(
-            f"{name}: crosses itself: the edge from corner {i} {tuple(polygon[i].tolist())} meets the edge from corner "
-            f"{j} {tuple(polygon[j].tolist())}; expected the corners in order around the area"
+            f"{name}: crosses itself: {one} meets {other}; expected the corners in order around the area"
         )
     area = 0.5 * float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]))
     span = float(np.ptp(polygon, axis=0).max())
     if abs(area) <= 1e-9 * span * span:
         raise ParameterError(f"{name}: has no area: its corners lie on one line")
     return polygon
+
+
+def _edge_text(polygon: Array, edge: int) -> str:
+    """An edge in words, with its corners counted from 1."""
+    ends = ((i + 1, *polygon[i]) for i in (edge, (edge + 1) % len(polygon)))
+    return "the edge from " + " to ".join(f"corner {number} ({north:g}, {east:g})" for number, north, east in ends)
 
 
 def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
