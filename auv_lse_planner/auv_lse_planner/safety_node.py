@@ -61,7 +61,7 @@ class SafetyNode(VehicleNode):
         return self._safety.watch.autopilot_known
 
     def _on_odometry(self, o: Odometry) -> None:
-        self._safety.watch.odometry(o.heading_rad, o.north_m, o.east_m, o.depth_m, o.speed_mps)
+        self._safety.watch.odometry(o.stamp_s, o.heading_rad, o.north_m, o.east_m, o.depth_m, o.speed_mps)
 
     def _on_command(self, order: MissionOrder) -> None:
         refused = self._command(order)

@@ -3,25 +3,30 @@
 Theory of operation
 -------------------
 `odometry`, `altitude` and `autopilot` take the reports since the last step; `step` checks every limit. An exceeded
-limit is a warning at once. When it has been exceeded for `patience_s` without a break and its response is not "warn",
-it trips: `MissionRun.trip` latches it until RESET. Two exceptions:
+limit is a warning at once. When it has been exceeded for `patience_s` in total within the last `2 * patience_s`, is
+exceeded still, and its response is not "warn", it trips: `MissionRun.trip` latches it until RESET. So a limit that is
+exceeded without a break trips after `patience_s`. With wrong readings in between it trips within twice that time, as
+long as at least half of the readings exceed it. Fewer do not trip it. For depth, fence and altitude every reading
+counts; the other limits are states, read once a step (`exceeded_time`). Two exceptions:
 
 - Before the mission has started nothing trips while the vehicle is at the surface. A submerged vehicle, after a restart
   of its computer, is watched.
 - After a RESET outside the fence the vehicle may come back: the fence holds again once it is inside.
 
-Ages are counted by the step's clock from the step that took the report. A clock that is set shifts them, so that
-nothing becomes old.
+Ages are counted by the step's clock from the step that took the report; that of odometry from its stamp, if it is
+older. A clock that is set shifts them, so that nothing becomes old.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.safety.exceeded_time import ExceededTime
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
@@ -30,6 +35,10 @@ from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 #: A longer step (s), or a negative one, means that the clock was set.
 LONGEST_STEP_S = 10.0
+#: Limits of states, which are known at each step; the others have readings.
+STATES = ("depth gauge", "altimeter", "odometry", "link", "battery", "leak", "mission time")
+#: At most this many readings of a sensor count in one step, the newest.
+MOST_READINGS = 1000
 #: Distance (m) from the first position after which the vehicle has moved; before, its estimate may stand still.
 MOVED_M = 1.0
 #: A vehicle is at the surface, or on deck, up to this depth (m).
@@ -91,42 +100,47 @@ class SafetyWatch:
         self._config, self._fence, self._deepest_m = config, fence, deepest_m
         self._responses = {
             "depth": config.depth_response,
-            "depth gauge": "warn",
-            "altitude": config.altitude_response,
-            "altimeter": "warn",
             "fence": config.fence_response,
+            "altitude": config.altitude_response,
+            "depth gauge": "warn",
+            "altimeter": "warn",
             "odometry": config.odometry_response,
             "link": config.link_response,
             "battery": config.battery_response,
             "leak": config.leak_response,
             "mission time": config.mission_time_response,
         }
+        self._times = {name: ExceededTime(config.patience_s) for name in self._responses}
+        self._reasons: dict[str, str] = {}  # why each limit was exceeded last
         self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
+        self._new_places: deque[tuple[float, float, float]] = deque(maxlen=MOST_READINGS)  # since the last step
         self._first: tuple[float, float, float] | None = None  # first heading (rad), north, east (m)
         self._has_moved = False
         self._altitude_m = math.nan
         self._altitude_s = math.nan  # time of the last one; NaN before the first
-        self._new_altitude = False
+        self._new_altitudes: deque[float] = deque(maxlen=MOST_READINGS)  # since the last step (m)
         self._altimeter = FrozenSensor(FLATTEST)
         self._depth_gauge = FrozenSensor(STEADIEST, STEADY_M)
         self._altitude_frozen = self._depth_frozen = False
         self._autopilot: AutopilotReport | None = AutopilotReport(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
-        self._new_odometry = False
+        self._stamp_s = -math.inf  # newest stamp of odometry since the last step
+        self._stamps_behind_s = 0.0  # age of the stamps of the last odometry when it came
         self._was_inside = False
         self._fenced = False  # the fence had tripped at the last step
         self._now_s = math.nan
-        self._odometry_s = math.nan  # time of the last one, or of the first step
+        self._odometry_s = math.nan  # newest stamp, at most the time of its step; or time of the first step
         self._link_s = math.nan
-        self._since_s: dict[str, float] = {}  # since when each limit has been exceeded
         self._ran_s = 0.0
 
-    def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
-        """Takes an estimate of the vehicle's state.
+    def odometry(
+        self, stamp_s: float, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float
+    ) -> None:
+        """Takes an estimate of the vehicle's state at `stamp_s`, a time of the steps' clock.
 
-        Impossible estimates are ignored. So are estimates of a frozen estimator: the same position to the last digit
-        with a speed, once the vehicle has moved. A depth that has varied and then stays the same under water while the
-        vehicle moves is a warning.
+        Estimates with an old stamp are checked, but count as old odometry. Impossible estimates are ignored. So are
+        estimates of a frozen estimator: the same position to the last digit with a speed, once the vehicle has moved.
+        A depth that has varied and then stays the same under water while the vehicle moves is a warning.
         """
         if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
             return
@@ -137,17 +151,18 @@ class SafetyWatch:
         if self._has_moved and still and abs(speed_mps) > STANDING_MPS:
             return
         self._place = (north_m, east_m, depth_m)
-        self._new_odometry = True
+        self._new_places.append(self._place)
+        self._stamp_s = max(self._stamp_s, stamp_s)
         frozen = self._depth_gauge.update(depth_m, north_m, east_m)
         self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
 
     def altitude(self, altitude_m: float) -> None:
-        """Takes the height above the ground (m); NaN or infinite: no echo.
+        """Takes the height above the ground (m); NaN or inf: no echo; 0 or less, and -inf: too low.
 
         Warns when altitudes stop arriving, and when one repeats itself over more ground than can be flat.
         """
         self._altitude_m = altitude_m
-        self._new_altitude = True
+        self._new_altitudes.append(altitude_m)
         north_m, east_m, _ = self._place or (0.0, 0.0, 0.0)
         self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
@@ -183,14 +198,18 @@ class SafetyWatch:
             self._ran_s += passed_s
         if self._fenced and "fence" not in run.limits:
             self._was_inside = False
-        exceeded = self._exceeded()
-        self._since_s = {name: self._since_s.get(name, now_s) for name in exceeded}
-        for name, reason in exceeded.items():
+            self._times["fence"] = ExceededTime(self._config.patience_s)
+        self._check_readings()
+        self._check_states()
+        exceeded = {}
+        for name, time in self._times.items():
+            is_over = time.step(now_s)
+            if time.share > 0.0:
+                exceeded[name] = self._reasons[name]
             response = self._responses[name]
-            if response == "warn" or (state is RunState.WAITING and self._afloat):
-                continue
-            if now_s - self._since_s[name] >= self._config.patience_s:
-                run.trip(name, None if response == "abort" else Stop(action=STOPS[response]), reason)
+            if is_over and response != "warn" and not (state is RunState.WAITING and self._afloat):
+                stop = None if response == "abort" else Stop(action=STOPS[response])
+                run.trip(name, stop, self._reasons[name])
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
         self._fenced = "fence" in run.limits
 
@@ -208,33 +227,59 @@ class SafetyWatch:
             self._odometry_s += passed_s
             self._link_s += passed_s
             self._altitude_s += passed_s
-            self._since_s = {name: since_s + passed_s for name, since_s in self._since_s.items()}
+            for time in self._times.values():
+                time.shift(passed_s)
             passed_s = 0.0
         self._now_s = now_s
-        if self._new_odometry:
-            self._new_odometry, self._odometry_s = False, now_s
-        if self._new_altitude:
-            self._new_altitude, self._altitude_s = False, now_s
+        self._odometry_s = max(self._odometry_s, min(self._stamp_s, now_s))
+        if self._stamp_s > -math.inf:
+            self._stamps_behind_s, self._stamp_s = now_s - self._stamp_s, -math.inf
+        if self._new_altitudes:
+            self._altitude_s = now_s
         if self._autopilot is None or self._autopilot.heard or not self._link_known:
             self._link_s = now_s
         return passed_s
 
-    def _exceeded(self) -> dict[str, str]:
-        """The exceeded limits, each with the reason."""
-        config, found = self._config, {}
-        if self._place is not None:
-            north_m, east_m, depth_m = self._place
+    def _check_readings(self) -> None:
+        """Compares each new place and altitude with its limits."""
+        for north_m, east_m, depth_m in self._new_places:
+            why = ""
             if depth_m > self._deepest_m:
-                found["depth"] = f"depth {depth_m:.1f} m; expected at most {self._deepest_m:.1f} m"
-            outside_m = self._fence.outside_m(north_m, east_m)
-            self._was_inside = self._was_inside or outside_m <= self._fence.margin_m
-            if self._was_inside and outside_m > self._fence.margin_m:
-                found["fence"] = (
+                why = f"depth {depth_m:.1f} m; expected at most {self._deepest_m:.1f} m"
+            self._add("depth", why)
+            outside_m, margin_m = self._fence.outside_m(north_m, east_m), self._fence.margin_m
+            self._was_inside = self._was_inside or outside_m <= margin_m
+            why = ""
+            if self._was_inside and outside_m > margin_m:
+                why = (
                     f"{outside_m:.0f} m outside the area (north {north_m:.0f}, east {east_m:.0f} m); expected at "
-                    f"most {self._fence.margin_m:.0f} m"
+                    f"most {margin_m:.0f} m"
                 )
-        if 0.0 < self._altitude_m < config.min_altitude_m:
-            found["altitude"] = f"altitude {self._altitude_m:.1f} m; expected at least {config.min_altitude_m:.1f} m"
+            self._add("fence", why)
+        least_m = self._config.min_altitude_m
+        for altitude_m in self._new_altitudes:
+            why = ""
+            if altitude_m < least_m and least_m > 0.0:
+                why = f"altitude {altitude_m:.1f} m; expected at least {least_m:.1f} m"
+            self._add("altitude", why)
+        self._new_places.clear()
+        self._new_altitudes.clear()
+
+    def _check_states(self) -> None:
+        """Compares ages, devices and the mission's time with their limits."""
+        found = self._exceeded_states()
+        for name in STATES:
+            self._add(name, found.get(name, ""))
+
+    def _add(self, name: str, reason: str) -> None:
+        """Adds a reading of a limit; `reason` says why it exceeds the limit, "" if it does not."""
+        self._times[name].add(bool(reason))
+        if reason:
+            self._reasons[name] = reason
+
+    def _exceeded_states(self) -> dict[str, str]:
+        """The exceeded limits among `STATES`, each with the reason."""
+        config, found = self._config, {}
         if self._depth_frozen and self._place is not None:
             found["depth gauge"] = _frozen_text("depth", self._place[2], self._depth_gauge)
         if self._altitude_frozen:
@@ -243,6 +288,8 @@ class SafetyWatch:
             found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
             found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
+            if self._stamps_behind_s > config.odometry_age_s:
+                found["odometry"] += f". It arrives with stamps {self._stamps_behind_s:.0f} s old: check its clock"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
             found["link"] = f"no autopilot heartbeat for {age_s:.0f} s; expected one every {config.link_age_s:g} s"
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:

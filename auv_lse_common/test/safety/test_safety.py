@@ -29,6 +29,7 @@ class Vehicle:
         self.place = (50.0, 50.0, 4.0)
         self.blind = self.frozen = False
         self.heading_rad, self.speed_mps, self.jitter_m = 0.3, 1.0, 1e-6
+        self.late_s = 0.0  # age of the stamps of odometry
 
     def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
         for _ in range(round(seconds / step_s)):
@@ -38,7 +39,8 @@ class Vehicle:
                 north_m, east_m, depth_m = self.place
                 north_m += 0.0 if self.frozen else self.jitter_m
                 self.heading_rad = (self.heading_rad + 0.01) % 6.0
-                self.watch.odometry(self.heading_rad, north_m, east_m, depth_m, self.speed_mps)
+                stamp_s = self.now_s - self.late_s
+                self.watch.odometry(stamp_s, self.heading_rad, north_m, east_m, depth_m, self.speed_mps)
             self.watch.step(self.now_s, self.run)
         return self
 
@@ -121,12 +123,84 @@ def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
     assert "depth" in vehicle.wait(60.0).watch.warnings
     assert vehicle.run.status.state is RunState.RUNNING
     vehicle = Vehicle()
-    for _ in range(5):  # a depth that flutters about its limit for less than patience_s each time
+    for _ in range(20):  # a depth that flutters about its limit for less than half of the time
         too_deep(vehicle)
-        vehicle.wait(2.0)
+        vehicle.wait(1.4)
         vehicle.place = (50.0, 50.0, 4.0)
-        vehicle.wait(0.1)
+        vehicle.wait(1.6)
     assert vehicle.run.limits == {}
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.5, 1.0])
+def test_a_plausible_reading_now_and_then_does_not_reset_an_exceeded_limit(step_s: float) -> None:
+    vehicle = Vehicle().wait(10.0, step_s)
+    for i in range(round(6.0 / step_s) + 1):  # twice the patience
+        vehicle.place = (50.0, 50.0, 4.0 if i % 25 == 24 or i == 2 else 20.0)
+        vehicle.wait(step_s, step_s)
+    assert set(vehicle.run.limits) == {"depth"}
+
+
+def test_every_reading_of_a_step_counts_not_just_the_last_one() -> None:
+    vehicle = Vehicle().wait(5.0)
+    for step in range(61):  # twice the patience
+        for i in range(4):
+            deep = 20.0 if i < 3 else 4.0
+            vehicle.watch.odometry(vehicle.now_s + 0.1, 0.3, 50.0 + 1e-6 * (4 * step + i), 50.0, deep, 1.0)
+        vehicle.now_s += 0.1
+        vehicle.watch.step(vehicle.now_s, vehicle.run)
+        assert "depth" in vehicle.watch.warnings or "depth" in vehicle.run.limits
+    assert set(vehicle.run.limits) == {"depth"}
+
+
+@pytest.mark.parametrize("altitude_m", [0.4, 0.0, -0.0, -3.0, -math.inf])
+def test_an_altitude_of_nothing_or_less_is_too_low(altitude_m: float) -> None:
+    vehicle = Vehicle().wait(5.0)
+    vehicle.watch.altitude(altitude_m)
+    assert set(vehicle.wait(3.5).run.limits) == {"altitude"}
+    vehicle = Vehicle(min_altitude_m=0.0)
+    vehicle.watch.altitude(altitude_m)
+    assert vehicle.wait(10.0).watch.warnings == {}, "not watched"
+
+
+def test_silence_does_not_hide_the_last_altitude() -> None:
+    vehicle = Vehicle().wait(5.0)
+    vehicle.watch.altitude(30.0)
+    vehicle.wait(0.1)
+    vehicle.watch.altitude(0.4)
+    assert vehicle.wait(2.5).run.limits == {}, "a single reading may be an outlier"
+    assert set(vehicle.wait(4.0).run.limits) == {"altitude"}
+
+
+@pytest.mark.parametrize("late_s", [31.0, 3600.0])
+def test_odometry_with_old_stamps_is_old(late_s: float) -> None:
+    vehicle = Vehicle().wait(5.0)
+    vehicle.late_s = late_s
+    assert vehicle.wait(29.0).watch.warnings == {}
+    assert vehicle.wait(2.0).watch.warnings == {
+        "odometry": "no usable odometry for 31 s; expected one every 30 s. "
+        f"It arrives with stamps {late_s:.0f} s old: check its clock"
+    }
+    assert set(vehicle.wait(4.0).run.limits) == {"odometry"}
+
+
+def test_late_odometry_is_as_old_as_its_stamp_and_early_odometry_as_its_arrival() -> None:
+    vehicle = Vehicle()
+    vehicle.late_s = 20.0
+    assert vehicle.wait(60.0).watch.warnings == {}
+    vehicle.blind = True
+    assert set(vehicle.wait(11.0).watch.warnings) == {"odometry"}, "31 s old, though it came 11 s ago"
+    vehicle = Vehicle()
+    vehicle.late_s = -500.0
+    vehicle.wait(5.0).blind = True
+    assert set(vehicle.wait(31.0).watch.warnings) == {"odometry"}
+
+
+def test_odometry_with_old_stamps_is_checked_all_the_same() -> None:
+    vehicle = Vehicle(odometry_response="warn")
+    vehicle.late_s = 3600.0
+    vehicle.wait(5.0)
+    too_deep(vehicle)
+    assert set(vehicle.wait(4.0).run.limits) == {"depth"}
 
 
 def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:

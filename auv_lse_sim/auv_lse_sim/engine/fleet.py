@@ -149,7 +149,7 @@ class VehicleCores:
         """Checks odometry and altitude, as safety_node does; returns the stop that is in force, if any."""
         o, safety = output.odometry, self.safety
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
-        safety.watch.odometry(heading, o.north_m, o.east_m, output.pressure_depth_m, o.speed_mps)
+        safety.watch.odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, output.pressure_depth_m, o.speed_mps)
         safety.watch.altitude(float(np.float32(output.altitude_m)))  # rounded as in Range
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
