@@ -37,6 +37,8 @@ from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 LONGEST_STEP_S = 10.0
 #: Limits of states, which are known at each step; the others have readings.
 STATES = ("depth gauge", "altimeter", "odometry", "link", "battery", "leak", "mission time")
+#: Share of a step's readings that makes an exceeded limit a warning.
+WARNING_SHARE = 0.5
 #: At most this many readings of a sensor count in one step, the newest.
 MOST_READINGS = 1000
 #: Distance (m) from the first position after which the vehicle has moved; before, its estimate may stand still.
@@ -204,7 +206,7 @@ class SafetyWatch:
         exceeded = {}
         for name, time in self._times.items():
             is_over = time.step(now_s)
-            if time.share > 0.0:
+            if time.share >= WARNING_SHARE:
                 exceeded[name] = self._reasons[name]
             response = self._responses[name]
             if is_over and response != "warn" and not (state is RunState.WAITING and self._afloat):

@@ -150,6 +150,14 @@ def test_every_reading_of_a_step_counts_not_just_the_last_one() -> None:
         vehicle.watch.step(vehicle.now_s, vehicle.run)
         assert "depth" in vehicle.watch.warnings or "depth" in vehicle.run.limits
     assert set(vehicle.run.limits) == {"depth"}
+    healthy = Vehicle().wait(5.0)
+    for step in range(61):
+        for i in range(4):
+            deep = 20.0 if i == 3 else 4.0
+            healthy.watch.odometry(healthy.now_s + 0.1, 0.3, 50.0 + 1e-6 * (4 * step + i), 50.0, deep, 1.0)
+        healthy.now_s += 0.1
+        healthy.watch.step(healthy.now_s, healthy.run)
+        assert (healthy.watch.warnings, healthy.run.limits) == ({}, {})
 
 
 @pytest.mark.parametrize("altitude_m", [0.4, 0.0, -0.0, -3.0, -math.inf])
