@@ -42,7 +42,7 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
             motion = MotionTable(settings.motion)
         except ParameterError as error:
             findings.refuse("motion", f"{settings.where}: {error}")
-    if area is not None and motion is not None:
+    if area is not None:
         _check_starts(settings, area, motion, findings)
     _check_recovery(settings, findings)
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
@@ -54,7 +54,7 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
     _check_ground(settings, findings)
 
 
-def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:
+def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable | None, findings: Findings) -> None:
     margin = settings.area.margin_m
     for number, own in enumerate(settings.vehicles, 1):
         if not findings.usable(*_START, vehicle=number):
@@ -69,7 +69,7 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, 
             findings.warning(
                 f"{place}, {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
             )
-        elif not can_turn(area, motion, v.start_heading_rad, start):
+        elif motion is not None and not can_turn(area, motion, v.start_heading_rad, start):
             findings.warning(
                 f"{place}, without room for a turning circle (motion.turn_radius_m "
                 f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start farther inside, "

@@ -112,6 +112,7 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
     else:  # as many as the file names
         most = max((number for number in named.values() if number <= _MOST_VEHICLES), default=mission.vehicles)
         team["mission"] = mission = dataclasses.replace(mission, vehicles=most)
+    findings.refused = {(name, owner) for name, owner in findings.refused if owner is None or owner <= mission.vehicles}
     vehicles = []
     for number in range(1, mission.vehicles + 1):
         own = with_depth(parameters_for(patterns, f"/auv{number}/settings"), number)

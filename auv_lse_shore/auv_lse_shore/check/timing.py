@@ -26,10 +26,10 @@ def check_timing(settings: Settings, findings: Findings) -> None:
     longest_s = None
     if findings.usable("motion"):
         longest_s = _check_legs(settings, MotionTable(settings.motion).leg_length_m, findings)
-    if not findings.usable("tdma", "mission.vehicles"):
+    if not _check_order(settings, findings) or not findings.usable("tdma"):
         return
     cycle_s = _check_slots(settings, longest_s, findings)
-    if cycle_s is not None and findings.usable("planner", "motion", "mission", "packet", "sim.altimeter", "link"):
+    if findings.usable("planner", "motion", "mission", "packet", "sim.altimeter", "link"):
         _check_packet(settings, cycle_s, findings)
 
 
@@ -61,20 +61,30 @@ def _check_legs(settings: Settings, leg_m: float, findings: Findings) -> float |
     return longest_s
 
 
-def _check_slots(settings: Settings, longest_s: float | None, findings: Findings) -> float | None:
+def _check_order(settings: Settings, findings: Findings) -> bool:
+    """Whether the order of the slots is usable."""
     tdma, vehicles = settings.tdma, settings.mission.vehicles
+    if not findings.usable("tdma.order", "mission.vehicles"):
+        return False
     order = tdma.order or tuple(range(1, vehicles + 1))
     try:
         for number in range(1, vehicles + 1):
             Tdma(tdma, number, vehicles)
     except ValueError as error:
         findings.error(f"{settings.where}: tdma: {error}")
-        return None
+        return False
     for number in range(1, vehicles + 1):
         if number not in order:
             findings.warning(
                 f"tdma.order: got {list(order)}, without a slot for auv{number}; expected one, or it never sends"
             )
+    return True
+
+
+def _check_slots(settings: Settings, longest_s: float | None, findings: Findings) -> float:
+    """Checks travel time and plan expiry. Returns the duration of a cycle (s)."""
+    tdma = settings.tdma
+    order = tdma.order or tuple(range(1, settings.mission.vehicles + 1))
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
     if span > tdma.max_range_m and findings.usable("area.polygon_m"):

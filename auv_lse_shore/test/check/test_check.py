@@ -106,6 +106,8 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         ({"gp": {"x": 1}}, {"vehicle": {"start_north_m": 900.0}}, ["gp.x", "auv2: .* 900, 0 m, outside the operating"]),
         ({"gp": {"x": 1}, "tdma": {"order": [1, 9]}}, None, ["gp.x", "tdma.order: .*9"]),
         ({"area": {"no_go": {"a": [1.0], "b": [2.0], "c": 3}}}, None, ["no_go.a:", "no_go.b:", "no_go.c:"]),
+        ({"tdma": {"order": [1, 7], "gurd_s": 3}}, None, ["tdma.gurd_s", "tdma.order: .*7"]),
+        ({"motion": {"actions_deg": [1.0, 1.0]}}, {"vehicle": {"start_north_m": 900.0}}, ["actions", "auv2: .* 900"]),
         ({"packet": {"tag": True}}, None, ["packet.key_file", "packet.session"]),
         ({"packet": {"tag": True, "key_file": 3}}, None, ["packet.key_file", "packet.session"]),
         ({"gp": {"signal_std_m": "x", "min_depth_m": 9.0, "max_depth_m": 8.0}}, None, ["signal_std_m", "min_depth_m"]),
