@@ -5,6 +5,7 @@ import socket
 import sys
 import threading
 import time
+from collections import Counter
 
 import pytest
 
@@ -171,6 +172,7 @@ class FakePort:
         self.fails = False
         self.closed = False
         self.data = b""
+        self.counts = Counter()
 
     def fileno(self):
         return -1

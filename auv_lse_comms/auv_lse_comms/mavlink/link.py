@@ -55,6 +55,9 @@ from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 #: safety watch keeps the limit tripped until RESET.
 LEAK_REPORTED_S = 50.0
 
+#: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
+EXAMINED_BYTES = 16384
+
 
 class LinkState(enum.Enum):
     """Whether the autopilot is heard."""
@@ -125,6 +128,7 @@ class VehicleLink:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._now_s = -math.inf
+        self._examined_bytes = 0
         self._attitude: Message | None = None
         self._attitude_s = -math.inf
         self._place: AutopilotEstimate | None = None
@@ -183,10 +187,13 @@ class VehicleLink:
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
-        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not."""
-        senders = {(m.get_srcSystem(), m.get_srcComponent()) for m in self._codec.would_decode(datagram)}
-        self.counts["strangers"] += self._autopilot not in senders
-        return self._autopilot in senders
+        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not.
+
+        Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
+        """
+        found = bytes(self._autopilot) in datagram and self._examine(datagram)
+        self.counts["strangers"] += not found
+        return found
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now, one message each; each is returned once."""
@@ -254,6 +261,7 @@ class VehicleLink:
             self._origin.host_stepped(now_s)
             self._clock.forget_utc()
         self._now_s = now_s
+        self._examined_bytes = 0
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:
@@ -285,6 +293,15 @@ class VehicleLink:
 
     def _autopilot_state(self) -> AutopilotState:
         return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self._battery_v)
+
+    def _examine(self, datagram: bytes) -> bool:
+        self._examined_bytes += len(datagram)
+        if self._examined_bytes > EXAMINED_BYTES:
+            self.counts["strangers_unread"] += 1
+            return False
+        return self._autopilot in {
+            (m.get_srcSystem(), m.get_srcComponent()) for m in self._codec.would_decode(datagram)
+        }
 
     # ------------------------------------------------------------------ messages
 

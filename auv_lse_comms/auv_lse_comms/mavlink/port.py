@@ -101,6 +101,7 @@ class AutopilotPort:
             text += "; the autopilot's origin is unknown: no odometry, no targets"
         values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
         values |= {f"wire {name}": count for name, count in link.wire.items()}
+        values |= {f"port {name}": count for name, count in self.connection.counts.items()}
         if self._sounder is not None:
             values |= {f"sounder {name}": count for name, count in self._sounder.counts.items()}
         return Health(level=Level.OK if up and link.placed else Level.ERROR, text=text, values=values)

@@ -126,6 +126,7 @@ class ModemPort:
         values = {"firmware": modem.version, "state": modem.state.value, **modem.counts}
         values |= {f"line {name}": count for name, count in modem.reader.counts.items()}
         values |= {f"ignored {name}": count for name, count in modem.ignored.counts.items()}
+        values |= {f"port {name}": count for name, count in self.connection.counts.items()}
         if modem.state not in _NOT_READY:
             return Health(level=Level.OK, text=modem.state.value, values=values)
         text = self._problem or self.connection.problem or modem.state.value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 from auv_lse_comms.transport.ports import Transport, TransportError
@@ -24,6 +25,7 @@ class Connection:
         self.problem = "not opened yet"
         self.failures = 0
         self._open_port = open_port
+        self._closed_counts: Counter[str] = Counter()
         self._backoff_s = (backoff_min_s, backoff_max_s)
         self._retry_s: float | None = None
 
@@ -65,8 +67,14 @@ class Connection:
         """Closes the port; it is reopened after the wait."""
         if self.transport is not None:
             self.transport.close()
+            self._closed_counts += self.transport.counts
             self.transport = None
             self._fail(reason, steady_s)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Counts of the open port and of those before it (`Transport.counts`)."""
+        return self._closed_counts + (self.transport.counts if self.transport else Counter())
 
     @property
     def wait_s(self) -> float:

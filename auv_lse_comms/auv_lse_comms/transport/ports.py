@@ -6,12 +6,17 @@ import contextlib
 import os
 import select
 import socket
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from auv_lse_comms.transport.address import Address
 
 READ_BYTES = 65536
+#: A read of a UDP port takes at most so many datagrams, or bytes (and the rest of a datagram), from its socket.
+MAX_DATAGRAMS, MAX_TAKEN_BYTES = 1024, 1 << 19
+#: A read returns at most so many bytes; older datagrams are dropped.
+MAX_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
 #: A peer that accepts no data for this long counts as dead (s).
 WRITE_TIMEOUT_S = 2.0
@@ -22,14 +27,20 @@ class TransportError(OSError):
 
 
 class Transport(Protocol):
-    """An open port."""
+    """An open port.
+
+    Attributes:
+        counts: "full_reads" (reads that reached their limit), "datagrams_dropped" (the oldest of too many).
+    """
+
+    counts: Counter[str]
 
     def fileno(self) -> int:
         """File descriptor for waiting on bytes."""
         ...
 
     def read(self) -> bytes:
-        """The bytes that have arrived, b"" if none have. Raises TransportError."""
+        """The bytes that have arrived, up to a limit, b"" if none have. Raises TransportError."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -47,6 +58,7 @@ class _StreamPort:
     def __init__(self, name: str, stream: Any, write: Callable[[bytes], Any], lost: str) -> None:
         """Uses the open `stream`, writes with `write`; `lost` describes a stream that has ended."""
         self._name, self._stream, self._write, self._lost = name, stream, write, lost
+        self.counts: Counter[str] = Counter()
 
     def fileno(self) -> int:
         """See `Transport`."""
@@ -63,6 +75,8 @@ class _StreamPort:
             raise TransportError(f"{self._name}: cannot be read: {error}") from error
         if not data:  # readable, yet without data: the stream has ended
             raise TransportError(f"{self._name}: {self._lost}")
+        if len(data) == READ_BYTES:
+            self.counts["full_reads"] += 1
         return data
 
     def write(self, data: bytes) -> None:
@@ -144,6 +158,7 @@ class UdpPort:
             TransportError: if the address is in use or does not belong to this machine.
         """
         self._name = f"{kind}://{host}:{port}"
+        self.counts: Counter[str] = Counter()
         self._peer: Any = None
         self._expected = expected
         try:
@@ -175,9 +190,13 @@ class UdpPort:
         return self._socket.fileno()
 
     def read(self) -> bytes:
-        """The payloads of the datagrams that have arrived, joined."""
-        parts: list[bytes] = []
-        while True:
+        """The payloads of the datagrams that have arrived, joined.
+
+        A flood cannot hold the caller: what exceeds a read's limits waits for the next one.
+        """
+        parts: deque[bytes] = deque()
+        taken = size = 0
+        for _ in range(MAX_DATAGRAMS):
             try:
                 data, peer = self._socket.recvfrom(READ_BYTES)
             except BlockingIOError:
@@ -186,12 +205,27 @@ class UdpPort:
                 continue  # nobody listened at the last write, which UDP allows
             except OSError as error:
                 raise TransportError(f"{self._name}: cannot be read: {error}") from error
-            if not self._connected and peer != self._peer:
-                if self._expected is not None and not self._expected(data):
-                    continue
-                self._peer = peer
-            parts.append(data)
+            taken += len(data)
+            if self._accepts(data, peer):
+                parts.append(data)
+                size += len(data)
+            while size > MAX_BYTES:
+                size -= len(parts.popleft())
+                self.counts["datagrams_dropped"] += 1
+            if taken >= MAX_TAKEN_BYTES:
+                self.counts["full_reads"] += 1
+                break
+        else:
+            self.counts["full_reads"] += 1
         return b"".join(parts)
+
+    def _accepts(self, data: bytes, peer: Any) -> bool:
+        """Whether a datagram is the peer's, or makes its sender the peer."""
+        if not self._connected and peer != self._peer:
+            if self._expected is not None and not self._expected(data):
+                return False
+            self._peer = peer
+        return True
 
     def write(self, data: bytes) -> None:
         """Sends one datagram; does nothing until there is a peer."""

@@ -86,6 +86,8 @@ class MavlinkCodec:
             self.counts["gaps"] += gap if gap < 128 else 0  # a reordered datagram is not a gap
             self._next[sender] = (message.get_seq() + 1) % 256
             good.append(message)
+        del self._mav.buf[: self._mav.buf_index]  # pymavlink frees it only when data end with a message
+        self._mav.buf_index = 0
         return good
 
     def encode(self, message: Message) -> bytes:
