@@ -3,38 +3,31 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import shutil
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
+
+from benchmarks.faults.report import Report
+
+# The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
+# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report.
+KINDS = {
+    "kills": "kills random nodes of two vehicles in one paced mission",
+    "soak": "a long mission of a large team, with mates that babble",
+    "nodes": "a paced mission of real nodes under load: memory of each",
+    "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
+}
 
 
-def _kills(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    from benchmarks.faults import kills
-
-    return kills.run(folder, options.kills, options.seed, say)
-
-
-def _soak(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    from benchmarks.faults import soak
-
-    return soak.run(options.minutes, options.vehicles, options.seed, say)
-
-
-def _nodes(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    from benchmarks.faults import nodes
-
-    return nodes.run(folder, options.minutes, options.vehicles, options.real_time_factor, options.seed, say)
-
-
-def _water(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    from benchmarks.faults import water
-
-    return water.run(folder, options.seeds, options.seed, options.steps, say, options.out is not None)
+def _kind(name: str) -> ModuleType:
+    return importlib.import_module(f"benchmarks.faults.{name}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,24 +46,8 @@ def parser() -> argparse.ArgumentParser:
         help="new folder for what it leaves (default: a temporary one, kept if something broke)",
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
-    one = kinds.add_parser("kills", parents=[common], help="kills random nodes of two vehicles in one paced mission")
-    one.add_argument("--kills", type=int, default=50, metavar="N", help="how many (default: %(default)s; 9 s each)")
-    one.set_defaults(run=_kills)
-    one = kinds.add_parser("soak", parents=[common], help="a long mission of a large team, with mates that babble")
-    one.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
-    one.add_argument("--vehicles", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)")
-    one.set_defaults(run=_soak)
-    one = kinds.add_parser("nodes", parents=[common], help="a paced mission of real nodes under load: memory of each")
-    one.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
-    one.add_argument("--vehicles", type=int, default=2, metavar="N", help="vehicles (default: %(default)s)")
-    one.add_argument("--real-time-factor", type=float, default=2.5, metavar="X", help="speed (default: %(default)s)")
-    one.set_defaults(run=_nodes)
-    one = kinds.add_parser(
-        "water", parents=[common], help="packets lost, doubled, late, damaged; a clock off; with --out a picture"
-    )
-    one.add_argument("--seeds", type=int, default=4, metavar="N", help="missions of each kind (default: %(default)s)")
-    one.add_argument("--steps", type=int, default=60, metavar="N", help="steps of each (default: %(default)s)")
-    one.set_defaults(run=_water)
+    for name, text in KINDS.items():
+        _kind(name).arguments(kinds.add_parser(name, parents=[common], help=text))
     return p
 
 
@@ -88,9 +65,9 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         with _folder(options.out) as folder:
-            lines, good = options.run(options, folder, say)
-            print("\n".join(lines))
-            if not good:
+            report: Report = _kind(options.kind).run(options, folder, say)
+            print("\n".join(report.lines))
+            if not report.good:
                 raise _Broken("not all as it should be")
     except KeyboardInterrupt:
         return 130

@@ -6,6 +6,7 @@ water, in real time. The recorders are not killed: they are the witnesses.
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import re
@@ -29,6 +30,7 @@ from auv_lse_common.process.domain import own_domain
 from auv_lse_common.process.processes import last_lines
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import Recording, recording_in
+from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 #: A killed node has to be at work again within this time (s).
@@ -294,24 +296,23 @@ def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int
     return of
 
 
-def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
-    """The table of a flight, and whether nothing was lost."""
+def table(flight: Flight, steps: int) -> Report:
+    """What became of a flight's kills, a row a node, and of its steps."""
     lines = [
         "| node | kills | back after (median, worst) | processor time for it (median, worst) | lost |",
         "|---|---|---|---|---|",
     ]
-    good = all(code == 0 for code in flight.codes)
+    lost = [f"a program ended with exit code {code}" for code in flight.codes if code != 0]
     for node in NODES:
         mine = [kill for kill in flight.kills if kill.node == node]
         back = [kill.back_s for kill in mine if not math.isnan(kill.back_s)]
         cpu = [kill.cpu_s for kill in mine if not math.isnan(kill.back_s)]
-        lost = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
+        lost_here = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
         if back:
             times = f"{statistics.median(back):.1f} s, {max(back):.1f} s"
             work = f"{statistics.median(cpu):.2f} s, {max(cpu):.2f} s"
-            lines.append(f"| `{node}` | {len(mine)} | {times} | {work} | {'; '.join(lost) or 'nothing'} |")
-            good = good and max(back) <= BACK_S
-        good = good and not lost
+            lines.append(f"| `{node}` | {len(mine)} | {times} | {work} | {'; '.join(lost_here) or 'nothing'} |")
+        lost += [f"{node}: {what}" for what in lost_here]
     for vehicle, decided in flight.steps.items():
         whole = decided == list(range(steps))
         lines.append(
@@ -320,17 +321,26 @@ def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
         )
         legs_s = flight.legs_s[vehicle]
         lines[-1] += f"; from decision to decision {min(legs_s):.0f} to {max(legs_s):.0f} s" if legs_s else ""
-        good = good and whole and max(legs_s, default=0.0) <= LONGEST * LEG_S
-    return lines, good
+        lost += [] if whole else [f"auv{vehicle}: not every step decided once"]
+        if max(legs_s, default=0.0) > LONGEST * LEG_S:
+            lost.append(f"auv{vehicle}: {max(legs_s):.0f} s from one decision to the next")
+    back = [kill.back_s for kill in flight.kills]
+    survived = sum(s <= BACK_S for s in back)
+    return Report(lines, len(back), survived, max((s for s in back if not math.isnan(s)), default=None), lost)
 
 
-def run(folder: Path, number: int, seed: int, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    """Flies a mission with so many kills, authenticated; returns the table, and whether nothing was lost."""
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults kills`."""
+    parser.add_argument("--kills", type=int, default=50, metavar="N", help="how many (default: %(default)s; 9 s each)")
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """Flies a mission with so many kills, authenticated."""
     folder.mkdir(parents=True)
     key = folder / "key"
     key.touch(0o600)
     key.write_text(secrets.token_hex(32))
-    steps = max(4, int(number * 9.0 / LEG_S) + 3)
+    steps = max(4, int(options.kills * 9.0 / LEG_S) + 3)
     more = {"packet.tag": "true", "packet.key_file": str(key), "packet.session": "kills"}
-    flight = fly(folder / "flight", steps, at_random(number, seed), more, say)
+    flight = fly(folder / "flight", steps, at_random(options.kills, options.seed), more, say)
     return table(flight, steps)

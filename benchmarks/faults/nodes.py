@@ -7,6 +7,7 @@ babbles in its mates' names. Each process is looked at ten times.
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.faults.kills import Program
+from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import family_of
 
 #: Soundings a second, and packets a second in the name of each mate, by the mission's clock.
@@ -104,31 +106,39 @@ def _domain_of(program: Program) -> int:
     return int(match[1])
 
 
-def run(
-    folder: Path, minutes: float, vehicles: int, factor: float, seed: int, say: Callable[[str], None]
-) -> tuple[list[str], bool]:
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults nodes`."""
+    parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
+    parser.add_argument("--vehicles", type=int, default=2, metavar="N", help="vehicles (default: %(default)s)")
+    parser.add_argument("--real-time-factor", type=float, default=2.5, metavar="X", help="speed (default: %(default)s)")
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """The table of a soak of nodes, and whether every process lived and stayed bounded."""
-    looks, apart_s, sent, code = soak(folder, minutes, vehicles, factor, seed, say)
+    minutes, vehicles, factor = options.minutes, options.vehicles, options.real_time_factor
+    looks, apart_s, sent, code = soak(folder, minutes, vehicles, factor, options.seed, say)
     if len(looks) < _LOOKS:
-        return [f"the mission ended after {len(looks)} of {_LOOKS} looks, exit code {code}"], False
+        ended = f"the mission ended after {len(looks)} of {_LOOKS} looks, exit code {code}"
+        return Report([ended], tried=1, survived=0, lost=[ended])
     names = sorted(looks[0], key=lambda name: (name.partition(".")[2] or name, name))
     first, middle, last = looks[0], looks[_LOOKS // 2 - 1], looks[-1]
     lines = [
         "| node | memory of its own at a tenth, half, end | processor time, share of a core |",
         "|---|---|---|",
     ]
-    good = code == 0
+    lost = [] if code == 0 else [f"the mission ended with exit code {code}"]
     for name in names:
         if name not in last or name not in middle:
             lines.append(f"| `{name}` | died | |")
-            good = False
+            lost.append(f"{name} died")
             continue
         share = (last[name].cpu_s - first[name].cpu_s) / (apart_s * (_LOOKS - 1))
         sizes = ", ".join(f"{at[name].memory_mb:.0f}" for at in (first, middle, last))
         lines.append(f"| `{name}` | {sizes} MB | {100.0 * share:.1f} % |")
-        good = good and last[name].memory_mb - middle[name].memory_mb < GROWTH_MB
+        if last[name].memory_mb - middle[name].memory_mb >= GROWTH_MB:
+            lost.append(f"{name} grew")
     lines.append(
         f"{vehicles} vehicles, {minutes:g} min of the mission at {factor:g} times real time, {SOUNDINGS_HZ} soundings "
         f"a second, {sent} packets babbled; exit code {code}; a node may grow by {GROWTH_MB:g} MB over the second half"
     )
-    return lines, good
+    return Report(lines, tried=1, survived=0 if lost else 1, lost=lost)

@@ -6,6 +6,7 @@ them send far more than their slots, packets that pass every check.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import os
 import time
@@ -24,6 +25,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
+from benchmarks.faults.report import Report
 
 #: Soundings a second; packets a second of each vehicle that babbles, and how many of them do.
 SOUNDINGS_HZ = 50
@@ -107,9 +109,15 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
     return samples, fleet
 
 
-def run(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[str], bool]:
-    """The table of a soak, and whether memory and time stayed bounded."""
-    samples, fleet = soak(minutes, vehicles, seed, say)
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults soak`."""
+    parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
+    parser.add_argument("--vehicles", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)")
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """The table of a soak, and whether memory and the map stayed bounded."""
+    samples, fleet = soak(options.minutes, options.vehicles, options.seed, say)
     cores = fleet.cores[0]
     lines = ["| mission time | memory | centers | longest decision | longest tick |", "|---|---|---|---|---|"]
     for s in samples:
@@ -123,4 +131,6 @@ def run(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) ->
     )
     growth_mb = samples[-1].memory_mb - samples[len(samples) // 2].memory_mb
     lines.append(f"memory grew by {growth_mb:.0f} MB over the second half (limit {GROWTH_MB:.0f} MB)")
-    return lines, growth_mb < GROWTH_MB and samples[-1].centers <= most
+    lost = [] if growth_mb < GROWTH_MB else [f"memory grew by {growth_mb:.0f} MB"]
+    lost += [] if samples[-1].centers <= most else [f"{samples[-1].centers} centers of {most}"]
+    return Report(lines, tried=1, survived=0 if lost else 1, lost=lost)

@@ -7,6 +7,7 @@ for its slots, plans, and times arrivals by it, so that travel times that it mea
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from auv_lse_sim.engine.fleet import Fleet, VehicleCores
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
+from benchmarks.faults.report import Report
 
 #: How far a clock is ahead (s) of the true time (s).
 Clock = Callable[[float], float]
@@ -226,10 +228,17 @@ def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
     )
 
 
-def run(
-    folder: Path, seeds: int, first: int, steps: int, say: Callable[[str], None], picture: bool
-) -> tuple[list[str], bool]:
-    """The table of all faults; also a picture in `folder`, if asked for. Whether nothing is absurdly bad."""
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults water`."""
+    parser.add_argument(
+        "--seeds", type=int, default=4, metavar="N", help="missions of each kind (default: %(default)s)"
+    )
+    parser.add_argument("--steps", type=int, default=60, metavar="N", help="steps of each (default: %(default)s)")
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """The table of all faults; also a picture in `folder`, where `--out` names one."""
+    seeds, first, steps = options.seeds, options.seed, options.steps
     found: dict[str, list[Outcome]] = {}
     for fault in FAULTS:
         found[fault.name] = [fly(fault, seed, 3, steps) for seed in range(first, first + seeds)]
@@ -244,11 +253,11 @@ def run(
         cells += [f"{mean[key]:.0f}" for key in ("accepted", "refused")]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     lines.append(f"means of {seeds} missions of three vehicles and {steps} steps, seeds {first} to {first + seeds - 1}")
-    if picture:
+    if options.out is not None:
         folder.mkdir(parents=True, exist_ok=True)
         _draw(found, folder / "water.png")
         lines.append(f"picture: {folder / 'water.png'}")
-    return lines, True
+    return Report(lines, tried=len(FAULTS) * seeds, survived=len(FAULTS) * seeds)
 
 
 def _draw(found: Mapping[str, Sequence[Outcome]], path: Path) -> None:

@@ -1,0 +1,42 @@
+"""What a kind of fault did: the row of it in the table of `scripts/faults all`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of the faults of one kind.
+
+    Attributes:
+        lines: The kind's own table, printed as it is.
+        tried: Faults injected.
+        survived: Faults after which everything worked again within its limit.
+        worst_recovery_s: Longest time until it did [s]; None where nothing has to recover.
+        lost: What was lost or went wrong, a sentence each.
+    """
+
+    lines: Sequence[str]
+    tried: int
+    survived: int
+    worst_recovery_s: float | None = None
+    lost: Sequence[str] = ()
+
+    @property
+    def good(self) -> bool:
+        """Whether every fault was survived and nothing was lost."""
+        return self.survived == self.tried and not self.lost
+
+
+def summary(reports: dict[str, Report]) -> list[str]:
+    """The table of all kinds, a row each and their sum."""
+    lines = ["| kind | faults tried | survived | worst recovery | lost |", "|---|---|---|---|---|"]
+    for kind, report in reports.items():
+        worst = "-" if report.worst_recovery_s is None else f"{report.worst_recovery_s:.1f} s"
+        lost = "; ".join(report.lost) or "nothing"
+        lines.append(f"| {kind} | {report.tried} | {report.survived} | {worst} | {lost} |")
+    tried, survived = (sum(getattr(r, name) for r in reports.values()) for name in ("tried", "survived"))
+    lines.append(f"| all | {tried} | {survived} | | {sum(len(r.lost) for r in reports.values()) or 'nothing'} |")
+    return lines
