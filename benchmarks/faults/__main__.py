@@ -9,15 +9,16 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from benchmarks.faults.report import Report
+from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
-# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report.
+# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module with
+# `SMALL`, the arguments of a run of a few minutes, is part of `scripts/faults all`.
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
     "soak": "a long mission of a large team, with mates that babble",
@@ -48,7 +49,35 @@ def parser() -> argparse.ArgumentParser:
     kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
     for name, text in KINDS.items():
         _kind(name).arguments(kinds.add_parser(name, parents=[common], help=text))
+    every = f"{', '.join(_small())}: a few minutes each, one table; Ctrl-C prints what there is"
+    kinds.add_parser("all", parents=[common], help=every)
     return p
+
+
+def _small() -> dict[str, list[str]]:
+    """The kinds that are part of `scripts/faults all`, with the arguments that keep each of them short."""
+    return {name: list(_kind(name).SMALL) for name in KINDS if hasattr(_kind(name), "SMALL")}
+
+
+def run_all(seed: int, folder: Path, say: Callable[[str], None]) -> tuple[dict[str, Report], bool]:
+    """Runs each kind of `_small` in a folder of its own; returns their reports, and whether Ctrl-C ended it.
+
+    A kind that breaks, or that Ctrl-C interrupts, is a row of the table as well.
+    """
+    reports: dict[str, Report] = {}
+    small = _small()
+    for number, (name, arguments) in enumerate(small.items(), 1):
+        say(f"{name} ({number} of {len(small)})")
+        options = parser().parse_args([name, *arguments, "--seed", str(seed)])
+        try:
+            reports[name] = _kind(name).run(options, folder / name, say)
+        except KeyboardInterrupt:
+            reports[name] = Report([], tried=0, survived=0, lost=["interrupted"])
+            return reports, True
+        except Exception as error:  # whatever broke: the other kinds still run
+            reports[name] = Report([], tried=1, survived=0, lost=[f"{type(error).__name__}: {error}"])
+        say(f"{name}: {reports[name].survived} of {reports[name].tried} survived")
+    return reports, False
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -65,9 +94,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         with _folder(options.out) as folder:
-            report: Report = _kind(options.kind).run(options, folder, say)
-            print("\n".join(report.lines))
-            if not report.good:
+            reports, interrupted = _run(options, folder, say)
+            if interrupted:
+                return 130
+            if not all(report.good for report in reports):
                 raise _Broken("not all as it should be")
     except KeyboardInterrupt:
         return 130
@@ -75,6 +105,19 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[Report], bool]:
+    """Runs what was asked for and prints its table; returns the reports, and whether Ctrl-C ended it."""
+    if options.kind != "all":
+        report: Report = _kind(options.kind).run(options, folder, say)
+        print("\n".join(report.lines))
+        return [report], False
+    reports, interrupted = run_all(options.seed, folder, say)
+    for name, report in reports.items():
+        print("\n".join([f"## {name}", *report.lines, ""]))
+    print("\n".join(summary(reports)))
+    return list(reports.values()), interrupted
 
 
 class _Broken(RuntimeError):

@@ -33,6 +33,7 @@ from auv_lse_record.recording import Recording, recording_in
 from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
+SMALL = ("--kills", "25")
 #: A killed node has to be at work again within this time (s).
 BACK_S = 5.0
 #: How long a leg takes (s), and how often that long it may take at most.

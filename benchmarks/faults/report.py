@@ -34,9 +34,14 @@ def summary(reports: dict[str, Report]) -> list[str]:
     """The table of all kinds, a row each and their sum."""
     lines = ["| kind | faults tried | survived | worst recovery | lost |", "|---|---|---|---|---|"]
     for kind, report in reports.items():
-        worst = "-" if report.worst_recovery_s is None else f"{report.worst_recovery_s:.1f} s"
         lost = "; ".join(report.lost) or "nothing"
-        lines.append(f"| {kind} | {report.tried} | {report.survived} | {worst} | {lost} |")
+        lines.append(f"| {kind} | {report.tried} | {report.survived} | {_time(report.worst_recovery_s)} | {lost} |")
     tried, survived = (sum(getattr(r, name) for r in reports.values()) for name in ("tried", "survived"))
-    lines.append(f"| all | {tried} | {survived} | | {sum(len(r.lost) for r in reports.values()) or 'nothing'} |")
+    worst = _time(max((r.worst_recovery_s for r in reports.values() if r.worst_recovery_s is not None), default=None))
+    lost = str(sum(len(r.lost) for r in reports.values()) or "nothing")
+    lines.append(f"| all | {tried} | {survived} | {worst} | {lost} |")
     return lines
+
+
+def _time(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds:.1f} s"

@@ -27,6 +27,9 @@ from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 from benchmarks.faults.report import Report
 
+SMALL = ("--seeds", "1", "--steps", "40")
+#: Bad water may raise the team's risk to this multiple of that of the same mission in good water.
+MOST_RISK = 1.25
 #: How far a clock is ahead (s) of the true time (s).
 Clock = Callable[[float], float]
 #: What a fault makes of the packets that one vehicle has read in a tick: (packets, time (s), random stream) -> packets.
@@ -257,7 +260,13 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         folder.mkdir(parents=True, exist_ok=True)
         _draw(found, folder / "water.png")
         lines.append(f"picture: {folder / 'water.png'}")
-    return Report(lines, tried=len(FAULTS) * seeds, survived=len(FAULTS) * seeds)
+    lost = [
+        f"{name}, seed {first + i}: risk {o.risk:.2f} against {good.risk:.2f} in good water"
+        for name, outcomes in found.items()
+        for i, (o, good) in enumerate(zip(outcomes, found[FAULTS[0].name], strict=True))
+        if not o.risk <= MOST_RISK * good.risk
+    ]
+    return Report(lines, tried=len(FAULTS) * seeds, survived=len(FAULTS) * seeds - len(lost), lost=lost)
 
 
 def _draw(found: Mapping[str, Sequence[Outcome]], path: Path) -> None:
