@@ -17,8 +17,8 @@ from types import ModuleType
 from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
-# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module with
-# `SMALL`, the arguments of a run of a few minutes, is part of `scripts/faults all`.
+# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module
+# with `SMALL`, the arguments of a run of a few minutes, is part of `scripts/faults all`.
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
     "soak": "a long mission of a large team, with mates that babble",
