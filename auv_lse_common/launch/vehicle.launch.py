@@ -14,6 +14,7 @@ from launch_ros.actions import Node
 
 from auv_lse_common.commands.vehicle import crew_of, journal_folder
 from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.process.processes import LAST_STOP_S, RECORDER
 
 
@@ -29,14 +30,14 @@ def _nodes(context):
         value("name"), Path(value("params_file")).resolve(), out, _truth("simulated", value("simulated")), record
     )
     common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
-    journals = {FOLDER_VARIABLE: str(journal_folder(out))}
+    dive = {FOLDER_VARIABLE: str(journal_folder(out)), DIVE_VARIABLE: new_dive(f"auv{crew.vehicle}")}
     nodes = [
         Node(
             package=process.package,
             executable=process.executable,
             namespace=process.namespace,
             parameters=[str(crew.file), {"use_sim_time": crew.simulated}],
-            additional_env=journals,
+            additional_env=dive,
             **common,
         )
         for process in crew.processes
@@ -46,7 +47,8 @@ def _nodes(context):
         out.mkdir(parents=True, exist_ok=True)
         folder = {"record.folder": str(crew.recording)}
         recorder = {"package": RECORDER.package, "executable": RECORDER.executable, "output": "screen"}
-        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder], sigterm_timeout=str(LAST_STOP_S)))
+        files = [str(crew.file), folder]
+        nodes.insert(0, Node(**recorder, parameters=files, additional_env=dive, sigterm_timeout=str(LAST_STOP_S)))
     return nodes
 
 

@@ -22,6 +22,7 @@ from auv_lse_common.mission_file.parameter_file import merge, parameters_for, re
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.process.domain import DomainError, local_environment, vehicle_environment, wanted_domain
 from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
@@ -195,6 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         domain = wanted_domain(options.domain)
         environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
         environment[FOLDER_VARIABLE] = str(journal_folder(out))
+        environment[DIVE_VARIABLE] = new_dive(f"auv{number}")
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)
     except (ParameterError, LaunchError, DomainError) as error:

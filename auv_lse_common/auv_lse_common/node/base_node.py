@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from auv_lse_common.mission_file.parameter_file import merge, nest
 from auv_lse_common.mission_file.parameters import describe, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
+from auv_lse_common.process.dive import own_dive
 
 #: A clock that is never set back.
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -33,6 +34,7 @@ class BaseNode(Node):
     Attributes:
         where: Origin of its parameters, for error messages.
         parameters: Its parameters, nested by section.
+        dive: Id of the dive or simulation that it belongs to; "" if it was started by hand.
         gather_s: How long (s) messages may gather before they are handled together, which costs less.
     """
 
@@ -41,6 +43,7 @@ class BaseNode(Node):
     def __init__(self, name: str) -> None:
         """Reads the node's parameters; rejects unknown top-level sections."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.dive = own_dive()
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
         own = {key: _plain(v) for key, v in flat.items()}
