@@ -1,0 +1,253 @@
+"""A node's state file: the little that a node must not forget, written in place so that a full disk cannot prevent it.
+
+Theory of operation
+-------------------
+The file is allocated in full before the mission: two slots of `SLOT_BYTES`, filled with zeros. A write replaces the
+older slot and waits for the disk. A slot carries a sequence number and a checksum:
+
+    magic (8 bytes) | sequence (8) | length (4) | CRC-32 of sequence, length and text (4) | text: JSON
+
+Nothing is published before its state is written, so a torn slot never held a state that anyone has seen. All the same
+the file is not trusted then, because a disk that tears one write may have damaged another. It is trusted if its size is
+right and each slot is blank or whole. Two blank slots are a first start.
+
+A file that cannot be written is invalidated in place, or else removed. `lost` says why the state of an earlier process
+is not trusted: a node then holds, and does not begin at the start.
+
+The clock may be wrong after a reboot, so nothing here compares times. A reboot is recognized by `START_VARIABLE`: each
+start of a vehicle's programs has a value of its own; a single node that is restarted has the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+#: The environment variable that names this start of a vehicle's programs.
+START_VARIABLE = "AUV_LSE_START"
+#: Size of a slot, and of a file: two slots.
+SLOT_BYTES = 16384
+FILE_BYTES = 2 * SLOT_BYTES
+_MAGIC, _INVALID = b"AUVLSE1\n", b"INVALID\n"
+_HEAD = struct.Struct("<8sQLL")
+
+
+class StateFile:
+    """The state that outlives a node's process, and the power of its computer.
+
+    Attributes:
+        values: What an earlier process wrote last; empty at a first start, or if it is not trusted.
+        lost: Why the state of an earlier process is not trusted; "" if it is, or if there was none. It stays set.
+        problem: Why the state is not being written; "" if it is.
+        rebooted: Whether `values` come from before a start of all the vehicle's programs.
+    """
+
+    def __init__(
+        self, path: Path | None, identity: Mapping[str, Any], *, start: str = "", expected: bool = False
+    ) -> None:
+        """Reads the file, or allocates it. A file that cannot be used is a `problem`, no error.
+
+        Args:
+            path: The file; its folder is made if it is missing. None: no state is kept.
+            identity: What the mission is known by: JSON values. The state of another identity is not trusted.
+            start: Value of `START_VARIABLE`.
+            expected: Whether an earlier process has left traces, so that a missing file is not a first start.
+        """
+        self.values: dict[str, Any] = {}
+        self.lost = self.problem = ""
+        self.rebooted = False
+        self._path, self._file, self._sequence, self._text = path, -1, 0, b""
+        self._start = start
+        self._identity = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        if path is None:
+            return
+        try:
+            if expected and not path.exists():
+                self._set_lost("is missing")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.touch()
+            elif not path.exists():
+                allocate(path)
+            self._file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            self._read(os.pread(self._file, FILE_BYTES + 1, 0))
+        except OSError as error:
+            self._set_lost(f"cannot be used: {error.strerror or error}")
+            self._give_up(error)
+            return
+        if self.lost and not self.values:
+            self._repair()
+
+    @property
+    def status(self) -> str:
+        """What is wrong, for diagnostics; "" if nothing is."""
+        return "; ".join(filter(None, (self.lost, self.problem)))
+
+    @property
+    def kept(self) -> bool:
+        """Whether the state is being written."""
+        return self._file >= 0
+
+    def write(self, values: Mapping[str, Any]) -> bool:
+        """Replaces the state, and waits until the disk has it. An unchanged state is not written again.
+
+        Args:
+            values: JSON values.
+
+        Returns:
+            Whether the disk has it, or no state is kept; else `problem` says why not.
+        """
+        if self._file < 0:
+            return self._path is None
+        document = {"identity": self._identity, "start": self._start, "lost": self.lost, "values": dict(values)}
+        text = json.dumps(document, separators=(",", ":")).encode()
+        if text == self._text:
+            return True
+        try:
+            self._put(text)
+        except OSError as error:
+            self._give_up(error)
+            return False
+        return True
+
+    def close(self) -> None:
+        """Closes the file."""
+        if self._file >= 0:
+            with contextlib.suppress(OSError):
+                os.close(self._file)
+            self._file = -1
+
+    def _read(self, data: bytes) -> None:
+        if self.lost:
+            return
+        if len(data) != FILE_BYTES:
+            self._set_lost(f"has {len(data)} bytes; expected {FILE_BYTES}")
+            return
+        slots = [_slot(data[:SLOT_BYTES]), _slot(data[SLOT_BYTES:])]
+        whole = sorted((slot for slot in slots if slot), key=lambda slot: slot[0])
+        numbers = [number for number, _ in whole]
+        if None in slots or (len(whole) == 1 and numbers != [1]) or (len(whole) == 2 and numbers[0] + 1 != numbers[1]):
+            self._set_lost("is damaged, or could not be written")
+            return
+        if not whole:
+            return
+        self._sequence, self._text = whole[-1]
+        document = json.loads(self._text)
+        if document["identity"] != self._identity:
+            self._set_lost("belongs to a mission with other parameters")
+            return
+        self.values, self.lost = document["values"], document["lost"]
+        self.rebooted = bool(self._start) and document["start"] != self._start
+
+    def _put(self, text: bytes) -> None:
+        """Writes a slot; raises OSError."""
+        if len(text) > SLOT_BYTES - _HEAD.size:
+            raise OSError(f"state of {len(text)} bytes; expected at most {SLOT_BYTES - _HEAD.size}")
+        number = self._sequence + 1
+        _write(self._file, _head(number, text) + text, number % 2 * SLOT_BYTES)
+        self._sequence, self._text = number, text
+
+    def _repair(self) -> None:
+        """Makes a file that is not trusted whole again, with the reason in it; dying meanwhile leaves it untrusted."""
+        document = {"identity": self._identity, "start": self._start, "lost": self.lost, "values": {}}
+        try:
+            _write(self._file, _INVALID, 0)
+            _write(self._file, bytes(SLOT_BYTES), SLOT_BYTES)
+            os.ftruncate(self._file, FILE_BYTES)
+            self._sequence = 0
+            self._put(json.dumps(document).encode())  # slot 1
+            _write(self._file, bytes(SLOT_BYTES), 0)
+            os.fsync(self._file)
+        except OSError as error:
+            self._give_up(error)
+
+    def _set_lost(self, why: str) -> None:
+        self.lost = f"state file {self._path}: {why}; the state of an earlier process is not trusted"
+        self.values = {}
+
+    def _give_up(self, error: OSError) -> None:
+        assert self._path is not None
+        self.problem = (
+            f"state file {self._path}: cannot be written: {error.strerror or error}; a restarted node would hold"
+        )
+        try:
+            invalidate(self._path)
+        except OSError:
+            try:
+                self._path.unlink(missing_ok=True)
+            except OSError as last:
+                self.problem += f"; it could not be invalidated either: {last.strerror or last}"
+        self.close()
+
+
+def allocate(path: Path) -> None:
+    """Makes a blank state file, and its folder, in full and on the disk.
+
+    Raises:
+        OSError: if there is no room for it, or no permission.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(path.name + ".new")
+    try:
+        _create(beside)
+        beside.rename(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def invalidate(path: Path) -> None:
+    """Marks a state file in place, so that no later process trusts it.
+
+    Raises:
+        OSError: if that fails.
+    """
+    file = os.open(path, os.O_WRONLY)
+    try:
+        for slot in (0, SLOT_BYTES):
+            _write(file, _INVALID, slot)
+    finally:
+        os.close(file)
+
+
+def _create(path: Path) -> None:
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    try:
+        _write(file, bytes(FILE_BYTES), 0)
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _write(file: int, data: bytes, offset: int) -> None:
+    written = os.pwrite(file, data, offset)
+    if written != len(data):
+        raise OSError(f"{written} of {len(data)} bytes written")
+    getattr(os, "fdatasync", os.fsync)(file)  # macOS has no fdatasync
+
+
+def _head(number: int, text: bytes) -> bytes:
+    return _HEAD.pack(_MAGIC, number, len(text), zlib.crc32(struct.pack("<QL", number, len(text)) + text))
+
+
+def _slot(data: bytes) -> tuple[int, bytes] | tuple[()] | None:
+    """Sequence and text of a slot; empty if it is blank, None if it is neither blank nor whole."""
+    if not any(data):
+        return ()
+    magic, number, length, _ = _HEAD.unpack_from(data)
+    text = data[_HEAD.size : _HEAD.size + length]
+    if magic != _MAGIC or data[: _HEAD.size] != _head(number, text):
+        return None
+    return number, text

@@ -1,0 +1,193 @@
+"""State files: written on a full disk, whole after power loss at any byte, and never trusted when out of date."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.node import state_file
+from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES, StateFile, allocate, invalidate
+
+MISSION = {"vehicle": 2, "steps": 100}
+
+
+def test_the_last_state_is_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "a folder" / "safety.state"
+    first = StateFile(path, MISSION)
+    assert (first.values, first.lost, first.problem) == ({}, "", "")
+    for number in range(5):
+        assert first.write({"number": number, "name": "Zürich"})
+        assert StateFile(path, MISSION).values == {"number": number, "name": "Zürich"}
+    assert path.stat().st_size == FILE_BYTES
+
+
+def test_a_file_cut_or_torn_at_any_byte_is_not_trusted_or_whole(tmp_path: Path) -> None:
+    path = tmp_path / "safety.state"
+    file = StateFile(path, MISSION)
+    file.write({"state": "running"})
+    before = path.read_bytes()
+    file.write({"state": "aborted"})
+    after = path.read_bytes()
+    slot = next(i for i in range(FILE_BYTES) if before[i] != after[i])
+    slot -= slot % SLOT_BYTES
+    last = max(i for i in range(FILE_BYTES) if before[i] != after[i])
+    for torn in range(slot, last + 2):  # the write of "aborted" has got so far
+        path.write_bytes(after[:torn] + before[torn:])
+        read = StateFile(path, MISSION)
+        if before[torn:] == after[torn:]:
+            assert read.values == {"state": "aborted"}
+        elif before[:torn] == after[:torn]:
+            assert read.values == {"state": "running"}  # it has not begun
+        else:
+            assert read.values == {}
+            assert "not trusted" in read.lost
+    for cut in [*range(0, 200), *range(SLOT_BYTES - 9, SLOT_BYTES + 200), FILE_BYTES - 1]:
+        path.write_bytes(after[:cut])
+        read = StateFile(path, MISSION)
+        assert read.values == {}
+        assert "not trusted" in read.lost
+
+
+def test_a_file_that_is_not_trusted_stays_so_and_is_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "safety.state"
+    StateFile(path, MISSION).write({"state": "running"})
+    invalidate(path)
+    second = StateFile(path, MISSION)
+    assert second.values == {}
+    assert StateFile(path, MISSION).lost == second.lost, "also if the second process died at once"
+    assert second.write({"state": "holding"})
+    third = StateFile(path, MISSION)
+    assert third.values == {"state": "holding"}
+    assert third.lost == second.lost
+
+
+def test_a_process_that_dies_while_it_repairs_leaves_the_file_untrusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "safety.state"
+    for calls in range(5):
+        StateFile(path, MISSION).write({"state": "running"})
+        path.write_bytes(path.read_bytes()[:-1])
+        left = [calls]
+
+        def dies(file: int, data: bytes, offset: int, left: list[int] = left) -> None:
+            if not left[0]:
+                raise KeyboardInterrupt
+            left[0] -= 1
+            os.pwrite(file, data, offset)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(state_file, "_write", dies)
+            if calls < 4:
+                with pytest.raises(KeyboardInterrupt):
+                    StateFile(path, MISSION)
+            else:
+                StateFile(path, MISSION)
+        assert StateFile(path, MISSION).lost
+        path.unlink()
+
+
+def test_other_parameters_are_not_this_mission(tmp_path: Path) -> None:
+    path = tmp_path / "safety.state"
+    StateFile(path, MISSION).write({"state": "running"})
+    other = StateFile(path, {**MISSION, "steps": 101})
+    assert other.values == {}
+    assert "other parameters" in other.lost
+
+
+def test_a_missing_file_is_a_first_start_only_if_nothing_ran_before(tmp_path: Path) -> None:
+    assert not StateFile(tmp_path / "one.state", MISSION).lost
+    missing = StateFile(tmp_path / "two.state", MISSION, expected=True)
+    assert "is missing" in missing.lost
+    assert StateFile(tmp_path / "two.state", MISSION).lost
+
+
+def test_a_reboot_is_told_from_a_restart(tmp_path: Path) -> None:
+    path = tmp_path / "safety.state"
+    first = StateFile(path, MISSION, start="a")
+    assert not first.rebooted
+    first.write({"state": "running"})
+    assert not StateFile(path, MISSION, start="a").rebooted
+    again = StateFile(path, MISSION, start="b")
+    assert again.rebooted
+    again.write({"state": "running"})
+    assert not StateFile(path, MISSION, start="b").rebooted
+
+
+def test_a_folder_that_cannot_be_written_is_not_a_first_start(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    state = StateFile(tmp_path / "file" / "safety.state", MISSION)
+    assert "cannot be used" in state.lost
+    assert "cannot be written" in state.problem
+    assert not state.write({"state": "running"})
+
+
+def test_a_file_that_fails_is_invalidated_in_place(tmp_path: Path) -> None:
+    path = tmp_path / "safety.state"
+    state = StateFile(path, MISSION)
+    state.write({"state": "running"})
+    number = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(number, state._file)
+    os.close(number)
+    assert not state.write({"state": "aborted"})
+    assert "cannot be written" in state.problem
+    after = StateFile(path, MISSION)
+    assert after.values == {}
+    assert after.lost
+
+
+def test_a_state_that_is_too_large_is_a_problem_and_no_error(tmp_path: Path) -> None:
+    state = StateFile(tmp_path / "safety.state", MISSION)
+    assert not state.write({"text": "x" * SLOT_BYTES})
+    assert "expected at most" in state.problem
+
+
+def test_without_a_path_nothing_is_kept() -> None:
+    none = StateFile(None, MISSION)
+    assert none.write({"state": "running"})
+    assert (none.values, none.kept, none.status) == ({}, False, "")
+
+
+def test_a_full_disk_stops_the_allocation_but_no_write(tmp_path: Path) -> None:
+    """A limit on the size of files stands in for the disk: files that have their size can be written."""
+    path = tmp_path / "safety.state"
+    state = StateFile(path, MISSION)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_BYTES, limits[1]))
+    try:
+        for number in range(3):
+            assert state.write({"number": number})
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        with pytest.raises(OSError, match="."):
+            allocate(tmp_path / "other.state")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == [path]
+    assert StateFile(path, MISSION).values == {"number": 2}
+
+
+def test_a_killed_process_leaves_a_whole_file(tmp_path: Path) -> None:
+    writer = (
+        "import sys; from pathlib import Path; from auv_lse_common.node.state_file import StateFile\n"
+        "s = StateFile(Path(sys.argv[1]), {})\n"
+        "for n in range(10**9): s.write({'n': n, 'x': 'x' * 2000})\n"
+    )
+    path = tmp_path / "safety.state"
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, "-c", writer, str(path)])
+        until, before = time.monotonic() + 20.0, path.read_bytes() if path.exists() else b""
+        while not path.exists() or path.read_bytes()[:100] == before[:100]:
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert StateFile(path, {}).values
