@@ -48,7 +48,7 @@ def test_a_file_cut_or_torn_at_any_byte_is_not_trusted_or_whole(tmp_path: Path) 
         else:
             assert read.values == {}
             assert "not trusted" in read.lost
-    for cut in [*range(0, 200), *range(SLOT_BYTES - 9, SLOT_BYTES + 200), FILE_BYTES - 1]:
+    for cut in [*range(200), *range(SLOT_BYTES - 9, SLOT_BYTES + 200), FILE_BYTES - 1]:
         path.write_bytes(after[:cut])
         read = StateFile(path, MISSION)
         assert read.values == {}
@@ -166,7 +166,7 @@ def test_a_full_disk_stops_the_allocation_but_no_write(tmp_path: Path) -> None:
         for number in range(3):
             assert state.write({"number": number})
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        with pytest.raises(OSError, match="."):
+        with pytest.raises(OSError, match=r"bytes written|too large"):
             allocate(tmp_path / "other.state")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
