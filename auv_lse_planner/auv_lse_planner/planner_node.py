@@ -35,7 +35,7 @@ from auv_lse_planner.vehicle.problems import of_state
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
-#: The mission's end is reported again after this time (s), until the mission's state shows it.
+#: The mission's end is reported again after this time (s), until the mission's state confirms it.
 _END_PERIOD_S = 1.0
 _TUNABLE = (
     "method",
@@ -54,16 +54,15 @@ class PlannerNode(VehicleNode):
     """planner_node: decides the legs of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Builds the planner from the parameters and sets up the topics."""
         super().__init__("planner_node")
         settings = PlannerSettings.from_parameters(self.parameters, self.where, self.vehicle)
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
         decided = any(kind == "decided" for kind, *_ in self.journal.records)
-        self._state_lost = "" if decided else self.journal.stale  # a mission does not restart at step 0 under way
+        self._state_lost = "" if decided else self.journal.stale  # do not restart a running mission at step 0
         self._planner.set_blocked(0.0, self._state_lost or "safety_node has not reported the mission's state")
-        if not self.journal.records:  # after a restart during a mission skip it, to be ready sooner
+        if not self.journal.records:  # skipped after a restart during a mission, to be ready sooner
             rehearse_decision(settings, self.vehicle)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
@@ -101,7 +100,7 @@ class PlannerNode(VehicleNode):
                 decided = values
             elif kind == "heard":
                 stamp_s, vehicle, plan = values
-                self._planner.hear(stamp_s, vehicle, Plan.from_mapping(plan))
+                self._planner.receive_plan(stamp_s, vehicle, Plan.from_mapping(plan))
         if decided is not None:
             snapshot, stamp_s, plan = decided
             self._planner.restore(snapshot)

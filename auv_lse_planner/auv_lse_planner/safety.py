@@ -18,12 +18,7 @@ from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState, 
 
 @dataclass(slots=True)
 class Safety:
-    """The mission of a vehicle and the watch over it.
-
-    Attributes:
-        run: State of the mission.
-        watch: Monitors the limits.
-    """
+    """The mission of a vehicle and the watch over it."""
 
     run: MissionRun
     watch: SafetyWatch
@@ -33,9 +28,7 @@ class Safety:
         """Builds both from a nested parameter mapping; other sections are ignored.
 
         Args:
-            parameters: Nested mapping (section -> parameter -> value).
             where: Source of the parameters, for messages.
-            vehicle: Number of the vehicle, from 1.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
@@ -54,7 +47,7 @@ class Safety:
             if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.place_m)) > fence.margin_m:
                 raise ParameterError(
                     f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.place_m[0]:g}, {stop.place_m[1]:g} m, "
-                    f"the target of {key}: {outside_m:.0f} m outside of area.polygon_m; expected at most "
+                    f"the target of {key}: {outside_m:.0f} m outside area.polygon_m; expected at most "
                     f"safety.fence_margin_m = {fence.margin_m:g} m. Move it inward, else the fence trips there"
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
@@ -73,10 +66,10 @@ class Safety:
         self.watch.restore(values["watch"])
 
     def distrust(self, reason: str) -> None:
-        """The state before a restart is lost: the vehicle surfaces and holds until RESET, whatever it did before.
+        """Reacts to a lost state after a restart: the vehicle surfaces and holds until RESET.
 
         Args:
-            reason: Why it is lost, for people.
+            reason: Why the state is lost, as a text for operators.
         """
         self.run.trip("state_lost", Stop(action=Action.SURFACE), reason)
 

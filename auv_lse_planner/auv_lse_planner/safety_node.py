@@ -26,7 +26,6 @@ class SafetyNode(VehicleNode):
     """safety_node: start, hold, abort and the safety watch of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Builds mission and watch from the parameters; sets up topics and service."""
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
         standings = [values[0] for kind, *values in self.journal.records if kind == "standing"]
@@ -89,7 +88,7 @@ class SafetyNode(VehicleNode):
         """Checks the limits; publishes the state when it changes and, without lockstep, every second."""
         self._safety.watch.step(now_s, self._safety.run)
         status, warnings = self._safety.run.status, self._safety.watch.warnings
-        if (status, *warnings) != self._reported:  # the numbers in warnings change all the time
+        if (status, *warnings) != self._reported:  # compares keys: the numbers in warnings change constantly
             self._reported = (status, *warnings)
             self._published += 1
             self.journal.write("standing", self._safety.snapshot())

@@ -29,14 +29,14 @@ from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.search.path_search import SearchProblem
 
-SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
+MAX_SMALL_PATH = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
 
 
-def area(polygon=SMALL, **options) -> OperatingArea:
+def area(polygon=MAX_SMALL_PATH, **options) -> OperatingArea:
     return OperatingArea(AreaConfig(polygon_m=polygon, **options))
 
 
-def world(polygon=SMALL, motion=None, planner=None, vehicles=1, **options):
+def world(polygon=MAX_SMALL_PATH, motion=None, planner=None, vehicles=1, **options):
     """Area, motion table, free space, naive paths."""
     a = area(polygon, **options)
     m = MotionTable(motion or MotionConfig())
@@ -47,7 +47,7 @@ def world(polygon=SMALL, motion=None, planner=None, vehicles=1, **options):
 def settings(planner=None, vehicles=1, steps=20, **sections) -> PlannerSettings:
     return PlannerSettings.from_parameters(
         {
-            "area": {"polygon_m": list(SMALL)},
+            "area": {"polygon_m": list(MAX_SMALL_PATH)},
             "mission": {"vehicles": vehicles, "steps": steps},
             "planner": planner or {},
             **sections,

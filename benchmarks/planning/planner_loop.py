@@ -170,7 +170,7 @@ def _send(boats: list[_Boat], index: int, now_s: float, loss: float, channel: np
     for other, receiver in enumerate(boats):
         if other == index or channel.random() < loss:
             continue
-        receiver.planner.hear(now_s, index + 1, boat.plan)
+        receiver.planner.receive_plan(now_s, index + 1, boat.plan)
         for sample in samples:
             receiver.gp.add(*sample)
 

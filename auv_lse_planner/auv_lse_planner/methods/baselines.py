@@ -1,4 +1,4 @@
-"""Baseline methods: a naive path alone (the lawnmower), and greedy selection of the next leg."""
+"""Baseline methods: one naive path (the lawnmower), and greedy selection of the next leg."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from auv_lse_planner.search.uct import Actions, SearchResult
 
 
 class NaivePath(PathMethod):
-    """A naive path alone to the mission's end; vehicles take the ids of `planner.naive_paths` in turn."""
+    """Follows one naive path to the mission's end. Vehicle i uses the i-th id of `planner.naive_paths`, cyclically."""
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
         """Always keeps the incumbent: a naive path is never replaced."""
@@ -24,8 +24,8 @@ class NaivePath(PathMethod):
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
         """The naive path from the current state.
 
-        If it would cross ground that the map shows as too shallow, its first legs lead around it. They are explicit
-        actions, because other vehicles do not have this map.
+        If it would cross shallow ground, its first legs detour around it as explicit actions, because other vehicles do
+        not have this map.
         """
         s, rollout, ids = situation, self.context.rollout, situation.planner.naive_paths
         naive_path, left = ids[(self.context.vehicle - 1) % len(ids)], rollout.steps - s.step

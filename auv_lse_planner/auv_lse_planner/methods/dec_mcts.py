@@ -1,16 +1,16 @@
 """Decentralized MCTS (Best, Cliff, Patten, Mettu, Fitch 2019), the paper's alternative to the sequential order.
 
 Vehicles have no order. Each one keeps a distribution over its plans, sends it to the others, and searches its tree
-against plans drawn from theirs. A packet has room for only one plan, which leads to these adaptations:
+against plans drawn from theirs. A packet has room for one plan only, so this implementation differs:
 
 - A packet carries one plan *drawn* from the sender's distribution instead of the best plan. A receiver represents the
   distribution of a team mate by its last different plans, with larger weights for newer ones.
 - The search evaluates a sequence by its mean over `JOINT_DRAWS` joint draws of the team mates' plans: by the drop of
-  the map's risk that it adds to theirs, which is the local utility of the paper. Evaluated at its own places, as in the
-  paper's other searches, it loses half as much again (docs/design/planner.md, "Team").
-- The own distribution is q(x) ~ exp(value(x) / temperature) over the best sequences of the search: the minimum of the
-  free energy that Dec-MCTS descends to, for the others' distributions as they stand. The temperature falls from step to
-  step (`COOLING`). The vehicle itself travels the best sequence.
+  the map's risk that it adds to theirs, which is the local utility of the paper. Evaluation at the path's own places,
+  as in the paper's other searches, gives a 50 % higher loss (docs/design/planner.md, "Team").
+- This vehicle's distribution is q(x) ~ exp(value(x) / temperature) over the best sequences of the search. It minimizes
+  the free energy of Dec-MCTS for the others' current distributions. The temperature decreases every step (`COOLING`).
+  The vehicle itself follows the best sequence.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from auv_lse_planner.search.uct import Actions, run_search
 
 Array = NDArray[np.float64]
 
-#: Joint draws of the team mates' plans that a sequence is evaluated against.
+#: Number of joint draws of the team mates' plans against which a sequence is evaluated.
 JOINT_DRAWS = 3
-#: Sequences that this vehicle's distribution is over.
+#: Number of sequences in this vehicle's distribution.
 SUPPORT = 10
-#: Temperature of this vehicle's distribution at the first step, as a share of the best value, and its fall per step.
+#: Temperature at the first step, relative to the best value, and its factor per step.
 TEMPERATURE = 0.02
 COOLING = 0.97
 
@@ -64,7 +64,6 @@ class JointDraws:
         Args:
             rewards: For each draw, the map reward of paths from the current step: over the sequences' length without
                 naive paths, else to the mission's end.
-            rollout: Follows plans to the mission's end.
             problem: State, and naive paths that may continue a sequence.
         """
         self._rewards, self._rollout, self._problem = rewards, rollout, problem

@@ -13,8 +13,8 @@ from auv_lse_common.vocabulary.plan import Plan
 class BoundRecord:
     """Expected reward and lower bound of one decision.
 
-    Rewards are sums of expected benefit of search, in the unit of the costs; on the whole map, or at the places of the
-    own path (`Family.bound_of`).
+    Rewards are sums of expected benefit of search, in the unit of the costs, over the whole map or over this vehicle's
+    path (`Family.bound_of`).
 
     Attributes:
         step: Step planned from.
@@ -22,15 +22,11 @@ class BoundRecord:
         method: The method.
         reward_so_far: Reward of the legs already decided.
         expected_end: Reward of the chosen path from here to its end (the paper's Jbar, or J without a naive path).
-        lower_bound: The time-varying lower bound: reward_so_far + the part of `expected_end` that no later decision can
-            lose. That part is the naive path's reward, or `expected_end` minus the budget.
+        lower_bound: The time-varying lower bound: reward_so_far + the naive path's reward, or reward_so_far +
+            expected_end - budget.
         lower_bound_max: Its running maximum.
         incumbent_value: `expected_end` of the incumbent on the same data; NaN without an incumbent.
-        incumbent_kept: Whether the incumbent was kept.
-        iterations: Search iterations.
-        deadline_hit: Whether the deadline ended the search.
-        budget: Amount by which later decisions may lower the expected end (method tour), never negative. NaN for a
-            method without a budget.
+        budget: Amount by which later decisions may lower the expected end (method tour); NaN without a budget.
         void: Reason why the last plan was discarded without a charge: "shallow ground", "off the plan"; else empty.
     """
 
@@ -50,7 +46,7 @@ class BoundRecord:
 
     @property
     def expected_total(self) -> float:
-        """Reward expected of the whole mission: reward_so_far + expected_end."""
+        """Expected reward of the whole mission: reward_so_far + expected_end."""
         return self.reward_so_far + self.expected_end
 
 
@@ -60,7 +56,6 @@ class Statistics:
 
     Attributes:
         team_places: Number of places ahead on team mates' plans.
-        evaluations: Number of different paths evaluated.
         best_new_value: Value of the best path found by the search, in the search's reward; NaN without one.
         escape: Whether no action was feasible.
         reanchored: Whether the plan starts from odometry instead of the planned state.
@@ -82,8 +77,6 @@ class Decision:
     Attributes:
         plan: The path to the mission's end, for the team.
         leg: The leg to travel next.
-        bound: The bound record.
-        statistics: How it was found.
     """
 
     plan: Plan

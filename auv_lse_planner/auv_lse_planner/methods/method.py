@@ -4,8 +4,8 @@ A method decides one leg after another (the receding horizon of the paper, secti
 decision is due, tracks the leg, and writes the bound record. The method keeps its optimizer state, its budget and its
 copy of the posterior; it does not change the vehicle's posterior.
 
-The incumbent is the last plan, continued. It and its packet keep the state the plan was made from as their anchor, so
-that every receiver builds the same path.
+The incumbent is the last plan, continued. The plan and its packet keep the state from which the plan was made, so that
+every receiver builds the same path.
 """
 
 from __future__ import annotations
@@ -45,14 +45,9 @@ class PlanningContext:
 
     Attributes:
         vehicle: Number of the vehicle, from 1.
-        settings: All parameters at the start.
-        space: Its free space.
-        rollout: Follows plans to the mission's end.
-        posterior: Its map. A method that needs planned places makes a copy (`with_planned`).
-        team: Its team mates.
+        posterior: The map. A method that needs planned places copies it (`with_planned`).
         map_grid: Places over which the map's risk is summed.
-        coarse_grid: Places over which it is summed if only its gradient is needed.
-        rng: Random stream for every random choice.
+        coarse_grid: Places over which it is summed for its gradient.
     """
 
     vehicle: int
@@ -76,7 +71,7 @@ class PlanningContext:
         return CachedPoints(self.posterior, self.coarse_grid.places_m)
 
     def assume_plans(self, situation: Situation) -> None:
-        """From the first call on, assumes that team mates without a received plan mow their strips."""
+        """Assumes that team mates without a received plan mow their strips, from the first call on."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def map_reward(self, situation: Situation) -> AnytimeReward:
@@ -133,7 +128,6 @@ class Situation:
     """The inputs of a decision.
 
     Attributes:
-        planner: The planner's parameters, complete.
         now_s: Mission time.
         step: Mission step planned from.
         state: Heading (rad), north, east (m), shape (3,).
@@ -161,8 +155,6 @@ class Candidate:
     """A candidate plan, with its path from the current step on and its value.
 
     Attributes:
-        plan: The plan.
-        path: Its path.
         value: Its value on the current data.
         waypoints_m: The waypoints of its tour, shape (n + 1, 2); None without a tour.
     """
@@ -180,18 +172,13 @@ class Choice:
     Attributes:
         chosen: The plan to follow: the incumbent or a new one.
         incumbent: The last plan, continued; None if there is none or it is void.
-        team_plan: The plan for the team.
         assured: The part of the chosen plan's expected end that no later decision can lose.
         leg_reward: Expected reward of the next leg, if rewards are added up leg by leg.
         map_risk: Risk of the map, if the reward so far is measured by its drop; else NaN.
         budget: See `BoundRecord`.
         void: See `BoundRecord`.
         infeasible: Whether the map forbids the next legs of the last plan.
-        team_places: Number of places ahead on team mates' plans.
-        iterations: Search iterations.
-        evaluations: Number of different paths evaluated.
         best_new_value: Expected end of the best new plan, in the search's reward.
-        deadline_hit: Whether the deadline ended the search.
     """
 
     chosen: Candidate
@@ -238,7 +225,7 @@ class Method(Protocol):
         ...
 
     def weigh_surfacing(self, situation: Situation, path: PlannedPath, legs: int) -> SurfacingValue:
-        """Compares a fix at the end of the leg just decided with the last `legs` of the path, which it would cost."""
+        """Compares the gain of a fix after the leg just decided with its cost: the last `legs` legs of the path."""
         self.context.assume_plans(situation)
         gain = gain_of_fix(self.context.map_points, self.context.settings.level_set)
         reward = self.context.map_reward(situation)

@@ -1,8 +1,8 @@
-"""What all methods share that maximize the paper's reward, at the places of this vehicle's path (paper, section 6).
+"""Common base of the methods that maximize the paper's reward at the places of one path (paper, section 6).
 
-With S the data, O the places that team mates before this vehicle will visit, V a path:
+With data S, places O on the plans of the team mates before this vehicle, and a path V:
 
-1. Incumbent: the last plan, with its J(V | S u O) on the current data. It is void if the map forbids its next legs.
+1. Incumbent: the last plan, evaluated as J(V | S u O) on the current data; void if the map forbids its next legs.
 2. Proposal: the method's new plan (`propose`).
 3. Choice: the incumbent is replaced only by a plan with a higher value (`planner.incumbent`).
 4. Bound: the reward so far plus the reward of the chosen plan's naive path (paper: the time-varying lower bound).
@@ -24,7 +24,6 @@ class PathMethod(Method):
     """A method whose reward is that of this vehicle's path. Subclasses propose plans."""
 
     def __init__(self, context: PlanningContext) -> None:
-        """Starts before the first decision."""
         self.context = context
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
@@ -48,7 +47,7 @@ class PathMethod(Method):
         proposal = self.propose(s, reward)
         found = proposal.found
         new = self._evaluated(Plan.at(s.step, s.state, found.actions, proposal.naive_path), reward, found.value)
-        if proposal.team_plan is not None:  # found against draws; evaluate against the last plans received
+        if proposal.team_plan is not None:  # it was found against draws; evaluate it against the last received plans
             new = self._evaluated(new.plan, reward)
         chosen, may_stay = new, s.planner.incumbent and not infeasible
         if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
@@ -93,7 +92,7 @@ class PathMethod(Method):
         return self.context.space.path_feasible(path.states[0], path.actions, legs)
 
     def _evaluated(self, plan: Plan, reward: PathReward, value: float | None = None) -> Candidate:
-        """A new plan with its path and its value, which is computed if not given."""
+        """A new plan with its path and its value; None: compute the value."""
         path = self.context.rollout.follow(plan)
         if value is None:
             value = reward.value(reward.posterior.at(path.places_m))

@@ -1,4 +1,4 @@
-"""Team mates of a vehicle: their last received plans, and the places that lie ahead of them."""
+"""Team mates of a vehicle: their last received plans, and the places ahead on them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.planner import MOST_PLACES
+from auv_lse_common.mission_file.sections.planner import MAX_PLACES
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
 
 #: Number of different plans kept for each team mate.
-KEPT_PLANS = 3
+PLANS_PER_MATE = 3
 
 
 @dataclass(slots=True)
@@ -33,7 +33,7 @@ class Team:
 
     Attributes:
         others: Their numbers.
-        before: Numbers of those before this vehicle in `planner.team_order`.
+        before: Those that precede this vehicle in `planner.team_order`.
     """
 
     def __init__(
@@ -49,12 +49,9 @@ class Team:
         """Starts without any plan.
 
         Args:
-            vehicle: Own number.
-            vehicles: Number of vehicles.
             order: "id" (lower numbers come before) or "all".
-            leg_s: Time a leg takes.
-            expiry_s: Age at which a plan is dropped.
-            follow: The path of a plan.
+            leg_s: Duration of a leg (s).
+            expiry_s: Age (s) at which a plan expires.
             assumed: The plan assumed for a team mate without a received plan (`assume_plans`); None: none.
         """
         self.others = [v for v in range(1, vehicles + 1) if v != vehicle]
@@ -64,7 +61,7 @@ class Team:
         self._assumed_plan = assumed
         self._assumed: dict[int, _Mate] = {}
 
-    def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
+    def receive_plan(self, now_s: float, vehicle: int, plan: Plan) -> None:
         """Stores the plan received from a vehicle; a repeated plan only refreshes its time of reception.
 
         A plan with a lower step than the current one arrived late and is ignored.
@@ -85,7 +82,7 @@ class Team:
             delayed = plan.step > known.plan.step and np.array_equal(plan.state, known.plan.state)
             if delayed or (estimate > reference_step and plan.step <= known.plan.step):
                 reference_step = estimate
-            earlier = [known, *known.earlier][: KEPT_PLANS - 1]
+            earlier = [known, *known.earlier][: PLANS_PER_MATE - 1]
             known.earlier = []
         self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, now_s, earlier)
 
@@ -108,11 +105,7 @@ class Team:
         return [places for places in recent if places]
 
     def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
-        """For each team mate with a valid or assumed plan, the places (P, 2) ahead and the legs (P,) until it is there.
-
-        Returns:
-            The legs from now and the places of each mate.
-        """
+        """For each mate with a valid or assumed plan: its legs (P,) from now to each place, and the places (P, 2)."""
         ahead = []
         for vehicle in self.others:
             mate = self._mates.get(vehicle) or self._assumed.get(vehicle)
@@ -121,7 +114,7 @@ class Team:
             path = self._path_ahead(mate, now_s)
             each = path.leg_places_m.shape[1]
             legs = path.step + (np.arange(len(path) * each) + 1.0) / each - self._step_of(mate, now_s)
-            ahead.append((legs[:MOST_PLACES], path.places_m[:MOST_PLACES]))
+            ahead.append((legs[:MAX_PLACES], path.places_m[:MAX_PLACES]))
         return ahead
 
     def assume_plans(self, now_s: float) -> None:
@@ -137,11 +130,11 @@ class Team:
         self._assumed[vehicle] = _Mate(plan, now_s, self._follow(plan), float(plan.step), now_s, [])
 
     def snapshot(self) -> list[list[float]]:
-        """Mates with an assumed plan and the time (s) since when it is assumed, for a journal."""
+        """Mates with an assumed plan and the time (s) of its assumption, for a journal."""
         return [[vehicle, mate.last_heard_s] for vehicle, mate in self._assumed.items()]
 
     def restore(self, values: Sequence[Sequence[float]]) -> None:
-        """Continues from a `snapshot`; received plans must be passed to `hear` again."""
+        """Continues from a `snapshot`; received plans must be passed to `receive_plan` again."""
         for vehicle, since_s in values:
             self._assume(int(vehicle), since_s)
 
@@ -153,4 +146,4 @@ class Team:
         return mate.path.from_step(mate.plan.step + passed)
 
     def _ahead(self, mate: _Mate, now_s: float) -> Array:
-        return self._path_ahead(mate, now_s).places_m[:MOST_PLACES]
+        return self._path_ahead(mate, now_s).places_m[:MAX_PLACES]

@@ -11,8 +11,8 @@ The budget enforces the bound. Let E be the drop of the map's risk expected at t
     then       budget += E(chosen) - E(reference)
 
 At the start the reference is the best naive path and the budget is 0; afterwards the reference is the incumbent. E
-telescopes, so that the mission's expected end is never below that of the best naive path. If the map or a current makes
-an incumbent void, it is discarded without a charge, and the bound record gives the reason.
+telescopes, so the mission's expected end is never below that of the best naive path. An incumbent that the map or a
+current makes void is discarded without a charge; the bound record gives the reason.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Number of best sequences of a tree search that are used as the first legs of candidates.
-HEADS = 3
-#: Share of the mission after which they are used; in trials none was chosen earlier.
-HEADS_FROM = 0.4
-#: Number of sequences that the next such search tries first.
+#: Number of sequences of a tree search that candidates start with (heads).
+MAX_HEADS = 3
+#: Share of the mission after which heads are used; in trials none was chosen earlier.
+HEADS_FROM_SHARE = 0.4
+#: Number of sequences that the next tree search tries first.
 SEEDS = 4
 
 
@@ -44,11 +44,10 @@ class Tour(Method):
     """Chooses the tour of one vehicle, decision by decision.
 
     Attributes:
-        budget: Amount by which later decisions may lower the expected end; 0 for a plan of another method.
+        budget: Amount by which later decisions may lower the expected end.
     """
 
     def __init__(self, context: PlanningContext) -> None:
-        """Starts before the first decision."""
         self.context = context
         self.budget = 0.0
         self._candidates = TourCandidates(context)
@@ -143,20 +142,20 @@ class Tour(Method):
         return self._candidates.under_way(problem, last.path, heads)
 
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
-        """Next legs: the best sequences of a tree search for the reward of its places, beyond the mates' places."""
-        early = s.step < HEADS_FROM * self.context.settings.mission.steps
+        """The best sequences of a tree search for the path reward, given the mates' places."""
+        early = s.step < HEADS_FROM_SHARE * self.context.settings.mission.steps
         if early or not s.planner.tour_interval or s.out_of_time:
             return []
         problem = self.context.search_problem(s, self._seeds)
         found = search_path(problem, self.context.space, self.context.rollout, self.context.path_reward(s, mates_m))
         ranking = found.found.ranking
         self._seeds = [a[1:] for a, _ in ranking if len(a) > 1][:SEEDS]
-        return [a for a, _ in ranking[:HEADS]]
+        return [a for a, _ in ranking[:MAX_HEADS]]
 
     def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
-        """The candidate with the largest anytime value; the first of equals.
+        """The first candidate with the largest score: its anytime value plus `planner.own_share` times its path reward.
 
-        The score adds `planner.own_share` times the benefit at the next legs' places, beyond the mates' places.
+        The path reward is that of its next legs, given the mates' places.
         """
         score = np.array([c.value.weighted for c in candidates])
         if s.planner.own_share and len(candidates) > 1:

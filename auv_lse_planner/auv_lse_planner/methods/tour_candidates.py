@@ -1,12 +1,12 @@
 """New plans of the method `tour`.
 
-At the mission's start, waypoints are optimized from several boustrophedons for the expected end alone, to which the
-budget refers. The naive paths are candidates too. The best path of all is then bent.
+At the mission's start, waypoints are optimized from several boustrophedons for the expected end, to which the budget
+refers. The naive paths are candidates too. The best path is then bent: displaced to increase its value.
 
-Later, the last path is bent to increase its value (`search/tour.py`). The result consists of explicit actions, because
-a tour's equal segments cannot represent narrow turns. The bend favors early reward as far as the budget allows; a few
-shares of the anytime weight are tried. In addition, a tree search proposes heads: next legs that rejoin the tour's
-waypoints. A path too long to be sent as actions stays a tour, and its waypoints are optimized instead.
+Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
+segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
+search proposes heads: next legs that rejoin the tour's waypoints. A path too long to be sent as actions stays a tour,
+and its waypoints are optimized instead.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ Array = NDArray[np.float64]
 
 #: Floor of the expected end if none is required.
 NO_FLOOR = -math.inf
-#: Iterations to bend the last path, and the best path at the mission's start.
+#: Iterations of bending the last path, and of bending the best path at the mission's start.
 ITERATIONS = 14
 FIRST_BEND_ITERATIONS = 20
 #: Number of boustrophedons optimized at the start, iterations of each, and further iterations of the best one.
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Shares of the anytime weight to bend paths with, tried in this order until the expected end stays above its floor.
-#: All are tried at the start. Later only `TRIES` are: from the share before the last allowed one, because the budget
-#: changes little from one decision to the next, or from the share after the rejected ones.
-EARLINESS = (1.0, 0.5, 0.25, 0.0)
-TRIES = 2
+#: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
+#: mission's start tries all. Later decisions try `SHARES_TRIED` of them, beginning near the last allowed one, because
+#: the budget changes little between decisions.
+WEIGHT_SHARES = (1.0, 0.5, 0.25, 0.0)
+SHARES_TRIED = 2
 #: A head rejoins the tour at a waypoint at least this far (m) away.
 REJOIN_M = 20.0
-#: Largest number of explicit actions of a plan: at two per byte they leave a packet room for ten samples.
+#: Largest number of explicit actions of a plan; two fit in a byte, so that a packet also holds ten samples.
 MAX_EXPLICIT_ACTIONS = 200
-#: Places per leg when a path is converted to a fine polyline.
+#: Corners per leg of the polyline that represents a path for bending.
 LINE_PLACES = 4
 #: The risk along a path is estimated from every n-th of its places.
-SPARSE = 4
+SPARSE_PLACES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,6 @@ class TourProblem:
     """The problem that candidates are made for.
 
     Attributes:
-        situation: The situation.
-        reward: Reward of paths.
         floor: Lowest allowed expected end.
     """
 
@@ -72,7 +70,7 @@ class TourProblem:
 
     @property
     def start(self) -> Array:
-        """The state rounded as in a packet, shape (3,)."""
+        """The state as rounded in a packet, shape (3,)."""
         return Plan.at(self.situation.step, self.situation.state, (), NONE).state
 
     @property
@@ -90,10 +88,8 @@ class Candidates:
     """New plans, and how they were found.
 
     Attributes:
-        plans: The plans.
         floor: Lowest allowed expected end.
         gradients: Number of gradients computed.
-        deadline_hit: Whether the deadline ended the search.
     """
 
     plans: list[Candidate] = field(default_factory=list)
@@ -112,13 +108,12 @@ class TourCandidates:
     """Makes tours for one vehicle and stores the waypoints of the current one."""
 
     def __init__(self, context: PlanningContext) -> None:
-        """Starts before the first decision."""
         self._context = context
         self._space, self._rollout = context.space, context.rollout
         self._steering = Steering(context.space)
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
         self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
-        self._earliness = 0  # index into `EARLINESS` to try first
+        self._earliness = 0  # index into `WEIGHT_SHARES` to try first
         self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
 
@@ -156,7 +151,7 @@ class TourCandidates:
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             path = max(result.plans, key=lambda c: c.value.expected_end).path
             limited = replace(problem, floor=result.floor)
-            self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(EARLINESS), result)
+            self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
         return result
 
     @property
@@ -172,7 +167,7 @@ class TourCandidates:
         number, reward = self._context.vehicle - 1, problem.reward
         plans = [problem.plan((), i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
         paths = [(plan, self._rollout.follow(plan)) for plan in plans]
-        paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE]))
+        paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE_PLACES]))
         fitted = problem.plan((), FITTED[number % len(FITTED)])
         naive = [self.evaluated(fitted, self._rollout.follow(fitted), reward)]
         for plan, path in paths:
@@ -209,7 +204,7 @@ class TourCandidates:
         s, legs, result = problem.situation, problem.reward.legs, Candidates()
         waypoints = self._waypoints_ahead(problem, path)
         if s.planner.tour_interval and legs <= MAX_EXPLICIT_ACTIONS:
-            self._bend_early(problem, path, ITERATIONS, TRIES, result)
+            self._bend_early(problem, path, ITERATIONS, SHARES_TRIED, result)
         else:
             found = Found(waypoints, 0.0, 0, False)
             if s.planner.tour_interval:
@@ -239,32 +234,30 @@ class TourCandidates:
     ) -> None:
         """Bends a path towards early reward, with the first share that keeps the expected end above its floor.
 
-        The next call starts with the share before that one, or with the share after the last one tried if all failed.
-        Without a floor the full share is used.
+        The next call starts one share before the allowed one, or after the last rejected one. Without a floor, the full
+        share is used.
 
         Args:
-            problem: The problem.
-            path: The path.
             iterations: Largest number of iterations of each bend.
             tries: Largest number of shares to try.
             result: Receives the candidates.
         """
         limited = problem.floor > NO_FLOOR
         first = self._earliness if limited else 0
-        for i in range(first, min(first + tries, len(EARLINESS))):
-            bent, found = self._bent(problem, path, EARLINESS[i], iterations)
+        for i in range(first, min(first + tries, len(WEIGHT_SHARES))):
+            bent, found = self._bent(problem, path, WEIGHT_SHARES[i], iterations)
             result.add(bent, found)
             if found.deadline_hit or not limited:  # an interrupted bend does not show whether its share is allowed
                 break
             allowed = bent.value.expected_end >= problem.floor
-            self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(EARLINESS) - 1)
+            self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(WEIGHT_SHARES) - 1)
             if allowed:
                 break
 
     # ------------------------------------------------------------------ single candidates
 
     def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:
-        """A path displaced to increase its value, as explicit actions, which preserve its narrow turns."""
+        """A path displaced to increase its value, as explicit actions that preserve its narrow turns."""
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
@@ -276,7 +269,7 @@ class TourCandidates:
         return self._candidate(problem.plan(actions), reward), found
 
     def _through(self, problem: TourProblem, waypoints_m: Array) -> Candidate:
-        """The tour through waypoints; detours around shallow ground are explicit actions, as receivers lack the map."""
+        """The tour through waypoints; detours around shallow ground are explicit actions."""
         reward, legs = problem.reward, problem.reward.legs
         candidate = self._candidate(problem.plan((), tour=self._search.tour(waypoints_m, legs)), reward)
         if self._space.path_feasible(problem.situation.state, candidate.path.actions, DETOUR_LEGS):

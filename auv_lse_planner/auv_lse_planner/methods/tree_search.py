@@ -1,7 +1,7 @@
 """The paper's methods: Monte Carlo tree search on the path's reward (augmented, plain, exponential_quadratic).
 
 They differ only in their parameters (`auv_lse_common.mission_file.methods`): the number of legs searched, whether a
-naive path continues them (paper: the augmented path), and the integral of the expected risk.
+naive path follows (paper: the augmented path), and the integral of the expected risk.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ class TreeSearch(PathMethod):
     """Proposes the best sequence of a tree search; the next search starts from its best sequences."""
 
     def __init__(self, context: PlanningContext) -> None:
-        """Starts before the first decision."""
         super().__init__(context)
         self.seeds: list[Actions] = []
 
@@ -33,7 +32,7 @@ class TreeSearch(PathMethod):
         return search_path(problem, self.context.space, self.context.rollout, reward)
 
     def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
-        """Keeps this search's best sequences that begin with the decided leg, without that leg."""
+        """Keeps the rest of the best sequences that begin with the decided leg."""
         actions = tuple(int(a) for a in choice.chosen.path.actions)
         ranking = proposal.found.ranking
         self.seeds = [a[1:] for a, _ in ranking if len(a) > 1 and a[0] == actions[0]][:SEEDS]

@@ -2,12 +2,11 @@
 
 Lanes lie along either axis of the strip. The fit chooses the number of lanes, the distance of the outer lanes from the
 strip's sides, and the distance of the lanes' ends from the border. It minimizes the mean distance from places of the
-strip to the path, over all designs that fit the path's length. The mean distance is a proxy for the map's expected
-risk, with which it correlates closely (docs/design/planner.md). It needs neither a map nor its parameters. After the
-last lane the path returns midway between the lanes.
+strip to the path, over all designs that fit the path's length. The mean distance correlates closely with the map's
+expected risk (docs/design/planner.md) and needs no map. After the last lane the path returns midway between the lanes.
 
 The result depends only on the number of steps, the start and the area, and all arithmetic is scalar. Every receiver of
-a packet therefore fits the same lanes to the last bit.
+a packet therefore computes identical lanes.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ Array = NDArray[np.float64]
 #: Largest number of places of a strip at which the distance to the path is computed.
 PLACES = 400
 #: Largest number of lanes.
-MOST_LANES = 40
+MAX_LANES = 40
 #: Candidate distances of the outer lanes from the strip's sides, and of the lanes' ends from the border, as shares of
 #: half the lane spacing.
 SIDES = (0.7, 0.85, 1.0)
 ENDS = (0.4, 0.55, 0.7, 0.85, 1.0)
 #: Largest length of a design, relative to the path's length; the excess at its end is cut off.
-TOO_LONG = 1.25
+MAX_LENGTH_RATIO = 1.25
 
 
 @compiled
@@ -44,7 +43,6 @@ def lay(places, grid, begin, count, side, end, corners):
         places: Places of the strip, shape (M, 2): along and across the lanes (m).
         grid: Their spacing along and across (m).
         begin: Start of the path, shape (2,).
-        count: Number of lanes.
         side: Distance of the outer lanes from the strip's sides, relative to half the spacing of evenly spread lanes.
         end: Distance of the lanes' ends from the border, relative to the same.
         corners: Receives the corners, shape (4 count - 1, 2); the first is `begin`.
@@ -124,20 +122,20 @@ def fit(places, grid, begin, length, sides, ends):
         own[:, 0], own[:, 1] = places[:, turned], places[:, 1 - turned]
         start = np.array([begin[turned], begin[1 - turned]])
         spacing = np.array([grid[turned], grid[1 - turned]])
-        for count in range(1, MOST_LANES + 1):
+        for count in range(1, MAX_LANES + 1):
             shortest = 1e18
             for side in sides:
                 for end in ends:
                     corners = np.empty((4 * count - 1, 2))
                     size = lay(own, spacing, start, count, side, end, corners)
                     shortest = min(shortest, size)
-                    if count > 1 and size > TOO_LONG * length:
+                    if count > 1 and size > MAX_LENGTH_RATIO * length:
                         continue
                     distance = mean_distance(own, corners, length)
                     if distance < best:
                         best = distance
                         best_across, best_count, best_side, best_end = turned == 1, count, side, end
-            if shortest > TOO_LONG * length:
+            if shortest > MAX_LENGTH_RATIO * length:
                 break
     return best_across, best_count, best_side, best_end
 
@@ -151,7 +149,6 @@ def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Arra
         axis_rad: The first axis of the strip (rad, clockwise from north); lanes may lie along or across it.
         start_m: Start of the path, north and east, shape (2,).
         leg_m: Length of a leg.
-        legs: Number of legs.
     """
     c, s = math.cos(axis_rad), math.sin(axis_rad)
     north, east = float(start_m[0]), float(start_m[1])

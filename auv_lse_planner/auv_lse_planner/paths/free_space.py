@@ -12,9 +12,8 @@ and read by bilinear interpolation. Theory of operation:
   one.
 - If no action is feasible (a start in a corner, a current, newly detected shallow ground), the vehicle takes the
   *escape*: the action with a safe end whose track keeps the largest clearance. If no end is safe, the escape is the
-  action whose end state is nearest to being safe. It is deterministic and always exists.
-- The escape brings a vehicle back that has left the area. A vehicle more than `HOLD_BEYOND_M` outside circles instead,
-  since its position is then most likely wrong.
+  action whose end state is nearest to being safe. It also brings back a vehicle that has left the area.
+- A vehicle more than `HOLD_BEYOND_M` outside circles, since its position is then most likely wrong.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from auv_lse_planner.paths.motion import MotionTable, advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: A vehicle farther outside of the area than this (m) holds.
+#: A vehicle farther outside the area than this (m) holds.
 HOLD_BEYOND_M = 5000.0
 
 
@@ -65,9 +64,9 @@ class Space(NamedTuple):
 
 @compiled
 def bilinear(field, x, y):
-    """Row, column and fractions u, v of the cell of a field (N, E) that contains the node coordinates x, y.
+    """Cell of a field (N, E) at node coordinates x, y: row, column, fractions u, v, and the values low, high.
 
-    Also the values at v on the cell's low and high side: the field's value is low (1 - u) + high u.
+    The field's value there is low (1 - u) + high u.
     """
     i = min(int(x), field.shape[0] - 2)
     j = min(int(y), field.shape[1] - 2)
@@ -95,9 +94,10 @@ def clearance_at(space, north, east):
 
 @compiled
 def leg_clearance(space, heading, north, east, action):
-    """Smallest clearance (m) along the leg of an action; skips track places where the clearance is large.
+    """Smallest clearance (m) along the leg of an action.
 
-    The error is at most half the spacing wherever the value is small enough to matter (clearance is 1-Lipschitz).
+    It skips track places where the clearance is large. Since clearance is 1-Lipschitz, the error is at most half the
+    spacing if the leg is nearly blocked.
     """
     c, s = math.cos(heading), math.sin(heading)
     track, spacing = space.tracks[action], space.spacing
@@ -123,13 +123,13 @@ def loop_clearance(space, heading, north, east, side):
 
 @compiled
 def room_to_loop(space, heading, north, east):
-    """Clearance (m) of the freer turning loop of a state; the state is safe from half a spacing on."""
+    """Clearance (m) of the freer turning loop of a state; the state is safe if it is at least half a spacing."""
     return max(loop_clearance(space, heading, north, east, 0), loop_clearance(space, heading, north, east, 1))
 
 
 @compiled
 def safe_reach(space):
-    """Clearance (m) from which on every action is feasible: an upper bound of the reach of a leg and its end's loops.
+    """Clearance (m) that makes every action feasible: an upper bound of the reach of a leg and of its end's loops.
 
     Clearance is 1-Lipschitz; its bilinear interpolation is sqrt(2)-Lipschitz.
     """
@@ -181,7 +181,7 @@ def escape_action(space, heading, north, east):
 def cheapest_action(space, heading, north, east, costs, roomy):
     """The feasible action with the lowest of `costs` (A,), which are overwritten; the escape if none is feasible.
 
-    `roomy` means that the place's clearance is at least `safe_reach`, so that all actions are feasible.
+    `roomy`: the place's clearance is at least `safe_reach`, so that all actions are feasible.
     """
     for _ in range(costs.shape[0]):
         action = int(np.argmin(costs))
@@ -245,7 +245,6 @@ class FreeSpace:
     """
 
     def __init__(self, area: OperatingArea, motion: MotionTable, cell_m: float = 2.0) -> None:
-        """Samples the clearance of `area` every `cell_m` metres."""
         corners = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
         low, high = corners.min(axis=0) - 2.0 * cell_m, corners.max(axis=0) + 2.0 * cell_m
         counts = np.ceil((high - low) / cell_m).astype(int) + 1
@@ -291,7 +290,7 @@ class FreeSpace:
         self.raster[window] = np.minimum(there, outside - inside)
 
     def arguments(self, static: bool = False) -> Space:
-        """Arguments of the compiled functions; `static`: of the area alone, which all vehicles share."""
+        """Arguments of the compiled functions; `static`: without this vehicle's known shallow ground."""
         m = self.motion
         return Space(
             self.area_raster if static else self.raster,

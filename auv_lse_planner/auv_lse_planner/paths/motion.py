@@ -1,8 +1,8 @@
 """Motion primitives (paper, section 4): an action is an arc of |a| at the turning radius, then a straight.
 
-A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). docs/design/paper.md lists the
-paper's misprints. Here dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one plus the
-rotated step. `MotionTable` computes the step of every action once.
+A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The paper's misprints
+(docs/design/paper.md) are corrected: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one
+plus the rotated step.
 """
 
 from __future__ import annotations
@@ -57,24 +57,22 @@ def roll_many(states, actions, turns, steps):
 
 
 class MotionTable:
-    """The action set with, for every action, its step, its sampled track and its turning loop.
+    """Step, sampled track and turning loop of every action.
 
     Attributes:
         turns_rad: Heading change of each action, shape (A,).
         steps_m: Step of each action in the body's frame (ahead, starboard), shape (A, 2).
         straights_m: Length of each action's straight, shape (A,).
         lengths_m: Arc plus straight of each action, shape (A,).
-        tracks_m: Track of each action in the body's frame, shape (A, T, 2): ahead, starboard, from the start to
-            the end at equal steps of arc length of at most `track_spacing_m`.
-        loops_m: For the tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3).
-            Repeating `loop_actions` keeps the vehicle within that radius of that center, so a vehicle can circle
-            forever if the circle is free.
+        tracks_m: Track of each action in the body's frame (ahead, starboard), shape (A, T, 2), at equal arc lengths of
+            at most `track_spacing_m`.
+        loops_m: Tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3). Repeating
+            `loop_actions` keeps the vehicle inside this circle.
         loop_actions: The actions of the loops, shape (2,).
         straight_on: Index of the action with the smallest turn.
     """
 
     def __init__(self, config: MotionConfig) -> None:
-        """Computes the table of `config`."""
         self.config = config
         radius = config.turn_radius_m
         theta = math.radians(config.theta_max_deg)
@@ -107,7 +105,7 @@ class MotionTable:
         return float(self.lengths_m[self.straight_on])
 
     def points(self, action: int, along_m: Array) -> Array:
-        """Points (P, 2) ahead, starboard at distances (P,) along an action's leg, in the body's frame at its start."""
+        """Points (P, 2), ahead and starboard of the start, at distances (P,) along an action's leg."""
         turn = float(self.turns_rad[action])
         return np.array([leg_point(turn, self.radius_m, float(s))[1:] for s in along_m]).reshape(-1, 2)
 
@@ -122,7 +120,7 @@ class MotionTable:
         return places
 
     def _loops(self) -> tuple[Array, NDArray[np.int64]]:
-        """Tightest closed loop to each side: a turn repeated orbits the fixed point of its rigid displacement."""
+        """Tightest closed loop to each side: a repeated turn circles the fixed point of its rigid displacement."""
         best: dict[int, tuple[float, Array, int]] = {}
         for action, turn in enumerate(self.turns_rad):
             if turn == 0.0:

@@ -20,7 +20,7 @@ A lawnmower consists of feasible actions and can start from any state:
 
 For each leg it takes the feasible action that, with the best next one, comes nearest to the lane (distance +
 `HEADING_WEIGHT_M` x heading error). The path depends on the area but not on the map, and all arithmetic is scalar. An
-id and a state therefore give every receiver of a packet the same path to the last bit.
+id and a state therefore give every receiver of a packet an identical path.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ Ints = NDArray[np.int64]
 
 #: Distance from the lane (m) that costs as much as a heading error of one radian.
 HEADING_WEIGHT_M = 20.0
-#: Number of fits to cache: a decision requests the same fit several times, and a fit takes 2 ms.
-FITS_KEPT = 16
+#: Number of cached fits: a decision requests the same fit several times, and a fit takes 2 ms.
+CACHED_FITS = 16
 
 
 class Lanes(NamedTuple):
@@ -142,10 +142,7 @@ def lawnmower(space, state, count, lanes, side, straight):
     Args:
         space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
-        count: Number of actions.
-        lanes: `Lanes`.
         side: Side to sweep to first: +1 to starboard of the axis, -1 to port.
-        straight: Index of the straight-on action.
     """
     actions = np.zeros(count, dtype=np.int64)
     costs, work = np.empty(space.turns.shape[0]), np.empty((6, space.turns.shape[0]))
@@ -223,7 +220,7 @@ class LaneFrame:
         axis_rad: Direction of the lanes (rad, clockwise from north).
         low_m: Smallest position across the lanes, to starboard of the axis.
         high_m: Largest position.
-        area_m2: Free area to cover.
+        area_m2: Area of the free space.
     """
 
     axis_rad: float
@@ -233,11 +230,7 @@ class LaneFrame:
 
 
 class NaivePaths:
-    """The naive paths of one operating area.
-
-    Attributes:
-        space: The area and the actions.
-    """
+    """The naive paths of one operating area."""
 
     def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
         """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for `vehicles` strips.
@@ -275,9 +268,6 @@ class NaivePaths:
         """Actions of a naive path over `steps` legs from a state (3,).
 
         Args:
-            state: Heading, north, east.
-            naive_path: Its id.
-            steps: Number of legs.
             around_shallows: Whether to avoid ground that this vehicle's map shows as too shallow; other vehicles then
                 cannot rebuild the path.
 
@@ -340,7 +330,7 @@ class NaivePaths:
         strip = (naive_path - FITTED[0]) % self._strips
         key = strip, float(state[1]), float(state[2]), steps
         if key not in self._fits:
-            if len(self._fits) >= FITS_KEPT:
+            if len(self._fits) >= CACHED_FITS:
                 del self._fits[next(iter(self._fits))]
             places, grid = self._strip_places[strip]
             leg_m = self.space.motion.leg_length_m
@@ -375,11 +365,7 @@ class NaivePaths:
         """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
 
         Args:
-            states: Heading, north, east.
-            naive_path: Its id.
-            steps: Number of legs.
             field: Values at the nodes of `grid`, shape (N, E); read by bilinear interpolation.
-            grid: The nodes.
         """
         north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
         actions = self.actions_from(states, naive_path, steps)

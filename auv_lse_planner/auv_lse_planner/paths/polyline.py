@@ -24,7 +24,7 @@ def arc_m(line_m: Array) -> float:
 
 @compiled
 def places_along(waypoints, first, spacing, count):
-    """Places (count, 2) along a polyline (n + 1, 2), from `first` on every `spacing` (m of arc), extended straight.
+    """Places (count, 2) along a polyline (n + 1, 2) at arc lengths first + i * spacing (m), extended straight.
 
     Also returns the segment of each place, shape (count,), and its distance (m) from that segment's first corner.
     """

@@ -78,9 +78,6 @@ class Rollout:
         """Sets up the rollout.
 
         Args:
-            motion: Actions.
-            naive: Naive paths.
-            steps: Steps of the mission.
             samples_per_leg: Measurement places on a leg, evenly spaced, the last one at its end.
         """
         self.motion = motion
@@ -101,8 +98,6 @@ class Rollout:
 
         Args:
             step: Mission step of the first state; actions beyond the mission's end are dropped.
-            state: First state, shape (3,).
-            actions: Indices of the actions.
             naive_path: Id of the naive path, `NONE` for none.
             tour: Tour that starts where the actions end; None: no tour.
         """
@@ -137,8 +132,6 @@ class Rollout:
         """Measurement places (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,).
 
         Args:
-            states: State before each leg.
-            actions: Action of each leg.
             samples: Places on a leg; None: `samples_per_leg`.
         """
         each = samples or self.samples_per_leg

@@ -1,13 +1,13 @@
 """Steers along a tour: computes the actions that follow a polyline of equal segments.
 
-Theory of operation. A tour is a schedule: after i legs the vehicle should be at the polyline's point i leg lengths from
-its start. On each leg the vehicle takes the feasible action that, with the best next two legs, ends nearest to the
-three scheduled points. The cost is the sum of three squared distances. Errors along the polyline have a low weight
-(`ALONG`), so that a vehicle ahead of schedule after a bend does not weave to lose time. The next leg has the largest
-weight (`NEAREST`, `FARTHEST`). After its last waypoint the polyline continues straight.
+A tour is a schedule: after i legs the vehicle should be i leg lengths along the polyline. On each leg the vehicle takes
+the feasible action that, with the best next two legs, ends nearest to the three scheduled points. The cost is the sum
+of three squared distances. Errors along the polyline have a low weight (`ALONG`), so that a vehicle ahead of schedule
+after a bend does not weave to lose time. The next leg has the largest weight (`NEAREST`, `FARTHEST`). After its last
+waypoint the polyline continues straight.
 
-The result depends on the area but not on the map, and all arithmetic is scalar. The same waypoints, state and
-parameters therefore give every receiver of a packet the same actions to the last bit.
+The result depends on the area but not on the map, and all arithmetic is scalar, so that every receiver of a packet
+computes the same actions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from auv_lse_planner.paths.polyline import SHORTEST_M, places_along
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Look-ahead of the steering (legs); also the next legs of an existing plan that must be feasible on the map.
+#: Look-ahead of the steering (legs); also the number of next legs of a plan that must be feasible on the map.
 LOOK_AHEAD = 3
 #: Legs of a new plan that are checked against the map; also the legs of an explicit detour around shallow ground.
 DETOUR_LEGS = 8
@@ -38,10 +38,7 @@ NEAREST, FARTHEST = 2.0, 0.5
 
 @compiled
 def point_along(waypoints, segment, along):
-    """North and east of the point at `along` (m of arc) of a polyline (n + 1, 2) of segments of equal length.
-
-    Also the direction there, north and east.
-    """
+    """The point and the unit vector at arc length `along` (m) of a polyline (n + 1, 2) of equal segments."""
     k = min(max(int(along / segment), 0), waypoints.shape[0] - 2)
     u = (along - k * segment) / segment
     north_wise = waypoints[k + 1, 0] - waypoints[k, 0]
@@ -84,9 +81,9 @@ def off_track(north, east, due):
 
 @compiled
 def steering_costs(space, heading, north, east, due, cos_t, sin_t, costs):
-    """Writes the costs (A,) of the actions in a state: distances from three scheduled points (3, 4), next legs optimal.
+    """Writes the costs (A,) of the actions in a state: distances from three scheduled points (3, 4).
 
-    `cos_t`, `sin_t` are the cosines and sines of the actions' turns.
+    The next two legs are optimal. `cos_t`, `sin_t` are the cosines and sines of the actions' turns.
     """
     steps, kinds = space.steps, costs.shape[0]
     n3, e3, north3, east3 = due[2, 0], due[2, 1], due[2, 2], due[2, 3]
@@ -124,7 +121,6 @@ def steer(space, state, count, due):
     Args:
         space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
-        count: Number of actions.
         due: Scheduled points after each leg and after two more, and the polyline's direction there, shape
             (count + 2, 4): north, east (m), unit vector north, east.
     """
@@ -148,7 +144,6 @@ class Steering:
     """Follows tours in one operating area."""
 
     def __init__(self, space: FreeSpace) -> None:
-        """Takes the area and the actions from `space`; shallow ground is ignored by default."""
         self._space = space
         self._leg_m = space.motion.leg_length_m
 
@@ -158,10 +153,7 @@ class Steering:
         """Actions (legs,) from a state (3,) along a polyline (n + 1, 2) of segments of `segment_legs` legs.
 
         Args:
-            state: Heading, north, east.
             waypoints_m: The polyline, its start first.
-            segment_legs: Length of each segment, in legs.
-            legs: Number of actions.
             around_shallows: Whether to avoid ground that this vehicle's map shows as too shallow; other vehicles then
                 cannot rebuild the path.
 
@@ -187,7 +179,7 @@ class Steering:
 
 
 def _polyline(name: str, places_m: Array) -> Array:
-    """Places (n + 1, 2) for compiled code, which does not check bounds and needs at least one segment."""
+    """A polyline (n + 1, 2) for compiled code, which does not check that there is a segment."""
     if len(places_m) < 2:
         raise ValueError(f"{name}: got {len(places_m)}; expected at least two places, so that there is a segment")
     return np.ascontiguousarray(places_m, dtype=float)

@@ -1,21 +1,18 @@
-"""The anytime reward of a path: the drop of the map's expected risk, counted more the earlier it comes; its gradient.
+"""The anytime reward of a path, and its gradient: the drop of the map's expected risk, with early drops weighted more.
 
-R_i is the risk expected on the map M once this vehicle has travelled i legs: V_i holds its places on those legs
-and the places that team mates will have measured by then, S the data, O places planned on the posterior beforehand.
+R_i is the expected risk of the map M after this vehicle's first i legs. V_i are its places on those legs and the places
+that team mates have measured by then; S is the data, and O are places already planned on the posterior.
 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
 
 `weighted` is J, with inflated standard deviations (`reward/std_inflation.py`). `expected_end` is J with w = 1 and
-without inflation: it telescopes to R_0 - R_L, the drop at the mission's end that this vehicle and its mates
-cause together. Mates measure at their time, as this vehicle does. What they measure after this vehicle's last leg
-counts at the end.
+without inflation: it telescopes to R_0 - R_L, the drop that this vehicle and its mates cause by the mission's end.
 
 R is computed at a few legs only, the *checkpoints*, and interpolated linearly in between. J is thus a sum over
 checkpoints. `expected_end` does not depend on them.
 
-The variance left at the map's cells after each checkpoint, and the gradient of J by this vehicle's places, are those of
-measurements conditioned on jointly (`reward/joint.py`).
+`reward/joint.py` computes the variance left at the map's cells after each checkpoint, and the gradient of J.
 
 `value_and_gradient` returns a coarser value than `value`, and the exact gradient of that coarser value. It uses a wider
 grid, fewer checkpoints and a subset of the mates' places, and it skips cells of negligible risk.
@@ -40,14 +37,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: Approximate number of legs between checkpoints of the exact value.
-LEGS_APART = 4
+CHECKPOINT_LEGS = 4
 #: Largest number of checkpoints of the gradient.
 GRADIENT_CHECKPOINTS = 10
 #: The gradient uses every n-th of a mate's places.
 GRADIENT_MATES_EVERY = 3
-#: The value (NO_RISK) and the gradient (LITTLE_RISK) skip cells with a lower risk, relative to the largest possible.
-NO_RISK = 1e-6
-LITTLE_RISK = 5e-3
+#: The value and the gradient skip cells whose risk, relative to the largest possible, is lower than this.
+VALUE_RISK_SHARE = 1e-6
+GRADIENT_RISK_SHARE = 5e-3
 #: Approximate range (m) over which a measurement reduces the variance.
 NEAR_M = 30.0
 
@@ -71,9 +68,7 @@ class Weighting:
 
     Attributes:
         legs: Legs that this vehicle still has to travel.
-        step: Its mission step.
-        steps: Steps of the mission.
-        weight: Additional weight of a drop of risk at the mission's start, compared with its end.
+        weight: Additional weight of a drop of risk at the mission's start.
     """
 
     legs: int
@@ -136,15 +131,14 @@ class AnytimeReward:
         coarse: CachedPoints | None = None,
         inflation: float = 1.0,
     ) -> None:
-        """Uses the posterior in its current state; places planned on it count as measured before the first leg.
+        """Places planned on the posterior count as measured before the first leg.
 
         Args:
             fine: The map's places, kept up to date with the posterior.
             level_set: Level and costs; the expected risk is always the exact one.
-            mates: Of each mate, the number of legs (P,) that this vehicle will have travelled when the mate measures
-                (it need not be whole), and the places (P, 2) where it does.
-            weighting: Legs that this vehicle still has to travel, and how much each counts.
-            coarse: Places of the gradient's map, of the same posterior; None: those of `fine`.
+            mates: For each mate, the times (P,) of its measurements, in legs of this vehicle (may be fractional), and
+                their places (P, 2).
+            coarse: Places at which the gradient is computed; None: those of `fine`.
             inflation: Factor on the posterior's standard deviations in `weighted`.
         """
         self.legs = weighting.legs
@@ -152,8 +146,8 @@ class AnytimeReward:
         self._level_set = replace(LevelSet.of(level_set), method="exact")
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
         self._weighting, self._inflation = weighting, inflation
-        checkpoints = -(-self.legs // LEGS_APART)
-        self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), NO_RISK, cache_inverse=False)
+        checkpoints = -(-self.legs // CHECKPOINT_LEGS)
+        self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), VALUE_RISK_SHARE, cache_inverse=False)
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
 
@@ -190,7 +184,7 @@ class AnytimeReward:
         return self._exact.value(*self._timed(places_m))
 
     def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
-        """A coarser `weighted` of a path with all its legs, and its exact gradient.
+        """A coarser `weighted` of a path over all remaining legs, and its exact gradient.
 
         Args:
             places_m: Measurement places (L * n, 2) of the L remaining legs, leg after leg.
@@ -219,8 +213,10 @@ class AnytimeReward:
 
     def _coarsely(self) -> _Drop:
         if self._rough is None:
-            schedule = _Schedule.of(self._weighting, min(GRADIENT_CHECKPOINTS, -(-self.legs // LEGS_APART)))
-            self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, schedule, LITTLE_RISK, cache_inverse=True)
+            schedule = _Schedule.of(self._weighting, min(GRADIENT_CHECKPOINTS, -(-self.legs // CHECKPOINT_LEGS)))
+            self._rough = self._drop(
+                self._coarse, GRADIENT_MATES_EVERY, schedule, GRADIENT_RISK_SHARE, cache_inverse=True
+            )
         return self._rough
 
     def _timed(self, places_m: Array) -> tuple[Array, Array]:
@@ -237,7 +233,7 @@ class _Counted:
     """The cells of a map whose risk is not negligible.
 
     Attributes:
-        cells: The cells; with inflation, the distance of their means to the level is divided by it.
+        cells: The cells; their means' distance from the level is divided by the inflation.
         places_m: Their places, (M, 2).
         risk: Their risk before the first leg, (M,).
         uninflated: Their means (M,) and their total risk without inflation; None if there is no inflation.
@@ -291,16 +287,12 @@ class _Drop:
         mate_groups: Ints,
         cache_inverse: bool,
     ) -> None:
-        """Prepares what does not depend on this vehicle's path.
+        """Prepares all terms that do not depend on this vehicle's path.
 
         Args:
-            posterior: The posterior.
-            level_set: Level and costs.
-            counted: The cells.
-            schedule: Checkpoints and their weights.
             mates: Measurement places of the mates, (Q,).
             mate_groups: Number of the first checkpoint that includes each of their places, (Q,).
-            cache_inverse: Whether to invert the posterior's factor, which pays off for many paths.
+            cache_inverse: Whether to invert the posterior's factor, which is faster for many paths.
         """
         self.schedule, self.risk_before = schedule, counted.total
         self._posterior, self._level_set, self._cache_inverse = posterior, level_set, cache_inverse

@@ -1,15 +1,15 @@
-"""Gain of a fix: the drop of the loss from soundings at uncertain places.
+"""Gain of a fix: the reduction of the loss that uncertain places of soundings cause.
 
-The risk that plans minimize undervalues a fix. The prior is wide, so that its variance is several times the square of
-the map's errors (docs/design/places.md). Next to it, the variance due to uncertain places is negligible. The gain of a
-fix is therefore computed with the variance estimated from the soundings. Let v be the map's variance without place
-errors, D the place effects (`Posterior`), D_1 those that a fix removes, and c^2 = `Posterior.variance_scale`:
+The planners' risk undervalues a fix: the prior's variance is several times the map's squared errors
+(docs/design/places.md), so the variance due to uncertain places hardly counts. The gain is therefore computed with the
+variance estimated from the soundings. Let v be the map's variance without place errors, D the place effects
+(`Posterior`), D_1 those that a fix removes, and c^2 = `Posterior.variance_scale`:
 
     gain = sum over the map of r(mean, sqrt(c^2 v + D^2)) - r(mean, sqrt(c^2 v + D^2 - D_1^2)).
 
-The gain is in the unit of the map's risk, summed over the same places as a path's reward. For c = 0 it is the area by
-which the isobath may be displaced, times the cost of an error. It ignores the benefit for future soundings, which start
-from a better known place.
+The gain has the unit of the map's risk and is summed over the same places as a path's reward. For c = 0 it is the area
+by which the isobath may be displaced, times the cost of an error. It ignores the benefit for future soundings, which
+start from a better known place.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
 def gain_of_fix(points: CachedPoints, level_set: LevelSetConfig) -> float:
-    """Gain of a fix of the vehicle at present; 0 if places are assumed exact.
+    """Gain of an immediate fix of this vehicle; 0 if places are assumed exact.
 
     Args:
         points: The map's places, of a posterior without planned places.
-        level_set: Level and costs.
     """
     posterior = points.posterior
     if not posterior.places_uncertain:

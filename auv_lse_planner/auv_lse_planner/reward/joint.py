@@ -1,18 +1,18 @@
-"""Variance of the map's cells after measurements of this vehicle and its mates, conditioned on jointly in time order.
+"""Variance of the map's cells after measurements of this vehicle and its mates, conditioned jointly in time order.
 
-With S the data, O places planned on the posterior beforehand, M the map's cells, and J the reward of
-`reward/anytime.py`, in which the risk after checkpoint j has the weight wbar_j - wbar_{j+1}:
+S is the data, O are places planned on the posterior beforehand, and M the map's cells. In the reward J of
+`reward/anytime.py`, the risk after checkpoint j has the weight wbar_j - wbar_{j+1}.
 
 **Value.** With all places V in time order (RW2006: Rasmussen and Williams 2006, algorithm 2.1, for new rows),
 
     W = L^-1 k(X, V),  w = L^-1 k(X, M)        L the factor of data and planned places X
     C = k(V, M) - W^T w,   K = k(V, V) + sigma_n^2 I - W^T W = Lv Lv^T,   Y = Lv^-1 C
 
-the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows: one
-Cholesky factor for all checkpoints. The risk follows from it by the exact integral (`auv_lse_gp.level_set.bayes_risk`).
+the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows. One
+Cholesky factor serves all checkpoints. The exact integral (`auv_lse_gp.level_set.bayes_risk`) gives the risk.
 
-**Gradient.** With g the derivative of a cell's expected risk by s_q^2 (`expected_bayes_risk_slope`), and bars for
-derivatives of J (reverse mode):
+**Gradient.** g is the derivative of a cell's expected risk with respect to s_q^2 (`expected_bayes_risk_slope`); bars
+mark derivatives of J (reverse mode):
 
     Ybar = 2 Y x (sum over the checkpoints that include the row of (wbar_j - wbar_{j+1}) g)
     Cbar = Lv^-T Ybar
@@ -38,16 +38,13 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-#: Rows of the blocks in which the cells are conditioned on places.
+#: Number of rows of a block of places.
 BLOCK = 64
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Posterior of the map's cells, as in `PointPosteriors`, but with w of shape (n, M), one row per measurement.
-
-    With inflation, the distance of the mean to the level is divided by the inflation factor.
-    """
+    """Posterior of the map's cells, as in `PointPosteriors`, but `white` has the shape (n, M)."""
 
     scaled: Array
     white: Array
@@ -70,7 +67,7 @@ class Measured:
     """
 
     def __init__(self, posterior: Posterior, scaled: Array, cache_inverse: bool) -> None:
-        """Takes scaled places (P, 2); `cache_inverse` inverts the posterior's factor, which pays off for many paths."""
+        """Takes scaled places (P, 2); `cache_inverse` inverts the posterior's factor: faster for many paths."""
         self._kernel = posterior.kernel
         self.scaled = scaled
         covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
@@ -93,15 +90,14 @@ class Measured:
 
 
 class Timetable:
-    """Own and mates' places in time order, with the mates' part of their covariances; and room to work in.
+    """Places of this vehicle and its mates in time order, the mates' part of their covariances, and scratch memory.
 
-    What the methods give is overwritten by their next call: memory that is used again need not be asked for and
-    cleared, which would take a third of the time.
+    The next call of a method overwrites its last result: allocating new memory would take a third of the time.
 
     Attributes:
         groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
-        own: Rows of this vehicle's places, ascending, (P,).
-        scaled: All places, once `matrix` has inserted this vehicle's, (P + Q, 2).
+        own: Row numbers of this vehicle's places, ascending, (P,).
+        scaled: All places in the kernel's scale, (P + Q, 2); `matrix` inserts this vehicle's.
         white: Their whitened covariance with data and planned places, (P + Q, n).
         spare: Scratch memory of the size of the covariance with the cells, (P + Q, M).
     """
@@ -109,7 +105,6 @@ class Timetable:
     def __init__(
         self, posterior: Posterior, cells: Cells, mates: Measured, own_groups: Ints, mate_groups: Ints
     ) -> None:
-        """Sorts the places."""
         groups = np.concatenate([own_groups, mate_groups])
         order = np.argsort(groups, kind="stable")
         self.groups = groups[order]
@@ -145,10 +140,10 @@ class Timetable:
 
 
 class Joint:
-    """Own and mates' places, conditioned on one after another in time order."""
+    """Conditions the cells on the places of this vehicle and its mates in time order."""
 
     def __init__(self, posterior: Posterior, cells: Cells, own: Measured, timetable: Timetable) -> None:
-        """Factorizes their covariance.
+        """Factorizes the covariance of the places.
 
         Raises:
             ValueError: if it is not positive definite.
@@ -187,7 +182,9 @@ class Joint:
         y_bar = np.take(later.astype(np.float32), first, axis=0, out=timetable.spare, mode="clip")
         y_bar *= y
         inverse_v = _inverse(lower)
-        phi = np.empty(lower.shape, dtype=np.float32)  # less its factor -1/2, and that of 2 of Ybar; with its transpose
+        phi = np.empty(
+            lower.shape, dtype=np.float32
+        )  # times -1/2 (and Ybar times 2) in the module's formula; symmetric
         for begin in range(0, len(y), BLOCK):
             rows, end = slice(begin, begin + BLOCK), min(begin + BLOCK, len(y))
             np.matmul(y_bar[rows], y[:end].T, out=phi[rows, :end])

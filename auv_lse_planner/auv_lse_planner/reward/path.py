@@ -1,12 +1,10 @@
 """The paper's reward of a path: the expected benefit of search at its own places (docs/design/paper.md).
 
-J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
-That is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
-the benefit of the team mates' plans, so that a vehicle is not rewarded for places that another one will visit.
+    J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the mates' planned places, V the path.
 
-With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
-sigma^2 - sigma^4 diag(M^-1), and what the uncertain places of the data add (`Posterior.place_variance`), before and
-after.
+This is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O), so that a vehicle is not rewarded for
+places that a team mate will visit. With M = cov(V, V | S u O) + sigma^2 I, the variance left at the path's places is
+sigma^2 - sigma^4 diag(M^-1), plus the variance due to uncertain places of the data, which measuring does not reduce.
 """
 
 from __future__ import annotations
@@ -25,15 +23,15 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 Array = NDArray[np.float64]
 
-#: Paths with at most this many places are factorized together by compiled loops, longer ones one by one by LAPACK.
-SMALL = 24
+#: Compiled loops factorize paths with at most this many places together; LAPACK factorizes longer ones one by one.
+MAX_SMALL_PATH = 24
 
 
 class PathReward:
-    """Path reward for one decision, with fixed data and team mates' places."""
+    """Path reward of one decision, whose data and team mates' places are fixed."""
 
     def __init__(self, posterior: Posterior, level_set: LevelSetConfig, credit: str = "whole") -> None:
-        """Uses the posterior in its current state, with the team mates' places planned (`Posterior.plan`).
+        """Takes a posterior on which the team mates' places are already planned.
 
         Raises:
             ValueError: for an unknown credit.
@@ -46,7 +44,7 @@ class PathReward:
         self._noise = posterior.noise_var_m2
 
     def before(self, columns: PointPosteriors) -> Array:
-        """Risk (P,) that the path is credited for removing: the current one, or that after the team mates' plans."""
+        """Risk (P,) that the path may reduce: the current one, or with credit "beyond" that after the mates' plans."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
         return self._expected(columns, columns.planned_var_m2)
@@ -101,7 +99,7 @@ class PathReward:
             Values, shape (B,).
         """
         batch = len(columns) // length
-        if length <= SMALL:
+        if length <= MAX_SMALL_PATH:
             matrices = self.posterior.measured_covariances(columns, batch)
             floor = self._floor(columns, np.einsum("bii->bi", matrices).ravel())
             diagonal = np.empty((batch, length))
@@ -120,7 +118,7 @@ def not_positive_definite(places: int) -> str:
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:
-    """Diagonal (P,) of the inverse of a symmetric positive definite matrix; reads and overwrites its lower triangle.
+    """Diagonal (P,) of the inverse of a symmetric positive definite matrix, whose lower triangle is overwritten.
 
     Raises:
         ValueError: if it is not positive definite.

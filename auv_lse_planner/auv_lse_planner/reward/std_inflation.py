@@ -1,10 +1,10 @@
 """Inflates the map's standard deviations for the comparison of paths.
 
-A stationary prior does not fit a lake both along densely sounded tracks and far from them. Between tracks that are wide
-apart on steep ground, errors have heavier tails than the map's standard deviation suggests. A planner that relies on it
-leaves pieces of the isobath unvisited. The inflation follows from the ratio of the soundings' squared residuals to the
-prior's expectation (`Posterior.residual_ratio`). The ratio is 0.4 to 1 for one vehicle in a small, steep lake. It is
-about 0.2 for three vehicles in a larger lake, which means almost no inflation.
+A stationary prior does not fit a lake both along densely sounded tracks and far from them. On steep ground between
+distant tracks, errors have heavier tails than the map's standard deviation suggests, and a planner that relies on it
+leaves pieces of the isobath unvisited. The inflation is proportional to the soundings' squared residuals relative to
+the prior's expectation (`Posterior.residual_ratio`). The ratio is 0.4 to 1 for one vehicle in a small, steep lake, and
+about 0.2 (no inflation) for three vehicles in a larger lake.
 """
 
 from __future__ import annotations

@@ -25,14 +25,11 @@ class SearchProblem:
     """The inputs of a tree search.
 
     Attributes:
-        planner: The planner's parameters, complete.
         step: Mission step planned from.
         state: Heading (rad), north, east (m), shape (3,).
         horizon: Legs to search: the horizon, or the remaining legs of the mission if fewer.
         naive_paths: Ids of naive paths that may continue the plan; empty for none.
-        rng: Random stream.
         deadline: Returns whether to stop searching; None: no deadline.
-        seeds: Action sequences to try first.
         grid: Grid of the map's places, to estimate the reward of naive paths; None: no estimate.
     """
 
@@ -66,7 +63,7 @@ def search_path(problem: SearchProblem, space: FreeSpace, rollout: Rollout, rewa
     """Searches for the sequence of the largest reward; every path is evaluated exactly."""
     p, planner = problem, problem.planner
     sequences = PathSequences(reward, rollout, p.step, p.state, p.naive_paths, p.grid)
-    # a large part of the tree-growing phase starts with the most promising sequences
+    # try the most promising sequences first
     seeds = [*p.seeds, *sequences.promising(space, p.horizon, planner.iterations // 4, 2, p.deadline)]
     tree = ActionTree(space, p.state, p.horizon, planner.exploration)
     found = run_search(tree, sequences, p.horizon, planner.iterations, planner.batch, p.rng, p.deadline, seeds)

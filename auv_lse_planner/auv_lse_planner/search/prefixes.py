@@ -23,7 +23,6 @@ def enter(children, states, origins, count, turns, steps, sequences, numbers):
         children: Number of each prefix extended by each action, -1 if none yet, shape (N, A).
         states: State after each prefix, shape (N, 3).
         origins: Number of the prefix that is one action shorter, and that action, shape (N, 2).
-        count: Number of prefixes so far.
         turns, steps: Turns and steps of the actions (`MotionTable`).
     """
     for b in range(sequences.shape[0]):
@@ -46,11 +45,10 @@ class Prefixes:
     """Numbers the prefixes of action sequences that start in one state; the empty prefix has number 0.
 
     Attributes:
-        count: How many numbers are assigned.
+        count: Number of prefixes.
     """
 
     def __init__(self, motion: MotionTable, state: Array) -> None:
-        """Starts with the empty prefix, after which the state is `state` (3,)."""
         self._motion = motion
         self._children = np.full((64, motion.actions), -1, dtype=np.int64)
         self._states = np.zeros((64, 3))

@@ -1,4 +1,4 @@
-"""Values of action sequences from one state: the bridge between the search (actions) and the reward (places)."""
+"""Values of action sequences from one state. Converts the actions of the search to the places of the reward."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: Largest number of sequences that `promising` evaluates.
-MOST_PREFIXES = 1500
-#: Number of them evaluated together.
+MAX_PREFIXES = 1500
+#: Number of sequences evaluated together.
 PREFIXES_AT_ONCE = 256
 #: Number of naive paths estimated between two checks of the deadline.
 GUESSES_AT_ONCE = 64
@@ -31,7 +31,7 @@ GUESSES_AT_ONCE = 64
 class PathSequences:
     """Path reward of action sequences, each continued by the best of the naive paths.
 
-    Places that sequences share (a common prefix) are looked up once.
+    The posterior at places of a common prefix is computed once.
     """
 
     def __init__(
@@ -46,9 +46,6 @@ class PathSequences:
         """Prepares for sequences from `state`.
 
         Args:
-            reward: Reward, with fixed data and team mates' places.
-            rollout: Follows plans to the mission's end.
-            step: Mission step of the root state.
             state: Root state, shape (3,).
             naive_paths: Ids of the naive paths to choose from; empty for none.
             grid: Grid of places over the area, to estimate the reward of naive paths; None: no estimate.
@@ -71,22 +68,20 @@ class PathSequences:
     ) -> list[Actions]:
         """The most promising sequences, for a search to try first.
 
-        Evaluates all sequences together and exactly, at about the cost of ten evaluations with naive paths. It is
-        limited to `MOST_PREFIXES` sequences (three legs of eleven actions). The reward of a naive path is estimated as
-        the current risk along it, since little risk remains at a measured place.
+        Evaluates all sequences exactly, if there are at most `MAX_PREFIXES` (three legs of eleven actions). The reward
+        of a naive path is estimated as the current risk along it, since little risk remains at a measured place.
 
         Args:
-            space: Free space.
             horizon: Length of the sequences.
             overall: Number of best sequences to return.
             per_first: Number of best sequences to return for each first action.
-            deadline: Returns whether to stop estimating, checked after the first batch; sequences without an estimate
-                are then left out.
+            deadline: Returns whether to stop estimating, checked after the first batch. Sequences without an estimate
+                are then omitted.
 
         Returns:
             Sequences, best first; none if there are too many to evaluate.
         """
-        if self._rollout.motion.actions**horizon > MOST_PREFIXES or (deadline is not None and deadline()):
+        if self._rollout.motion.actions**horizon > MAX_PREFIXES or (deadline is not None and deadline()):
             return []
         prefixes = np.asarray(every_sequence(space.arguments(), self._root, horizon))
         numbers, new = self._numbered(prefixes)
@@ -129,7 +124,7 @@ class PathSequences:
         return numbers, self._rollout.leg_places(states, actions).reshape(-1, 2)
 
     def _prefix_columns(self, numbers: Ints) -> PointPosteriors:
-        """Places of sequences given by the numbers of their prefixes, (B, L): B * L * samples of them."""
+        """The posterior at the B * L * samples places of sequences, given by the numbers (B, L) of their prefixes."""
         legs = (numbers - 1) * self._samples  # the empty prefix has no place
         return self._pool.take((legs[:, :, None] + np.arange(self._samples)).ravel())
 

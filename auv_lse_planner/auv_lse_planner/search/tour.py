@@ -1,16 +1,16 @@
-"""Optimizes a tour: waypoints over the rest of a mission, moved along the gradient of the tour's reward.
+"""Optimizes a tour: the waypoints of the rest of a mission, by gradient ascent on the tour's reward.
 
-The vehicle measures at fixed distances along the polyline of its position and the waypoints, p_i = P((i - 1/2) leg / n)
-(corners lie at the ends of legs; a place on a corner would overestimate the steered path, which cuts the corner). The
-polyline is cut at the mission's end, so it needs no penalty on its length: a detour early on costs the reward of its
-end. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of length l_k and
-t = (a - S_k) / l_k,
+The measurement places lie at fixed arc lengths along the polyline from the vehicle through the waypoints: p_i = P((i -
+1/2) leg / n). They avoid the corners, which the steered path cuts. The polyline ends with the mission, so its length
+needs no penalty: an early detour costs the reward of the last legs. For a place at arc length a, let w_k be the corner
+before it, S_k the arc length of that corner, u_k and l_k the direction and length of the segment, and t = (a - S_k) /
+l_k. Then
 
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
 
-and dS_k is the sum of the length changes of all segments before. `pull_back` thus converts a gradient g = dJ/dp of the
-places to one of the waypoints in a few sums. L-BFGS-B moves the waypoints within the box of the free area. A penalty on
-the clearance pushes places away from forbidden ground.
+and dS_k is the sum of the length changes of all segments before it. `pull_back` uses this to convert the gradient dJ/dp
+with respect to places to one with respect to waypoints. L-BFGS-B moves the waypoints within the bounding box of the
+free area. A penalty on missing clearance pushes places away from forbidden ground.
 """
 
 from __future__ import annotations
@@ -33,26 +33,27 @@ from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
 
-#: Clearance (m) that a tour's places should keep, as room for turns.
+#: Clearance (m) that a tour's places should keep, to leave room for turns.
 ROOM_M = 6.0
 #: Penalty per square metre of missing clearance at a place, relative to the tour's value.
 ROOM_WEIGHT = 1e-4
 #: Penalty of a segment of twice the nominal length, relative to the tour's value.
 EVEN_WEIGHT = 3e-2
-#: Penalty of a bend whose displacement grows by a segment's length along a segment, relative to the tour's value.
+#: Penalty of a displacement that changes by a segment's length from one segment to the next, relative to the tour's
+#: value.
 BEND_WEIGHT = 3e-3
-#: An optimization stops at the first iteration with a lower gain, relative to the tour's value: for waypoints and for
-#: bends. Bends often improve again after iterations of little gain (docs/evidence/planner-trials.md).
-LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
-#: Largest ratio of a polyline's length to that of the tour of equal segments through it, which cuts its corners.
-CUT_CORNERS = 1.25
-#: Largest number of segments of a tour: with the actions before them, it leaves a packet room for 15 samples.
-LONGEST = 50
+#: An optimization of waypoints, or of a bend, stops at the first iteration with a lower gain, relative to the tour's
+#: value. Bends often improve again after iterations of little gain (docs/evidence/planner-trials.md).
+MIN_GAIN, MIN_BEND_GAIN = 1e-6, 1e-7
+#: Largest ratio of a polyline's length to that of its tour of equal segments, which cuts the corners.
+MAX_CORNER_RATIO = 1.25
+#: Largest number of segments of an optimized tour; a packet with it and preceding actions also holds 15 samples.
+MAX_OPTIMIZED_SEGMENTS = 50
 
 
 @compiled
 def lack_of_room(space, room, places):
-    """Sum of squares of the missing clearance (m) at places (P, 2), and its gradient (P, 2); bilinear on the raster."""
+    """Sum of the squared missing clearances (m^2) at places (P, 2), bilinear on the raster, and its gradient (P, 2)."""
     raster, cell = space.raster, space.cell
     total = 0.0
     gradient = np.zeros(places.shape)
@@ -73,7 +74,7 @@ def lack_of_room(space, room, places):
 
 @compiled
 def unevenness(waypoints, length):
-    """Sum of squares of the segments' relative deviations from `length`, and its gradient (n + 1, 2)."""
+    """Sum of the squared relative deviations of the segments from `length` (m), and its gradient (n + 1, 2)."""
     total = 0.0
     gradient = np.zeros(waypoints.shape)
     for k in range(waypoints.shape[0] - 1):
@@ -98,10 +99,8 @@ class Found:
     """The result of an optimization.
 
     Attributes:
-        waypoints_m: The polyline, shape (n + 1, 2), the start first.
-        value: Its value.
+        waypoints_m: The polyline, shape (n + 1, 2), including the start.
         evaluations: Number of values with gradients computed.
-        deadline_hit: Whether the deadline ended it.
     """
 
     waypoints_m: Array
@@ -112,21 +111,21 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Deformation:
-    """The dependence of a polyline on the unknowns of an optimization.
+    """How the variables of an optimization deform a polyline.
 
     Attributes:
-        first: Where it begins, in unknowns of the size of 1.
-        corners_of: The polyline (n + 1, 2) of unknowns.
-        pulled: Of unknowns and the gradient by corners (n + 1, 2): what their shape is charged, as a part of the value,
-            and the gradient by unknowns of the value less that.
-        least_gain: It ends with the first iteration that gains less, as a part of the value.
-        bounds: Of the unknowns.
+        first: Initial variables, of order 1.
+        corners_of: Returns the polyline (n + 1, 2) for given variables.
+        penalized: Takes variables and the gradient with respect to corners (n + 1, 2). Returns the shape's penalty,
+            relative to the value, and the gradient of the penalized value with respect to the variables.
+        min_gain: The optimization stops at the first iteration with a lower relative gain.
+        bounds: Bounds of the variables; None: none.
     """
 
     first: Array
     corners_of: Callable[[Array], Array]
-    pulled: Callable[[Array, Array], tuple[float, Array]]
-    least_gain: float
+    penalized: Callable[[Array, Array], tuple[float, Array]]
+    min_gain: float
     bounds: list[tuple[float, float]] | None
 
 
@@ -134,12 +133,6 @@ class TourSearch:
     """Optimizes waypoints and creates the initial tours."""
 
     def __init__(self, space: FreeSpace, samples_per_leg: int) -> None:
-        """Sets up the search.
-
-        Args:
-            space: The area and its known shallow ground.
-            samples_per_leg: Measurement places on a leg.
-        """
         self._space = space
         self._leg_m = space.motion.leg_length_m
         self._samples = samples_per_leg
@@ -156,10 +149,10 @@ class TourSearch:
 
     def segment_legs(self, legs: int) -> int:
         """Length of a segment (legs) of a tour over `legs` legs: two, or more if the tour would not fit a packet."""
-        return max(2, math.ceil(legs / LONGEST))
+        return max(2, math.ceil(legs / MAX_OPTIMIZED_SEGMENTS))
 
     def resampled(self, waypoints_m: Array, legs: int) -> Array:
-        """A polyline over `legs` legs along `waypoints_m`, with corners at equal arcs, the start first."""
+        """A polyline over `legs` legs along `waypoints_m`, with corners at equal arc lengths, including the start."""
         every = self.segment_legs(legs)
         count = math.ceil(legs / every)
         spacing = every * self._leg_m
@@ -167,14 +160,14 @@ class TourSearch:
         return np.concatenate([waypoints_m[:1], np.clip(places, self._low, self._high)])
 
     def lanes(self, start_m: Array, legs: int, axis_rad: float, count: int, strip: tuple[int, int]) -> Array:
-        """Boustrophedon: `count` lanes along an axis over one of several strips of the area, from its near corner.
+        """Boustrophedon of `count` lanes over one of several strips of the area, from its nearest corner.
 
         Args:
-            start_m: Where the tour starts, shape (2,).
-            legs: Its length.
+            start_m: Start of the tour, shape (2,).
+            legs: Length of the tour, in legs.
             axis_rad: Direction of the lanes (rad): 0 north, pi / 2 east.
             count: Number of lanes.
-            strip: Number of the strip from 0, and how many there are.
+            strip: Number of the strip, from 0, and the number of strips.
         """
         north_wise = abs(math.cos(axis_rad)) > 0.5
         along, across = (0, 1) if north_wise else (1, 0)
@@ -199,9 +192,9 @@ class TourSearch:
         return self.resampled(np.array(corners), legs)
 
     def starts(self, start_m: Array, legs: int, vehicle: int, vehicles: int) -> list[Array]:
-        """Tours to begin with: lanes along and across, over this vehicle's strip and over the whole area.
+        """Initial tours: lanes along and across, over this vehicle's strip and over the whole area.
 
-        As many lanes as the length allows, one more and one less.
+        The number of lanes is what the tour's length allows, minus one to plus two.
         """
         tours = []
         strips = [(0, 1)] if vehicles == 1 else [((vehicle - 1) % vehicles, vehicles), (0, 1)]
@@ -219,7 +212,7 @@ class TourSearch:
         every, total_m = self.segment_legs(legs), legs * self._leg_m
         segments = min(MAX_SEGMENTS, math.ceil(legs / every))
         at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(waypoints_m, axis=0).T))])
-        longer_m = min(CUT_CORNERS * total_m, (MAX_SEGMENTS - 1) * every * self._leg_m)
+        longer_m = min(MAX_CORNER_RATIO * total_m, (MAX_SEGMENTS - 1) * every * self._leg_m)
         kept = waypoints_m[: max(2, int(np.searchsorted(at, longer_m)) + 1)]
         last, before = kept[-1], kept[-2]
         ahead = (last - before) / max(float(np.hypot(*(last - before))), SHORTEST_M)
@@ -245,7 +238,7 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
-        """Optimizes the waypoints of a polyline (all but the first) with at most `iterations` iterations."""
+        """Optimizes the waypoints of a polyline, except its start, with at most `iterations` iterations."""
         start = np.array(waypoints_m[0], dtype=float)
         shape = (len(waypoints_m) - 1, 2)
         length, unit = self.segment_legs(legs) * self._leg_m, self._leg_m
@@ -253,14 +246,14 @@ class TourSearch:
         def corners(x: Array) -> Array:
             return np.concatenate([start[None], unit * x.reshape(shape)])
 
-        def pulled(x: Array, up: Array) -> tuple[float, Array]:
+        def penalized(x: Array, up: Array) -> tuple[float, Array]:
             uneven, even = unevenness(corners(x), length)
             return EVEN_WEIGHT * uneven, unit * (up - EVEN_WEIGHT * even)[1:].ravel()
 
         first = np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
-        deformation = Deformation(first, corners, pulled, LEAST_GAIN, bounds)
-        return self._uphill(deformation, self._leg_m, legs, reward, iterations, deadline)
+        deformation = Deformation(first, corners, penalized, MIN_GAIN, bounds)
+        return self._maximize(deformation, self._leg_m, legs, reward, iterations, deadline)
 
     def bend(
         self,
@@ -270,21 +263,19 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
-        """Bends a path: displaces it at as many places as a tour has waypoints, interpolated linearly in between.
+        """Bends a path: displaces it at equally spaced knots, with linear interpolation in between.
 
-        Unlike `improve` it preserves the path's shape, including narrow turns, wherever a displacement gains nothing.
+        Unlike `improve` it preserves the path's shape, including narrow turns, where a displacement gains nothing.
 
         Args:
-            line_m: The path as a fine polyline, its start first, the same number of segments per leg, shape (n + 1, 2).
+            line_m: The path as a fine polyline with the same number of segments on each leg, shape (n + 1, 2).
+            legs: Length of the path, in legs.
             legs: Number of legs.
-            reward: Reward of the places.
-            iterations: Largest number of iterations.
-            deadline: Returns whether to stop.
         """
         line = np.ascontiguousarray(line_m, dtype=float)
         each, every = (len(line) - 1) // legs, self.segment_legs(legs)
         knots = math.ceil(legs / every)
-        at = np.arange(len(line)) / (each * every)  # in knots
+        at = np.arange(len(line)) / (each * every)  # arc length, in units of the knots' spacing
         left = np.minimum(at.astype(int), knots - 1)
         share = np.minimum(at - left, 1.0)[:, None]
         length, unit = every * self._leg_m, self._leg_m
@@ -296,7 +287,7 @@ class TourSearch:
             moved = moves(x)
             return np.asarray(line + (1.0 - share) * moved[left] + share * moved[left + 1])
 
-        def pulled(x: Array, up: Array) -> tuple[float, Array]:
+        def penalized(x: Array, up: Array) -> tuple[float, Array]:
             slope = np.zeros((knots + 1, 2))
             np.add.at(slope, left, (1.0 - share) * up)
             np.add.at(slope, left + 1, share * up)
@@ -305,10 +296,10 @@ class TourSearch:
             slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
             return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
 
-        deformation = Deformation(np.zeros(2 * knots), corners, pulled, LEAST_BENT, None)
-        return self._uphill(deformation, arc_m(line) / legs, legs, reward, iterations, deadline)
+        deformation = Deformation(np.zeros(2 * knots), corners, penalized, MIN_BEND_GAIN, None)
+        return self._maximize(deformation, arc_m(line) / legs, legs, reward, iterations, deadline)
 
-    def _uphill(
+    def _maximize(
         self,
         deformation: Deformation,
         leg_m: float,
@@ -317,14 +308,14 @@ class TourSearch:
         iterations: int,
         deadline: Callable[[], bool] | None,
     ) -> Found:
-        """The best polyline that L-BFGS-B evaluates, with legs of `leg_m` along it."""
+        """The best polyline that L-BFGS-B evaluates; a leg covers `leg_m` of its arc."""
         d = deformation
         spacing, count = leg_m / self._samples, legs * self._samples
         room = self._space.arguments()
         best, best_m = -math.inf, d.corners_of(d.first)
         scale, calls = 0.0, 0
 
-        def downhill(x: Array) -> tuple[float, Array]:
+        def loss(x: Array) -> tuple[float, Array]:
             nonlocal best, best_m, scale, calls
             if deadline is not None and calls and deadline():
                 raise OutOfTimeError
@@ -336,16 +327,16 @@ class TourSearch:
                 scale = max(abs(value), 1e-9)
             lack, push = lack_of_room(room, ROOM_M, places)
             up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)
-            charged, slope = d.pulled(x, up)
-            value = value / scale - ROOM_WEIGHT * lack - charged
+            penalty, slope = d.penalized(x, up)
+            value = value / scale - ROOM_WEIGHT * lack - penalty
             if value > best:
                 best, best_m = value, corners
             return -value, -slope
 
         hit = False
         try:
-            options = {"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": d.least_gain, "gtol": 1e-7}
-            minimize(downhill, d.first, jac=True, method="L-BFGS-B", bounds=d.bounds, options=options)
+            options = {"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": d.min_gain, "gtol": 1e-7}
+            minimize(loss, d.first, jac=True, method="L-BFGS-B", bounds=d.bounds, options=options)
         except OutOfTimeError:
             hit = True
         return Found(best_m, best * scale, calls, hit)

@@ -1,4 +1,4 @@
-"""The tree of the search, on arrays and compiled, for the actions of a `FreeSpace`: microseconds for a sequence."""
+"""The search tree over the actions of a `FreeSpace`, as arrays and compiled functions: microseconds per sequence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORBIDDEN = -2
 
 @compiled
 def mark_choices(space, heading, north, east, children):
-    """Marks in `children` (A,) the actions that may be taken in a state: the feasible ones, else the escape alone."""
+    """Marks the admissible actions of a state in `children` (A,): the feasible ones, else the escape alone."""
     none = True
     for action in range(children.shape[0]):
         children[action] = FORBIDDEN
@@ -47,7 +47,7 @@ def is_choice(space, heading, north, east, action):
 
 @compiled
 def admissible(space, state, actions):
-    """Whether all of `actions` (L,) may be taken one after another from `state` (3,)."""
+    """Whether `actions` (L,) are admissible one after another from `state` (3,)."""
     h, n, e = state[0], state[1], state[2]
     for a in actions:
         if not is_choice(space, h, n, e, a):
@@ -81,7 +81,7 @@ def single_changes(space, state, sequence):
 
 @compiled
 def every_sequence(space, state, horizon):
-    """All admissible sequences (N, horizon) from `state` (3,), in lexical order."""
+    """All admissible sequences (N, horizon) from `state` (3,), in lexicographic order."""
     kinds = space.turns.shape[0]
     sequences = np.empty((1, 0), dtype=np.int64)
     states = np.empty((1, 3))
@@ -122,7 +122,7 @@ class Nodes(NamedTuple):
 
 @compiled
 def select(nodes, node, low, high, exploration):
-    """The tried action of a node with the largest upper confidence bound, on values scaled by least and largest."""
+    """The tried action of a node with the largest upper confidence bound; values are scaled from [low, high]."""
     spread = high - low
     log_visits = math.log(max(nodes.visits[node], 1))
     best, best_score = -1, -math.inf
@@ -160,15 +160,14 @@ def untried_action(children, random):
 
 @compiled
 def grow(space, nodes, count, ucb, forced, randoms, paths, out):
-    """One descent for each row of `forced` (B, H) and `randoms` (B, H); returns the number of nodes then.
+    """Descends once for each row of `forced` (B, H) and `randoms` (B, H); returns the new number of nodes.
 
     Args:
         space: `FreeSpace.arguments()`.
-        nodes: `Nodes`, with room for more.
-        count: Number of nodes.
-        ucb: Least and largest value seen, exploration constant.
-        forced: Actions to begin with, -1 after their end.
-        randoms: Uniform numbers.
+        nodes: `Nodes`, with room for all new nodes.
+        ucb: Smallest and largest value so far, exploration constant.
+        forced: First actions of each descent, -1 after their end.
+        randoms: Uniform numbers in [0, 1).
         paths: Receives the nodes of each descent after the root, -1 after their end, shape (B, H).
         out: Receives the sequences, shape (B, H).
     """
@@ -231,7 +230,6 @@ class ActionTree:
     """The tree of action sequences from a state in a free space."""
 
     def __init__(self, space: FreeSpace, state: Array, horizon: int, exploration: float) -> None:
-        """Makes the tree of `state` (3,) alone, for sequences of `horizon` actions."""
         self._space = space.arguments()
         self._state = np.array(state, dtype=float)
         self._horizon, self._exploration = horizon, exploration
@@ -245,17 +243,17 @@ class ActionTree:
         mark_choices(self._space, *self._state, children[0])
 
     def admissible(self, actions: tuple[int, ...]) -> bool:
-        """Whether the actions may be taken one after another from the root."""
+        """Whether the actions are admissible one after another from the root."""
         own = np.array(actions[: self._horizon], dtype=np.int64)
         return bool(((own >= 0) & (own < len(self._space.turns))).all() and admissible(self._space, self._state, own))
 
     def grow(self, forced: Ints, randoms: Array) -> Ints:
-        """Descends once for each row, one after another, each adding a node.
+        """Descends once for each row; each descent adds a node.
 
         Args:
-            forced: Actions to begin with, -1 after their end, shape (B, horizon); they are admissible.
-            randoms: Uniform numbers in [0, 1), shape (B, horizon): the first that is needed picks the node to add
-                among those untried, the others complete the sequence.
+            forced: Admissible first actions of each descent, -1 after their end, shape (B, horizon).
+            randoms: Uniform numbers in [0, 1), shape (B, horizon). They select the node to add and complete the
+                sequence.
 
         Returns:
             Sequences, shape (B, horizon).
@@ -269,7 +267,7 @@ class ActionTree:
         return sequences
 
     def back_up(self, values: Array) -> None:
-        """Takes the values (B,) of the sequences that the last `grow` gave."""
+        """Adds the values (B,) of the sequences from the last `grow`."""
         back_up(self._nodes, self._paths, values)
         self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
 

@@ -1,20 +1,14 @@
-"""Monte Carlo tree search (UCT) over actions: one search for every reward.
+"""Monte Carlo tree search (UCT) over actions, for any reward.
 
-The tree defines the admissible actions, the valuer evaluates sequences, and the batch is the number of sequences
-evaluated together. `PathSequences` evaluates at the path's own places. `JointDraws` evaluates on the map, averaged over
-the team mates' possible plans (Dec-MCTS).
+The tree defines the admissible actions, and the valuer evaluates sequences: `PathSequences` at the path's own places,
+`JointDraws` on the map, averaged over the team mates' possible plans (Dec-MCTS).
 
-The tree's nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to 0..1
-by the least and largest seen, adds one node, completes the sequence to the horizon by random feasible actions, and
-has it valued. Sequences are valued in batches (one call of linear algebra for several). Within a batch a node that
-was just chosen counts as visited without a value yet, which spreads the batch over the tree.
+Nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to [0, 1], adds one
+node, and completes the sequence to the horizon with random feasible actions. Sequences are evaluated in batches. Within
+a batch, a node just selected counts as visited without a value, which spreads the batch over the tree.
 
-The last part of the budget (`POLISH`) goes to the best sequences found. All sequences that differ from one of them in a
-single action are valued; then the same is done with the best of all sequences, until none is better. Values are exact
-and actions a few degrees apart, so this finds what random completion only comes near. The best sequence ever valued is
-the result.
-
-The tree is compiled (`tree.ActionTree`); the tests compare it with one of plain Python objects.
+The share `POLISH` of the iterations is a local search. It evaluates all sequences that differ in one action from the
+best one, and continues with the next best until the budget is spent. The result is the best sequence evaluated.
 """
 
 from __future__ import annotations
@@ -31,29 +25,27 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Actions = tuple[int, ...]
 
-#: Share of the iterations that goes to changing single actions of the best sequences.
+#: Share of the iterations that change single actions of the best sequences.
 POLISH = 0.4
-#: Only up to this horizon: over many legs the path with the paper's best reward is not the best one
+#: Longest horizon with polishing: over many legs the path with the best paper reward does not give the best map
 #: (docs/evidence/planner-trials.md).
 POLISH_UP_TO = 4
-#: Sequences in a ranking.
+#: Largest number of sequences in a ranking.
 RANKED = 64
 
-#: Values a list of sequences: an array of as many values.
+#: Returns the values (B,) of B sequences.
 Valuer = Callable[[list[Actions]], Array]
 
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
         actions: Best sequence.
         value: Its value.
-        iterations: Iterations done.
-        evaluations: Different sequences valued.
         deadline_hit: Whether the deadline ended the search before its budget.
-        ranking: Valued sequences with their values, best first (at most 64).
+        ranking: Evaluated sequences with their values, best first (at most `RANKED`).
     """
 
     actions: Actions
@@ -74,21 +66,18 @@ def run_search(
     deadline: Callable[[], bool] | None = None,
     seeds: Sequence[Actions] = (),
 ) -> SearchResult:
-    """Searches for the sequence of the largest value.
+    """Searches for the sequence with the largest value.
 
     Args:
         tree: Fresh tree of the root state.
-        valuer: Values sequences of `horizon` actions.
+        valuer: Evaluates sequences of `horizon` actions.
         horizon: Length of the sequences.
-        iterations: Budget.
-        batch: Sequences valued together.
-        rng: Random stream.
-        deadline: Returns whether to stop; checked between batches, after the first.
-        seeds: Sequences tried first (the last search's best, moved on); infeasible ones are skipped, short ones
-            completed at random.
+        batch: Number of sequences evaluated together.
+        deadline: Returns whether to stop; checked after each batch.
+        seeds: Sequences to try first. Infeasible ones are skipped, short ones completed at random.
 
     Returns:
-        The best sequence. It always exists, since the first batch is evaluated regardless of the deadline.
+        The best sequence, at least of the first batch, which ignores the deadline.
     """
     done, hit = 0, False
     memo = _Memo(valuer)
@@ -138,7 +127,7 @@ def _polish(
     rng: np.random.Generator,
     deadline: Callable[[], bool] | None,
 ) -> tuple[int, bool]:
-    """Values single changes of the best sequences until the budget is spent; gives iterations done, deadline hit."""
+    """Evaluates single changes of the best sequences within the budget; returns iterations done, deadline hit."""
     finished: set[Actions] = set()
     while done < iterations:
         unfinished = [s for s in memo.values if s not in finished]

@@ -27,12 +27,7 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
 
 
 def warnings_of(decision: Decision, deadline_s: float) -> list[str]:
-    """Warnings to log about a decision.
-
-    Args:
-        decision: The decision.
-        deadline_s: Its deadline (s).
-    """
+    """Warnings to log about a decision."""
     bound, found = decision.bound, []
     if bound.deadline_hit:
         found.append(

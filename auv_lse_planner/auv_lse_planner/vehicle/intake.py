@@ -10,8 +10,8 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
-#: A corrected place belongs to the odometry whose stamp differs by less than this (s).
-SAME_S = 0.05
+#: Largest difference (s) between the stamps of a corrected place and of the odometry it belongs to.
+STAMP_TOLERANCE_S = 0.05
 #: Number of recent odometry messages kept for that comparison.
 KEPT = 50
 
@@ -32,15 +32,9 @@ class InputsUsed:
 
 
 class PlannerIntake:
-    """Queues the mission's state, the map, team plans and odometry for the planner.
-
-    Attributes:
-        planner: The planner.
-        inputs_used: The inputs already applied.
-    """
+    """Queues the mission's state, the map, team plans and odometry for the planner."""
 
     def __init__(self, planner: VehiclePlanner) -> None:
-        """Starts without inputs."""
         self.planner = planner
         self.inputs_used = InputsUsed()
         self._centers: tuple[Centers, int] | None = None
@@ -57,7 +51,7 @@ class PlannerIntake:
         return self.planner.finished and self._state in (None, RunState.WAITING, RunState.RUNNING)
 
     def set_centers(self, centers: Centers, revision: int) -> None:
-        """Queues the map's kernel centers and their revision; replaces any that are still queued."""
+        """Queues the map's kernel centers and their revision; replaces queued ones."""
         self._centers = centers, revision
 
     def add_plan(self, stamp_s: float, vehicle: int, plan: Plan) -> None:
@@ -65,7 +59,7 @@ class PlannerIntake:
         self._plans.append((stamp_s, vehicle, plan))
 
     def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
-        """Queues the vehicle's navigation state; replaces one that is still queued."""
+        """Queues the vehicle's navigation state; replaces a queued one."""
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
         self._recent_odometry.append((stamp_s, north_m, east_m))
 
@@ -74,7 +68,7 @@ class PlannerIntake:
         self._corrected = (stamp_s, north_m, east_m)
 
     def set_run_status(self, status: RunStatus) -> None:
-        """Queues the mission's state; replaces one that is still queued."""
+        """Queues the mission's state; replaces a queued one."""
         self._run_status = status
 
     def take(self, now_s: float) -> bool:
@@ -93,7 +87,7 @@ class PlannerIntake:
             self.planner.set_centers(centers, now_s)
             self._centers = None
         for stamp_s, vehicle, plan in sorted(self._plans, key=lambda entry: entry[:2]):
-            self.planner.hear(stamp_s, vehicle, plan)
+            self.planner.receive_plan(stamp_s, vehicle, plan)
         plans += len(self._plans)
         self._plans = []
         self.apply_correction()
@@ -107,13 +101,13 @@ class PlannerIntake:
     def apply_correction(self) -> None:
         """Passes the planner the offset between map and odometry, if odometry of the same time is available.
 
-        `take` calls this too. Call it directly if the corrected place is computed only once a decision is due.
+        `take` calls this too. Call it directly if the corrected place is computed after `take`.
         """
         if self._corrected is None:
             return
         stamp_s, north_m, east_m = self._corrected
         for odometry_s, own_north_m, own_east_m in reversed(self._recent_odometry):
-            if abs(odometry_s - stamp_s) < SAME_S:
+            if abs(odometry_s - stamp_s) < STAMP_TOLERANCE_S:
                 self.planner.set_map_offset(north_m - own_north_m, east_m - own_east_m)
                 self._corrected = None
                 return

@@ -33,7 +33,7 @@ def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: b
 
 
 def of_state(silent_s: float) -> dict[str, str]:
-    """No mission/state has arrived for `silent_s`; safety_node publishes it every second."""
+    """No mission/state has arrived for `silent_s` (s); safety_node publishes it every second."""
     if silent_s <= STATE_SILENT_S:
         return {}
     return {
@@ -46,28 +46,28 @@ def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str,
     """Recently ignored odometry, team plans that cannot be followed, and legs not finished in time.
 
     Args:
-        totals: Total counts of "odometry absurd", "odometry jumps", "plans refused" and "legs given up".
+        totals: Total counts of "odometry impossible", "odometry jumps", "plans refused" and "leg timeouts".
         recent: Recent counts of the same (`Recent`).
     """
     texts = {
-        "odometry absurd": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
+        "odometry impossible": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
         "odometry jumps": "odometry: {} places rejected because the vehicle cannot have reached them",
         "plans refused": "team: {} received plans could not be rebuilt and were ignored",
-        "legs given up": "travel: {} legs timed out before the vehicle passed their end; continued with the next leg",
+        "leg timeouts": "travel: {} legs timed out before the vehicle passed their end; continued with the next leg",
     }
     return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
 
 
 def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
-    """The vehicle is outside of the area."""
+    """The vehicle is outside the area."""
     found: dict[str, str] = {}
     if travel.estimate is None:
         return found
     outside_m = -space.clearance_m(travel.estimate.north_m, travel.estimate.east_m)
     if outside_m > HOLD_BEYOND_M:
-        found["outside"] = f"place: {outside_m:.0f} m outside of the area, more than {HOLD_BEYOND_M:.0f} m: holding"
+        found["outside"] = f"place: {outside_m:.0f} m outside the area, more than {HOLD_BEYOND_M:.0f} m: holding"
     elif outside_m > 0.0:
-        found["outside"] = f"place: {outside_m:.0f} m outside of the area: returning"
+        found["outside"] = f"place: {outside_m:.0f} m outside the area: returning"
     return found
 
 

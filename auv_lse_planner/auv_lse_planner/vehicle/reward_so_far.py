@@ -7,14 +7,9 @@ from collections.abc import Mapping
 
 
 class RewardSoFar:
-    """Reward of the legs already decided.
-
-    Attributes:
-        value: The reward.
-    """
+    """Reward of the legs already decided."""
 
     def __init__(self) -> None:
-        """Starts with no reward."""
         self.value = 0.0
         self._risk_at_start = math.nan
         self._bound_max = -math.inf

@@ -1,17 +1,15 @@
-"""Decides when a vehicle surfaces for a fix: when the fix gains more than the legs it costs.
+"""Decides when a vehicle surfaces for a fix: when the fix gains more than the skipped legs are worth.
 
-Dead reckoning errs by a rotation and a scale about the start. A fix is therefore most informative far from the start.
-It corrects the places of earlier soundings, and later soundings start from a known place. A vehicle considers a
-surfacing only if all of these hold:
+Dead reckoning errs by a rotation and a scale about the start, so a fix far from the start is the most informative. It
+corrects the places of earlier and later soundings. A vehicle considers a surfacing only if all of these hold:
 
-- At least the share `FIRST` of the mission is over. Each vehicle of a team waits for a share `TURN` longer than the
-  previous one: through ranges one vehicle's fix helps all, which reduces the gain of the next fix.
+- At least the share `FIRST` of the mission is over. Each vehicle of a team waits longer than the previous one by the
+  share `TURN`: ranges pass one vehicle's fix on to all, which reduces the gain of the next fix.
 - The leg's end is farther from the start than the next `LEGS_AHEAD` legs of the plan.
-- At least the share `NEXT` of the mission has passed since its last surfacing, because the map shows the gain of a fix
-  only after some time.
+- At least the share `NEXT` of the mission has passed since its last surfacing, because a fix changes the map only after
+  some time.
 
-The gain of a fix is the drop of the loss from uncertain places (`reward/fix.py`). Its cost is the planned reward of the
-legs that no longer fit at the mission's end. Both are in the unit of the map's risk.
+`reward/fix.py` computes the gain. The cost is the planned reward of the legs that no longer fit at the mission's end.
 """
 
 from __future__ import annotations
@@ -24,8 +22,7 @@ import numpy as np
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_planner.paths.rollout import PlannedPath
 
-#: Shares of the mission: before the first vehicle's first surfacing, delay from one vehicle to the next, and between
-#: two surfacings of one vehicle.
+#: Shares of the mission: before vehicle 1's first surfacing, delay of each further vehicle, and between two surfacings.
 FIRST, TURN, NEXT = 0.3, 0.1, 0.2
 #: Number of different delays; vehicles with higher numbers reuse them in turn.
 TURNS = 3
@@ -43,15 +40,6 @@ class Surfacings:
     """
 
     def __init__(self, vehicle: int, config: VehicleConfig, most: int, steps: int, leg_m: float) -> None:
-        """Starts before the mission's first step.
-
-        Args:
-            vehicle: Number of the vehicle, from 1.
-            config: Section `vehicle`.
-            most: Largest number of surfacings.
-            steps: Steps of the mission.
-            leg_m: Length of a leg (m).
-        """
         self.legs = math.ceil(config.surfacing_s * config.speed_mps / leg_m)
         self.most = most
         self.done = 0
@@ -59,7 +47,7 @@ class Surfacings:
         self._start_m = np.array([config.start_north_m, config.start_east_m])
         self._earliest = round((FIRST + TURN * ((vehicle - 1) % TURNS)) * steps)
 
-    def considered(self, path: PlannedPath) -> bool:
+    def is_considered(self, path: PlannedPath) -> bool:
         """Whether to consider a surfacing at the end of the first leg of `path`, a path to the mission's end."""
         end = path.step + 1
         if self.done >= self.most or end < self._earliest or len(path) <= self.legs:

@@ -19,13 +19,13 @@ from auv_lse_planner.vehicle.odometry_gate import OdometryGate
 
 Array = NDArray[np.float64]
 
-#: A leg counts as travelled when this distance (m) remains; it only absorbs rounding.
-AT_END_M = 1e-9
-#: With a larger heading error (rad) the next leg is planned from odometry instead of the current leg's end. Currents
-#: cause smaller errors.
-ASIDE_RAD = math.pi / 4.0
-#: The same applies this far (m) past the leg's end: the decision is late, and the vehicle's course is unknown.
-PASSED_M = 3.0
+#: A leg counts as travelled when at most this distance (m) remains, to absorb rounding.
+ARRIVAL_TOLERANCE_M = 1e-9
+#: Above this heading error (rad) the next leg is planned from odometry instead of the current leg's end. Currents cause
+#: smaller errors.
+MAX_HEADING_ERROR_RAD = math.pi / 4.0
+#: The same applies this far (m) past the leg's end: the decision is late, and the course since then is unknown.
+MAX_OVERSHOOT_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,7 @@ class EstimatedState:
     """The vehicle's estimate of its heading and position.
 
     Attributes:
-        now_s: Mission time.
         heading_rad: Heading (rad, clockwise from north).
-        north_m: North.
-        east_m: East.
     """
 
     now_s: float
@@ -57,20 +54,19 @@ class Travel:
         decided: Number of steps decided.
         running: Whether the mission is running. While it is not, no decision is due and leg timers are paused.
         gate: Rejects estimates that jump.
-        absurd: Number of impossible estimates; they are ignored.
-        given_up: Number of legs that timed out (`overdue`) before the vehicle passed their end.
+        impossible: Number of impossible estimates, which are ignored.
+        timed_out: Number of legs that timed out (`overdue`) before the vehicle passed their end.
         finished: Whether all steps are decided and travelled. It stays true wherever the vehicle goes afterwards.
     """
 
     def __init__(self, vehicle: VehicleConfig, steps: int, surfacing_legs: int = 0) -> None:
-        """Starts before the first of `steps` steps; a surfacing takes as long as `surfacing_legs` of them."""
         self._vehicle, self._steps, self._surfacing_legs = vehicle, steps, surfacing_legs
         self._held_up_s = 0.0  # duration of a surfacing at the start of the current leg
         self.estimate: EstimatedState | None = None
         self.leg: Leg | None = None
         self.leg_started_s = math.nan
         self.decided = 0
-        self.absurd = self.given_up = 0
+        self.impossible = self.timed_out = 0
         self.gate = OdometryGate(vehicle.speed_mps)
         self.finished = False
         self.running = True
@@ -88,12 +84,12 @@ class Travel:
     def move(self, estimate: EstimatedState) -> None:
         """Processes an estimated state; the next leg begins when the current one has ended or timed out.
 
-        The timeout is needed because a vehicle may never pass the leg's end: its autopilot may stop just before it, or
-        follow another target. Without it the next leg, or the mission's end, would never come.
+        A vehicle may never pass the leg's end: its autopilot may stop just before it, or follow another target. The
+        timeout lets the mission continue.
         """
         e = estimate
         if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
-            self.absurd += 1
+            self.impossible += 1
             return
         if not self.gate.passes(e.now_s, e.north_m, e.east_m):
             return
@@ -108,14 +104,17 @@ class Travel:
 
     def _over(self, leg: Leg, estimate: EstimatedState) -> bool:
         """Whether the leg is travelled or timed out; counts timeouts."""
-        if self._remaining_m(leg, estimate) <= AT_END_M:
+        if self._remaining_m(leg, estimate) <= ARRIVAL_TOLERANCE_M:
             return True
         overdue = self.overdue(estimate.now_s)
-        self.given_up += overdue
+        self.timed_out += overdue
         return overdue
 
     def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
-        """Accepts the leg just decided. It begins `at_once` (as the first one does) or when the current leg ends."""
+        """Accepts the leg just decided.
+
+        It begins `at_once` or when the current leg ends; the first leg begins at once.
+        """
         self.decided = self._after(leg)
         if self.leg is None or at_once:
             self._begin(leg, now_s)
@@ -203,9 +202,9 @@ class Travel:
         remaining_m = self._remaining_m(self.leg, self.estimate)
         heading = self.leg.state_at(self.leg.length_m - remaining_m)[0]
         if (
-            abs(math.remainder(here[0] - heading, 2.0 * math.pi)) <= ASIDE_RAD
+            abs(math.remainder(here[0] - heading, 2.0 * math.pi)) <= MAX_HEADING_ERROR_RAD
             and self.leg.distance_off_m(here[1], here[2]) <= planner.reanchor_m
-            and remaining_m >= -PASSED_M
+            and remaining_m >= -MAX_OVERSHOOT_M
             and not self.overdue(self.estimate.now_s)
         ):
             return self.leg.end_state, False

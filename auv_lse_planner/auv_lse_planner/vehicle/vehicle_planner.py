@@ -14,9 +14,8 @@ Theory of operation.
   made and the current leg's timer is paused.
 - *Frames.* Plans are made in the map's frame, whose places may be corrected and so differ from odometry
   (`set_map_offset`). Legs are passed to the vehicle in its odometry frame (`in_odometry_frame`).
-- The method decides (`methods/method.py`); this module writes the bound record.
-- Nothing here reads a clock. A decision always yields a leg; if no action is feasible, it is the escape
-  (`free_space.py`).
+- The method decides (`methods/method.py`); this module writes the bound record. A decision always yields a leg; if no
+  action is feasible, it is the escape (`free_space.py`).
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
-from auv_lse_common.mission_file.sections.vehicle import MOST_SURFACINGS
+from auv_lse_common.mission_file.sections.vehicle import MAX_SURFACINGS
 from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.naive_ids import FITTED
@@ -55,7 +54,7 @@ from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 
 Array = NDArray[np.float64]
 
-#: Shallow ground is checked this far (m) beyond the reach of a plan's legs, to leave room to turn.
+#: Shallow ground is checked this far (m) beyond the reach of a plan's legs, to leave room for turns.
 SHALLOWS_BEYOND_M = 100.0
 #: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
 COARSE_M = 30.0
@@ -65,25 +64,13 @@ class VehiclePlanner:
     """Plans for one vehicle; see the module's theory of operation.
 
     Attributes:
-        vehicle: Number of the vehicle.
-        settings: All parameters at the start.
         planner: The planner's current parameters, complete.
-        motion: Its actions.
-        space: Where it may go.
-        rollout: Follows plans, its own and team mates', to the mission's end.
-        posterior: Its map.
-        team: Its team mates.
         plans_refused: Number of received plans that could not be followed.
         records: The bound record of every decision.
     """
 
     def __init__(self, vehicle: int, settings: PlannerSettings, rng: np.random.Generator) -> None:
         """Sets up the planner.
-
-        Args:
-            vehicle: Number of the vehicle, from 1.
-            settings: All parameters.
-            rng: Random stream for every random choice.
 
         Raises:
             ValueError: if the number is not one of the mission's vehicles, or parameters contradict each other.
@@ -142,7 +129,7 @@ class VehiclePlanner:
         wanted = self.settings.vehicle.surfacings
         if wanted is not None:
             return wanted
-        return 0 if self.planner.entry.of_paper else MOST_SURFACINGS
+        return 0 if self.planner.entry.of_paper else MAX_SURFACINGS
 
     def set_planner(self, config: PlannerConfig) -> None:
         """Sets new planner parameters; they take effect at the next decision.
@@ -158,15 +145,15 @@ class VehiclePlanner:
     # ------------------------------------------------------------------ inputs
 
     def set_centers(self, centers: Centers, now_s: float | None = None) -> None:
-        """Sets all kernel centers of the map, used from the next decision on. Cheap if the old centers come first."""
+        """Sets all kernel centers of the map for the next decision; fast if the old centers come first."""
         self._new_centers = centers
         if now_s is not None:
             self._map_s = now_s
 
-    def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
-        """Takes the plan of team mate `vehicle`, received at `now_s`; an unusable plan is only counted."""
+    def receive_plan(self, now_s: float, vehicle: int, plan: Plan) -> None:
+        """Stores the plan of team mate `vehicle`, received at `now_s`; an unusable plan is only counted."""
         if self.rollout.can_follow(plan):
-            self.team.hear(now_s, vehicle, plan)
+            self.team.receive_plan(now_s, vehicle, plan)
         else:
             self.plans_refused += 1
 
@@ -227,10 +214,10 @@ class VehiclePlanner:
         if self._blocked_reason:
             found["held"] = f"mission is not running: {self._blocked_reason}"
         totals = {
-            "odometry absurd": self._travel.absurd,
+            "odometry impossible": self._travel.impossible,
             "odometry jumps": self._travel.gate.jumps,
             "plans refused": self.plans_refused,
-            "legs given up": self._travel.given_up,
+            "leg timeouts": self._travel.timed_out,
         }
         return found | problems.of_counts(totals, self._recent.of(now_s, totals))
 
@@ -240,7 +227,6 @@ class VehiclePlanner:
         """Decides the next leg.
 
         Args:
-            now_s: Mission time.
             deadline: Returns whether to stop searching; the decision then uses the best path so far.
 
         Raises:
@@ -373,7 +359,7 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()
         self._surfaced = False
         legs = self._surfacings.legs
-        if not self._surfacings.considered(path):
+        if not self._surfacings.is_considered(path):
             return decision
         surfacing = self._method.weigh_surfacing(situation, path, legs)
         if not surfacing.pays:
@@ -393,10 +379,6 @@ class VehiclePlanner:
 
         A naive path may depend on the number of legs left, so that the delayed plan would lead elsewhere. The plan then
         continues with the path's explicit actions. A new choice would restart the lanes and the budget.
-
-        Args:
-            legs: Duration of the stop, in legs.
-            team_plan: The plan for the team.
 
         Returns:
             The delayed plan for the team.

@@ -52,7 +52,7 @@ def _joint(roll, posterior, draws, ids, legs):
     return JointDraws(rewards, roll, search_problem(STATE, np.random.default_rng(1), naive_paths=ids))
 
 
-def test_a_sequence_is_worth_what_it_brings_to_the_map_beyond_the_mates_in_the_mean_over_the_draws():
+def test_sequence_value_is_the_mean_added_map_reward_over_the_draws():
     roll, _, posterior, draws = _scene()
     joint = _joint(roll, posterior, draws, (), len(SEQUENCE))
     (value,) = joint([SEQUENCE])
@@ -62,7 +62,7 @@ def test_a_sequence_is_worth_what_it_brings_to_the_map_beyond_the_mates_in_the_m
     assert joint.naive_path[SEQUENCE] == NONE
 
 
-def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
+def test_naive_path_has_the_best_mean_over_the_draws():
     roll, _, posterior, draws = _scene()
     ids = LAWNMOWERS[:2]
     joint = _joint(roll, posterior, draws, ids, 20)
@@ -82,7 +82,7 @@ def _search(scene, problem):
     return method.search(problem, PathReward(posterior, LevelSet()), draws)
 
 
-def test_team_mates_get_a_plan_drawn_from_the_best():
+def test_sent_plan_is_drawn_from_the_best_sequences():
     problem = search_problem(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
     proposal = _search(_scene(), problem)
     assert proposal.found.iterations == 20  # shared among the draws
@@ -93,7 +93,7 @@ def test_team_mates_get_a_plan_drawn_from_the_best():
     assert proposal.found.value == max(v for _, v in proposal.found.ranking)
 
 
-def test_without_naive_paths_it_looks_as_far_as_the_horizon_and_the_mission_last():
+def test_without_naive_paths_sequences_end_with_the_horizon_or_the_mission():
     scene = _scene()
     roll, _, posterior, draws = scene
     problem = search_problem(STATE, np.random.default_rng(1), method="plain", horizon=5, iterations=48)
@@ -106,20 +106,20 @@ def test_without_naive_paths_it_looks_as_far_as_the_horizon_and_the_mission_last
         assert proposal.found.value == pytest.approx(exact, rel=0.03)
 
 
-def test_plans_are_drawn_newer_ones_more_often():
+def test_newer_plans_are_drawn_more_often():
     roll, space, posterior, _ = _scene()
     first, second = (Plan.at(0, np.array([0.0, north, 100.0]), (5,), NONE) for north in (0.0, 200.0))
     draws = []
     for seed in range(60):
         method = DecMcts(context(roll, space, posterior, np.random.default_rng(seed), GRID))
         assert method.draw(0.0).shape == (0, 2)
-        method.context.team.hear(0.0, 2, first)
-        method.context.team.hear(0.0, 2, second)
+        method.context.team.receive_plan(0.0, 2, first)
+        method.context.team.receive_plan(0.0, 2, second)
         draws.append(method.draw(0.0)[0, 0] > 150.0)
     assert 30 < sum(draws) < 60
 
 
-def test_it_prefers_better_sequences_and_cools():
+def test_distribution_prefers_better_sequences_and_cools():
     values = np.array([100.0, 99.0, 90.0])
     early, late = distribution(values, 0), distribution(values, 99)
     assert early.sum() == pytest.approx(1.0)
@@ -127,12 +127,12 @@ def test_it_prefers_better_sequences_and_cools():
     assert late[0] > early[0]
 
 
-def test_the_last_plan_is_kept_only_if_that_is_asked_for():
+def test_last_plan_is_kept_only_if_configured():
     assert not PlannerConfig(coordination="dec_mcts", method="augmented").complete().incumbent
     assert PlannerConfig(coordination="dec_mcts", method="augmented", incumbent=True).complete().incumbent
 
 
-def test_it_needs_a_tree_search():
+def test_dec_mcts_needs_a_tree_search():
     for method in ("tour", "exponential_quadratic"):
         with pytest.raises(ValueError, match="dec_mcts' is a tree search by the exact risk"):
             PlannerConfig(method=method, coordination="dec_mcts").complete()

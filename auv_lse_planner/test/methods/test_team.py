@@ -21,15 +21,15 @@ def _team(order="id", vehicle=3, expiry=600.0):
     return Team(vehicle, 4, order, 20.0, expiry, _follow)
 
 
-def test_orders():
+def test_team_orders():
     assert _team("id").before == [1, 2]
     assert _team("id", vehicle=1).before == []
     assert _team("all").before == [1, 2, 4]
 
 
-def test_places_already_passed_are_dropped_and_old_plans_expire():
+def test_passed_places_are_dropped_and_old_plans_expire():
     team = _team()
-    team.hear(100.0, 1, _plan(4))
+    team.receive_plan(100.0, 1, _plan(4))
     assert len(team.places_ahead(100.0, 1)) == 10
     places = team.places_ahead(165.0, 1)  # 65 s at 20 s a leg
     assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
@@ -37,50 +37,50 @@ def test_places_already_passed_are_dropped_and_old_plans_expire():
     assert team.age_s(701.0) == {1: 601.0}
 
 
-def test_a_plan_that_is_too_old_has_no_places_ahead():
+def test_expired_plan_has_no_places_ahead():
     team = _team(expiry=100.0)
-    team.hear(100.0, 1, _plan(4))
+    team.receive_plan(100.0, 1, _plan(4))
     assert len(team.places_ahead(199.0, 1)) == 6
     assert len(team.in_time_order(199.0)) == 1
     assert len(team.places_ahead(200.0, 1)) == 0
     assert team.in_time_order(200.0) == []
 
 
-def test_places_ahead_come_with_the_legs_until_a_mate_is_there():
+def test_places_ahead_have_arrival_times_in_legs():
     """65 s at 20 s a leg: it is a quarter into its eighth leg, whose end comes in three quarters of a leg."""
     team = _team()
-    team.hear(100.0, 1, _plan(4))
+    team.receive_plan(100.0, 1, _plan(4))
     ((legs, places),) = team.in_time_order(165.0)
     assert legs == pytest.approx(0.75 + np.arange(7))
     assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
 
 
-def test_an_unchanged_plan_keeps_its_clock_but_stays_fresh():
+def test_repeated_plan_keeps_its_schedule_but_stays_fresh():
     team = _team()
-    team.hear(100.0, 1, _plan(4))
-    team.hear(160.0, 1, _plan(4))
+    team.receive_plan(100.0, 1, _plan(4))
+    team.receive_plan(160.0, 1, _plan(4))
     assert len(team.places_ahead(160.0, 1)) == 7
     assert team.age_s(750.0) == {1: 590.0}
 
 
-def test_a_newer_plan_replaces_and_an_older_one_that_comes_late_does_not():
+def test_newer_plan_replaces_and_late_older_plan_does_not():
     team = _team()
-    team.hear(100.0, 1, _plan(4))
-    team.hear(110.0, 1, _plan(5, north=50.0))
+    team.receive_plan(100.0, 1, _plan(4))
+    team.receive_plan(110.0, 1, _plan(5, north=50.0))
     assert team.places_ahead(110.0, 1)[0, 0] == 60.0
-    team.hear(120.0, 1, _plan(3, north=-99.0))
+    team.receive_plan(120.0, 1, _plan(3, north=-99.0))
     assert team.places_ahead(120.0, 1)[0, 0] == 60.0
 
 
 def test_own_plans_are_ignored():
     team = _team()
-    team.hear(0.0, 3, _plan(0))
+    team.receive_plan(0.0, 3, _plan(0))
     assert team.age_s(0.0) == {}
 
 
-def test_the_last_different_plans_of_a_mate_are_kept_the_newest_first():
+def test_last_different_plans_of_a_mate_are_kept_newest_first():
     team = _team("all", expiry=100.0)
     for north in (0.0, 500.0, 500.0, 900.0, 1300.0):
-        team.hear(0.0, 1, _plan(0, north=north))
+        team.receive_plan(0.0, 1, _plan(0, north=north))
     assert [[places[0, 0] for places in mate] for mate in team.recent_places(0.0)] == [[1310.0, 910.0, 510.0]]
     assert team.recent_places(100.0) == []

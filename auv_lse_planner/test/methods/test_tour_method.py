@@ -8,7 +8,14 @@ from planner_helpers import centers, settings
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.methods.method import Followed, Situation
-from auv_lse_planner.methods.tour_candidates import EARLINESS, NO_FLOOR, TRIES, Candidates, TourCandidates, TourProblem
+from auv_lse_planner.methods.tour_candidates import (
+    NO_FLOOR,
+    SHARES_TRIED,
+    WEIGHT_SHARES,
+    Candidates,
+    TourCandidates,
+    TourProblem,
+)
 from auv_lse_planner.paths.steering import DETOUR_LEGS
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -24,7 +31,7 @@ def _travel(planner, decisions, data=None, heard=()):
         now_s = 15.7 * i
         for at, mate, plan in heard:
             if at == i:
-                planner.hear(now_s, mate, plan)
+                planner.receive_plan(now_s, mate, plan)
         if data is not None:
             planner.set_centers(data(i), now_s)
         given.append(planner.decide(now_s))
@@ -43,7 +50,7 @@ def _growing(seed=3):
     return lambda i: centers(np.random.default_rng(seed), 1 + 20 * i)
 
 
-def test_a_mission_is_planned_to_its_end_and_the_budget_is_never_negative():
+def test_whole_mission_is_planned_and_the_budget_is_never_negative():
     planner = _planner()
     for decision in _travel(planner, STEPS, _growing()):
         path = planner.rollout.follow(decision.plan).from_step(decision.leg.step)
@@ -53,7 +60,7 @@ def test_a_mission_is_planned_to_its_end_and_the_budget_is_never_negative():
         planner.decide(999.0)
 
 
-def test_the_budget_grows_by_what_each_choice_gains_and_the_bound_starts_from_mowing():
+def test_budget_grows_by_each_choices_gain_and_the_bound_starts_with_the_lawnmower():
     planner = _planner()
     records = [d.bound for d in _travel(planner, STEPS, _growing())]
     for before, after in itertools.pairwise(records):
@@ -65,13 +72,13 @@ def test_the_budget_grows_by_what_each_choice_gains_and_the_bound_starts_from_mo
     assert any(not r.incumbent_kept for r in records[1:])
 
 
-def test_a_tour_flown_blindly_is_never_given_up():
+def test_tour_without_new_data_is_kept():
     decisions = _travel(_planner(method="fixed_tour"), STEPS, _growing())
     assert all(d.plan == decisions[0].plan for d in decisions)
     assert all(d.bound.incumbent_kept for d in decisions[1:])
 
 
-def test_shallow_ground_voids_the_tour_without_a_charge():
+def test_shallow_ground_voids_the_tour_without_charging_the_budget():
     def ground(i):
         data = centers(np.random.default_rng(5), 40)
         ahead = np.stack([np.full(9, 60.0), np.linspace(-20, 60, 9)], axis=1)
@@ -98,7 +105,7 @@ def test_shallow_ground_voids_the_tour_without_a_charge():
     assert np.isnan(record.incumbent_value)
 
 
-def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
+def test_mates_without_a_plan_are_assumed_to_mow_until_expiry():
     planner = _planner(2, 3, planner={"plan_expiry_s": 100.0})
     assert planner.team.in_time_order(0.0) == []
     planner.team.assume_plans(0.0)
@@ -114,17 +121,17 @@ def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
     assert planner.team.in_time_order(101.0) == []
 
 
-def test_a_plan_heard_takes_the_place_of_mowing_and_a_silent_mate_is_dropped():
+def test_received_plan_replaces_the_assumed_one_and_expires():
     planner = _planner(1, 2, planner={"plan_expiry_s": 100.0})
     planner.team.assume_plans(0.0)
-    planner.hear(5.0, 2, Plan.at(0, np.array([0.0, 100.0, 100.0]), (5, 5, 5), 0xFF))
+    planner.receive_plan(5.0, 2, Plan.at(0, np.array([0.0, 100.0, 100.0]), (5, 5, 5), 0xFF))
     ((legs, places),) = planner.team.in_time_order(5.0)
     assert places[:, 1] == pytest.approx([100.0] * 3)
     assert legs == pytest.approx([1, 2, 3])
     assert planner.team.in_time_order(106.0) == []
 
 
-def test_with_no_time_the_start_is_the_fitted_lanes_or_what_passes_more_risk():
+def test_without_time_the_start_is_a_naive_path():
     planner = _planner(steps=40)
     planner.odometry(0.0, 0.0, 0.0, 0.0)
     decision = planner.decide(0.0, deadline=lambda: True)
@@ -136,7 +143,7 @@ def test_with_no_time_the_start_is_the_fitted_lanes_or_what_passes_more_risk():
     assert decision.bound.expected_end >= 0.9 * rested.decide(0.0).bound.expected_end
 
 
-def test_between_optimizations_the_incumbent_is_followed_without_a_search():
+def test_incumbent_is_followed_without_a_search_between_optimizations():
     decisions = _travel(_planner(planner={"tour_interval": 4}), STEPS, _growing())
     searched = [d.leg.step for d in decisions if d.statistics.evaluations > 1]
     assert searched == [0, 4, 8]
@@ -153,7 +160,7 @@ def _problem(planner, floor):
     return TourProblem(s, planner._context.map_reward(s), floor)
 
 
-def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(monkeypatch):
+def test_bend_favors_early_reward_within_the_expected_end(monkeypatch):
     tried: dict[int, list[tuple[float, float]]] = {}
     bent = TourCandidates._bent
 
@@ -169,19 +176,19 @@ def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(m
     first = 0
     for step in sorted(tried):
         shares = [share for share, _ in tried[step]]
-        assert shares == list(EARLINESS[first : first + len(shares)])
+        assert shares == list(WEIGHT_SHARES[first : first + len(shares)])
         last = first + len(shares) - 1
         if step:
             floor = records[step].incumbent_value - records[step - 1].budget
             assert all(end < floor for _, end in tried[step][:-1])
             allowed = tried[step][-1][1] >= floor
-            assert allowed or len(shares) == TRIES or last == len(EARLINESS) - 1
+            assert allowed or len(shares) == SHARES_TRIED or last == len(WEIGHT_SHARES) - 1
         else:
-            allowed = last < len(EARLINESS) - 1 or records[0].budget > 0.0
-        first = max(last - 1, 0) if allowed else min(last + 1, len(EARLINESS) - 1)
+            allowed = last < len(WEIGHT_SHARES) - 1 or records[0].budget > 0.0
+        first = max(last - 1, 0) if allowed else min(last + 1, len(WEIGHT_SHARES) - 1)
 
 
-def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_after_those_that_were_not(monkeypatch):
+def test_next_bend_starts_near_the_last_allowed_share(monkeypatch):
     tried: list[float] = []
     allowed, bent = 1.0, TourCandidates._bent
 
@@ -200,31 +207,31 @@ def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_after_those_
     for share in (0.25, 0.25, 0.25, 0.5, 0.0, 0.0, 1.0):
         allowed = share
         tried.clear()
-        candidates._bend_early(_problem(planner, 0.0), planner.path, 1, TRIES, Candidates())
+        candidates._bend_early(_problem(planner, 0.0), planner.path, 1, SHARES_TRIED, Candidates())
         began.append(list(tried))
     assert began == [[1.0, 0.5], [0.25], [0.5, 0.25], [0.5], [1.0, 0.5], [0.25, 0.0], [0.25, 0.0]]
 
 
-def test_a_void_plan_is_bent_by_the_whole_share_and_a_bend_cut_short_leaves_the_share():
+def test_void_plan_uses_the_full_share_and_an_interrupted_bend_keeps_the_share():
     planner = _planner()
     _travel(planner, 1, _growing())
     candidates = _candidates(planner)
     candidates.restore({**candidates.snapshot(), "earliness": 2})
     result, problem = Candidates(), _problem(planner, NO_FLOOR)
-    candidates._bend_early(problem, planner.path, 5, TRIES, result)
-    whole, _ = candidates._bent(problem, planner.path, EARLINESS[0], 5)
+    candidates._bend_early(problem, planner.path, 5, SHARES_TRIED, result)
+    whole, _ = candidates._bent(problem, planner.path, WEIGHT_SHARES[0], 5)
     assert [c.plan for c in result.plans] == [whole.plan]
     assert candidates.snapshot()["earliness"] == 2, "nothing limited it"
     limited = _problem(planner, 1e9)
     hurried = replace(limited, situation=replace(limited.situation, deadline=lambda: True))
     result = Candidates()
-    candidates._bend_early(hurried, planner.path, 5, TRIES, result)
+    candidates._bend_early(hurried, planner.path, 5, SHARES_TRIED, result)
     assert result.deadline_hit
     assert len(result.plans) == 1
     assert candidates.snapshot()["earliness"] == 2
 
 
-def test_a_path_too_long_to_be_told_by_its_actions_stays_a_tour(monkeypatch):
+def test_path_too_long_for_explicit_actions_stays_a_tour(monkeypatch):
     monkeypatch.setattr("auv_lse_planner.methods.tour_candidates.MAX_EXPLICIT_ACTIONS", 5)
     decisions = _travel(_planner(), STEPS, _growing())
     assert all(len(d.plan.actions) <= DETOUR_LEGS for d in decisions if d.leg.step < STEPS - 5)

@@ -13,7 +13,7 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance
-from auv_lse_planner.paths.naive import FITS_KEPT
+from auv_lse_planner.paths.naive import CACHED_FITS
 from auv_lse_planner.paths.polyline import places_along
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
@@ -24,7 +24,7 @@ def _rectangle(along, across, grid):
     return np.column_stack([u.ravel(), v.ravel()])
 
 
-def test_lanes_by_hand():
+def test_lanes_worked_by_hand():
     places, corners = _rectangle(300.0, 200.0, 20.0), np.empty((7, 2))
     # two lanes, half a gap (50 m) from the sides, ends half of that from the border; and one back between them
     length = lay(places, np.array([20.0, 20.0]), np.zeros(2), 2, 1.0, 0.5, corners)
@@ -33,14 +33,14 @@ def test_lanes_by_hand():
     assert length == pytest.approx(math.hypot(25, 50) + 250 + 100 + 250)
 
 
-def test_the_mean_distance_by_hand():
+def test_mean_distance_worked_by_hand():
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
     places = np.array([[5.0, 3.0], [13.0, 4.0], [10.0, 14.0]])
     assert mean_distance(places, line, 20.0) == pytest.approx((3.0 + 3.0 + 4.0) / 3.0)
     assert mean_distance(places, line, 10.0) == pytest.approx((3.0 + 5.0 + 14.0) / 3.0)  # cut at the corner
 
 
-def test_points_are_a_leg_apart_and_go_straight_on():
+def test_points_are_one_leg_apart_and_continue_straight():
     line = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
     expected = [[0, 0], [6, 0], [10, 2], [10, 8], [10, 14]]
     assert places_along(line, 0.0, 6.0, 5)[0] == pytest.approx(np.array(expected, dtype=float), abs=0.01)
@@ -58,7 +58,7 @@ def test_compiled_equals_plain():
 
 
 @pytest.mark.parametrize("length", [700.0, 1500.0, 3000.0])
-def test_no_other_number_of_lanes_is_nearer_to_everything(length):
+def test_no_other_number_of_lanes_has_a_smaller_mean_distance(length):
     places, begin = _rectangle(600.0, 400.0, 25.0), np.zeros(2)
     grid = np.array([25.0, 25.0])
     turned, count, side, end = fit(places, grid, begin, length, np.array(SIDES), np.array(ENDS))
@@ -81,7 +81,7 @@ BENT = (0.0, -50.0, 300.0, -50.0, 300.0, 250.0, 600.0, 250.0, 600.0, 550.0, 0.0,
 
 # The shares are a little above those found: .90, .80, .71.
 @pytest.mark.parametrize(("polygon", "vehicles", "share"), [(LARGE, 1, 0.92), (LARGE, 3, 0.82), (BENT, 1, 0.75)])
-def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, share):
+def test_fitted_lanes_leave_less_risk_than_covering_lanes(polygon, vehicles, share):
     area, motion, _, naive = world(polygon=polygon, vehicles=vehicles)
     roll = Rollout(motion, naive, 100, 1)
     kept = CachedPoints(Posterior(GpConfig()), area.grid(30.0).places_m)
@@ -94,13 +94,13 @@ def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, shar
     assert left[1] < share * left[0]
 
 
-def test_lanes_are_fitted_once_for_the_same_place_and_the_last_are_kept():
+def test_lane_fits_are_cached():
     _, _, _, naive = world()
     first = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
     assert naive._fitted(np.array([1.0, 10.0, 20.0]), FITTED[0], 40) is first  # the heading does not count
-    for north in range(2 * FITS_KEPT):
+    for north in range(2 * CACHED_FITS):
         naive._fitted(np.array([0.0, float(north), 0.0]), FITTED[0], 40)
-    assert len(naive._fits) == FITS_KEPT
+    assert len(naive._fits) == CACHED_FITS
     again = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
     assert again is not first
     assert np.array_equal(again, first)
@@ -116,7 +116,7 @@ def test_one_vehicle_has_one_strip():
 @pytest.mark.parametrize(
     "polygon", [(0, 0, 400, 400, 0, 400), (0, 0, 500, 300, 400, 500, -100, 200), (0, 0, 300, 900, 600, 0)]
 )
-def test_a_slanted_area_has_strips_whose_box_reaches_beyond_its_raster(polygon):
+def test_slanted_area_has_strips_beyond_its_raster(polygon):
     area, motion, space, naive = world(polygon=tuple(map(float, polygon)), vehicles=3)
     c, s = math.cos(naive._frames[0].axis_rad), math.sin(naive._frames[0].axis_rad)
     for places, _ in naive._strip_places:

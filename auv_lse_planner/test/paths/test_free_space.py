@@ -21,7 +21,7 @@ L_SHAPE = (0.0, 0.0, 300.0, 0.0, 300.0, 70.0, 90.0, 70.0, 90.0, 400.0, 0.0, 400.
         (L_SHAPE, {}, "constant"),  # with growing straights the loop (48 m) has no room there
     ],
 )
-def test_random_walks_of_feasible_actions_never_get_stuck_nor_leave(polygon, no_go, straight):
+def test_random_walks_of_feasible_actions_never_get_stuck_or_leave_the_area(polygon, no_go, straight):
     area, motion, space, _ = world(polygon, MotionConfig(straight=straight), no_go=no_go)
     rng = np.random.default_rng(4)
     walked = 0
@@ -67,7 +67,7 @@ def test_escape_leads_back_from_a_corner_and_from_outside():
         assert len(space.feasible(state)), f"still stuck in {state}"
 
 
-def test_shallow_ground_is_kept_clear_of():
+def test_feasible_actions_avoid_shallow_ground():
     area, motion, space, _ = world()
     grid = area.grid(10.0)
     places = grid.places_m
@@ -84,7 +84,7 @@ def test_shallow_ground_is_kept_clear_of():
     assert motion.straight_on in space.feasible(state)
 
 
-def test_places_within_reach_are_enough_for_what_is_near():
+def test_shallow_ground_beyond_reach_does_not_matter():
     area, _, space, _ = world()
     grid = area.grid(10.0)
     places = grid.places_m

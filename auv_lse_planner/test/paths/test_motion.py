@@ -27,7 +27,7 @@ def test_hand_worked_steps(table):
     assert end == pytest.approx([-math.pi, 85.0, 215.0]) or end == pytest.approx([math.pi, 85.0, 215.0])
 
 
-def test_every_leg_is_as_long_with_constant_straights_and_not_with_growing_ones(table):
+def test_legs_have_equal_length_only_with_constant_straights(table):
     assert np.ptp(table.lengths_m) < 1e-12
     growing = MotionTable(MotionConfig(straight="growing"))
     assert growing.straights_m == pytest.approx(15.0 * (math.pi / 2 + np.abs(growing.turns_rad)))
@@ -35,7 +35,7 @@ def test_every_leg_is_as_long_with_constant_straights_and_not_with_growing_ones(
 
 
 @pytest.mark.parametrize("straight", ["constant", "growing"])
-def test_tracks_lead_from_the_state_to_the_end_state_at_the_wanted_spacing(straight):
+def test_tracks_lead_to_the_end_state_at_the_configured_spacing(straight):
     table = MotionTable(MotionConfig(straight=straight))
     rng = np.random.default_rng(1)
     for action in range(table.actions):
@@ -60,7 +60,7 @@ def test_headings_stay_wrapped_and_steps_have_their_length(table):
         assert np.hypot(*(end - state)[1:]) == pytest.approx(np.hypot(*table.steps_m[action]))
 
 
-def test_compiled_and_plain_steps_are_the_same_bits(table):
+def test_compiled_and_plain_steps_are_identical(table):
     rng = np.random.default_rng(3)
     for _ in range(200):
         state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(-900, 900, 2)])
@@ -118,6 +118,6 @@ def test_legs_follow_the_motion_table(straight):
         ({"straight": "other"}, "constant"),
     ],
 )
-def test_unusable_parameters_are_named(values, message):
+def test_invalid_parameters_are_named(values, message):
     with pytest.raises(ParameterError, match=message):
         from_mapping(MotionConfig, values, "test: motion")

@@ -20,7 +20,7 @@ def _states(count, seed=1):
 
 
 @pytest.mark.parametrize("naive_path", IDS)
-def test_paths_stay_feasible_all_the_way_from_any_safe_state(naive_path):
+def test_naive_paths_from_safe_states_stay_feasible(naive_path):
     _, motion, space, naive = world(vehicles=3)
     for state in _states(12):
         actions = naive.actions(state, naive_path, 60)
@@ -31,7 +31,7 @@ def test_paths_stay_feasible_all_the_way_from_any_safe_state(naive_path):
 
 
 @pytest.mark.parametrize("naive_path", IDS)
-def test_every_receiver_builds_the_same_path(naive_path):
+def test_all_receivers_build_the_same_path(naive_path):
     _, _, _, first = world(vehicles=2)
     _, _, _, second = world(vehicles=2)
     for state in _states(5, seed=2):
@@ -39,7 +39,7 @@ def test_every_receiver_builds_the_same_path(naive_path):
         assert np.array_equal(first.actions(state, naive_path, 40), second.actions(state, naive_path, 40))
 
 
-def test_the_map_of_one_vehicle_does_not_change_the_path():
+def test_known_shallow_ground_does_not_change_the_path():
     a, _, space, naive = world()
     before = naive.actions(np.zeros(3), LAWNMOWERS[0], 80)
     places = a.grid(10.0).places_m
@@ -60,7 +60,7 @@ def test_compiled_paths_equal_the_plain_ones():
 
 
 @pytest.mark.parametrize("naive_path", COVERING[:3:2])
-def test_a_covering_lawnmower_comes_near_everything(naive_path):
+def test_covering_lawnmower_passes_near_all_places(naive_path):
     a, motion, _, naive = world()
     for state in (np.zeros(3), np.array([2.0, 180.0, 230.0])):
         states = motion.roll(state, naive.actions(state, naive_path, 100))
@@ -80,7 +80,7 @@ def test_lanes_are_straight_and_at_the_configured_spacing():
     assert along.mean() > 0.6
 
 
-def test_straight_on_goes_straight_and_hold_stays():
+def test_straight_on_stays_straight_and_hold_circles():
     _, motion, _, naive = world()
     state = np.array([0.0, 100.0, 200.0])
     assert list(naive.actions(state, STRAIGHT_ON, 5)) == [motion.straight_on] * 5
@@ -96,7 +96,7 @@ def test_none_and_unknown_ids():
         naive.actions(np.zeros(3), 0x10, 5)
 
 
-def test_lawnmowers_work_with_growing_straights_too():
+def test_lawnmowers_work_with_growing_straights():
     _, motion, space, naive = world(motion=MotionConfig(straight="growing"))
     state = np.array([0.0, 100.0, 100.0])
     for action in naive.actions(state, LAWNMOWERS[0], 40):
@@ -104,13 +104,13 @@ def test_lawnmowers_work_with_growing_straights_too():
         state = motion.end_state(state, int(action))
 
 
-def test_an_area_without_room_still_gives_a_path():
+def test_area_without_room_still_yields_a_path():
     *_, tiny = world(polygon=(0.0, 0.0, 30.0, 0.0, 30.0, 30.0, 0.0, 30.0))
     assert len(tiny.actions(np.zeros(3), LAWNMOWERS[0], 10)) == 10
 
 
 @pytest.mark.parametrize("naive_path", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
-def test_sums_along_paths_are_those_of_the_places(naive_path):
+def test_sums_along_equals_the_sum_at_places(naive_path):
     a, motion, _, naive = world()
     grid = a.grid(20.0)
     slope = 2.0 * grid.north_m[:, None] - 0.5 * grid.east_m[None, :]  # bilinear interpolation is exact on a plane
@@ -122,7 +122,7 @@ def test_sums_along_paths_are_those_of_the_places(naive_path):
         assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)
 
 
-def test_ids_of_strips_that_name_the_same_path_are_tried_once():
+def test_equivalent_strip_ids_are_tried_once():
     *_, naive = world()  # two vehicles or one: see planner_helpers
     different = naive.distinct((*COVERING, *STRIPS))
     assert different[:4] == COVERING

@@ -11,7 +11,7 @@ PLAN = Plan(step=4, heading_rad=0.3, north_m=150.0, east_m=150.0, actions=(5, 10
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5])
-def test_a_plan_leads_to_the_missions_end_by_its_actions_and_the_naive_path(samples):
+def test_path_reaches_the_missions_end_with_the_naive_path(samples):
     roll, space = rollout(20, samples)
     path = roll.follow(PLAN)
     assert (path.step, len(path), path.own) == (4, 16, 3)
@@ -50,7 +50,7 @@ def test_a_path_from_a_later_step():
     assert np.array_equal(end.states[0], path.states[-1])
 
 
-def test_without_naive_path_a_path_ends_with_its_actions_and_never_after_the_mission():
+def test_path_without_naive_path_ends_with_its_actions_or_the_mission():
     roll, _ = rollout(20)
     assert len(roll.path(4, PLAN.state, PLAN.actions, NONE)) == 3
     assert len(roll.path(18, PLAN.state, PLAN.actions, NONE)) == 2
@@ -59,7 +59,7 @@ def test_without_naive_path_a_path_ends_with_its_actions_and_never_after_the_mis
 
 @pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("naive_path", [LAWNMOWERS[0], LAWNMOWERS[3], STRIPS[1], HOLD, NONE])
-def test_naive_paths_of_many_states_are_those_of_each(naive_path, samples):
+def test_batch_of_naive_paths_equals_single_ones(naive_path, samples):
     roll, _ = rollout(30, samples, vehicles=3)
     rng = np.random.default_rng(2)
     states = np.stack([rng.uniform(-3, 3, 20), rng.uniform(-10, 370, 20), rng.uniform(-10, 470, 20)], axis=1)
@@ -88,13 +88,13 @@ def test_naive_paths_of_many_states_are_those_of_each(naive_path, samples):
         ({"tour": Tour(segment_legs=2, bearings=(-1,))}, False),
     ],
 )
-def test_plans_that_cannot_be_followed_are_known(change, followed):
+def test_invalid_plans_are_detected(change, followed):
     import dataclasses
 
     assert rollout(20)[0].can_follow(dataclasses.replace(PLAN, **change)) is followed
 
 
-def test_many_sequences_at_once_visit_the_places_of_each():
+def test_batch_of_sequences_visits_the_same_places_as_single_ones():
     roll, space = rollout(20, samples_per_leg=3)
     rng = np.random.default_rng(1)
     states = np.array([[0.3, 150.0, 150.0], [1.0, 200.0, 100.0]])

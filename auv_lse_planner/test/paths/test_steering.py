@@ -21,7 +21,7 @@ def _tours(count, segments, seed=1):
         yield np.float32(state).astype(float), Tour(segment_legs=2, bearings=bearings)
 
 
-def test_tours_are_steered_feasibly_all_the_way_and_along_the_border_of_the_area():
+def test_steered_tours_are_feasible_even_along_the_border():
     _, motion, space, _ = world()
     steering = Steering(space)
     for state, tour in _tours(12, 20):
@@ -33,7 +33,7 @@ def test_tours_are_steered_feasibly_all_the_way_and_along_the_border_of_the_area
             state = motion.end_state(state, int(action))
 
 
-def test_every_receiver_steers_alike_and_its_map_does_not_matter():
+def test_all_receivers_steer_alike_whatever_their_map():
     a, motion, space, _ = world()
     first, second = Steering(space), Steering(world()[2])
     places = a.grid(10.0).places_m
@@ -56,14 +56,14 @@ def test_compiled_steering_equals_the_plain_one():
         assert np.array_equal(steer(*arguments), plain(steer)(*arguments))
 
 
-def test_a_straight_tour_is_travelled_to_the_metre_and_goes_on_behind_its_end():
+def test_straight_tour_is_followed_exactly_and_continues_past_its_end():
     _, motion, space, _ = world()
     state, tour = np.array([0.0, 20.0, 100.0]), Tour(segment_legs=2, bearings=(0, 0))
     actions = Steering(space).actions(state, tour.waypoints_m(state[1:], motion.leg_length_m), 2, 8)
     assert actions.tolist() == [motion.straight_on] * 8
 
 
-def test_a_bend_is_cut_by_no_more_than_the_turning_circle():
+def test_corner_is_cut_by_at_most_the_turning_circle():
     _, motion, space, _ = world()
     state, tour = np.array([0.0, 20.0, 100.0]), Tour(segment_legs=2, bearings=(0, 0, 64, 64, 64))
     waypoints = tour.waypoints_m(state[1:], LEG)
@@ -82,14 +82,14 @@ def test_points_along_a_polyline_worked_by_hand():
     assert point_along(bent, 10.0, 25.0) == (10.0, 15.0, 0.0, 1.0)  # straight on
 
 
-def test_a_polyline_without_a_segment_is_refused():
+def test_polyline_without_a_segment_is_rejected():
     with pytest.raises(ValueError, match="expected at least two"):
         Steering(world()[2]).actions(np.zeros(3), np.zeros((1, 2)), 2, 3)
     with pytest.raises(ValueError, match="line_m: got 1; expected at least two"):
         Steering(world()[2]).along(np.zeros(3), np.zeros((1, 2)), LEG, 3)
 
 
-def test_a_plan_leads_by_its_actions_its_tour_and_the_naive_path():
+def test_path_follows_actions_then_tour_then_naive_path():
     roll, space = rollout(20)
     tour = Tour(segment_legs=2, bearings=(20, 40, 60))
     plan = Plan(

@@ -76,7 +76,7 @@ CASES = {
 def test_value_agrees_with_the_dense_computation(name):
     case = Case(**CASES[name])
     legs, step, steps, weight = dataclasses.astuple(case.time)
-    ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.LEGS_APART) + 1)).astype(int))[1:]
+    ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.CHECKPOINT_LEGS) + 1)).astype(int))[1:]
     drops = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates, case.inflation))
     expected, begin = 0.0, 0
     for end, drop in zip(ends, drops, strict=True):
@@ -116,11 +116,13 @@ def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
 def _dense_rough(case):
     """What `value_and_gradient` gives, by dense solves."""
     legs, step, steps, weight = dataclasses.astuple(case.time)
-    count = min(anytime.GRADIENT_CHECKPOINTS, -(-legs // anytime.LEGS_APART))
+    count = min(anytime.GRADIENT_CHECKPOINTS, -(-legs // anytime.CHECKPOINT_LEGS))
     ends = np.unique(np.rint(np.linspace(0, legs, count + 1)).astype(int))[1:]
     mean, before, after = dense_posterior(case.config, case.known, case.planned_m, case.coarse_m)
     before, after = case.inflation**2 * before, case.inflation**2 * after
-    counted = expected_risk_of_each(case.level, mean, before, after) > anytime.LITTLE_RISK * case.level.largest_risk
+    counted = (
+        expected_risk_of_each(case.level, mean, before, after) > anytime.GRADIENT_RISK_SHARE * case.level.largest_risk
+    )
     every = anytime.GRADIENT_MATES_EVERY
     mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in case.mates]
     drops = -np.diff(case.dense(case.path_m, case.coarse_m[counted], ends, mates, case.inflation))
@@ -172,7 +174,7 @@ def test_with_weight_0_it_is_the_drop_at_the_end(mates):
     assert value.expected_end == pytest.approx(case.drop(everything), rel=1e-8)
 
 
-def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
+def test_weighing_with_a_share_equals_a_new_reward_with_that_weight():
     case = Case(mates=[(12, 20.0)])
     whole, half, end = (case.reward.weighing(share).value(case.path_m) for share in (1.0, 0.5, 0.0))
     assert whole == case.reward.value(case.path_m)
@@ -185,7 +187,7 @@ def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
     assert gradients[1] == pytest.approx(0.5 * (gradients[0] + gradients[2]), abs=1e-4 * largest)
 
 
-def test_of_the_end_it_is_the_same_with_weight_0():
+def test_weighing_with_0_equals_a_new_reward_without_weight():
     case = Case(mates=[(12, 20.0)])
     of_the_end = case.reward.weighing(0.0)
     end = case.reward.value(case.path_m).expected_end
@@ -222,7 +224,7 @@ def test_it_telescopes_in_expectation():
     assert total == pytest.approx(whole, rel=5e-3)
 
 
-def test_what_comes_early_counts_more():
+def test_early_measurements_count_more():
     case = Case(data=0, legs=20, step=0, steps=20)
     there = np.linspace([20.0, 20.0], [360.0, 460.0], 20)[:, None]
     late = np.concatenate([np.repeat(there[:1], 10, axis=0), there[::2]])
@@ -232,7 +234,7 @@ def test_what_comes_early_counts_more():
     assert one.weighted > 1.1 * two.weighted
 
 
-def test_a_mate_that_comes_first_leaves_less_to_gain_early():
+def test_earlier_mate_reduces_the_early_gain():
     case = Case(data=0, legs=8, step=0, steps=8)
     soon = AnytimeReward(case.kept, case.level, [(np.full(8, 1.0), case.path_m[:, 0])], case.time)
     late = AnytimeReward(case.kept, case.level, [(np.full(8, 99.0), case.path_m[:, 0])], case.time)
@@ -241,7 +243,7 @@ def test_a_mate_that_comes_first_leaves_less_to_gain_early():
     assert one.weighted > two.weighted
 
 
-def test_nothing_measured_is_worth_nothing():
+def test_path_without_places_has_value_0():
     case = Case()
     assert case.reward.value(np.empty((0, 1, 2))) == anytime.Value(0.0, 0.0)
     over = AnytimeReward(case.kept, case.level, [], Weighting(0, 50, 50, 1.5))
@@ -250,14 +252,14 @@ def test_nothing_measured_is_worth_nothing():
     assert (value, gradient.shape) == (0.0, (0, 2))
 
 
-def test_mates_alone_are_worth_what_they_bring():
+def test_value_without_own_places_is_that_of_the_mates():
     case = Case(mates=((6, 12.0),))
     alone = case.reward.value(np.empty((0, 1, 2)))
     assert alone.expected_end == pytest.approx(case.drop(case.mates[0][1]), rel=1e-8)
     assert case.reward.value(case.path_m).expected_end > alone.expected_end
 
 
-def test_where_no_risk_is_left_the_gradient_is_zero():
+def test_gradient_is_0_without_risk():
     case = Case()
     far = CachedPoints(case.posterior, case.places_m)
     sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], case.time)
@@ -275,7 +277,7 @@ def test_a_measured_place_has_a_finite_gradient():
     assert np.isfinite(gradient).all()
 
 
-def test_wrong_numbers_of_places_are_named():
+def test_wrong_number_of_places_is_reported():
     case = Case(legs=4)
     with pytest.raises(ValueError, match="places_m: got 5 legs; expected at most the remaining 4"):
         case.reward.value(np.zeros((5, 1, 2)))
@@ -283,13 +285,13 @@ def test_wrong_numbers_of_places_are_named():
         case.reward.value_and_gradient(np.zeros((7, 2)))
 
 
-def test_the_value_alone_is_that_of_the_gradient():
+def test_coarse_value_equals_the_value_with_gradient():
     case = Case(mates=((6, 12.0),))
     places = case.path_m.reshape(-1, 2)
     assert case.reward.coarse_value(places) == pytest.approx(case.reward.value_and_gradient(places)[0], rel=1e-12)
 
 
-def test_risk_near_a_path_is_that_of_the_cells_that_it_passes():
+def test_risk_near_sums_the_cells_near_the_path():
     case = Case(data=0)
     everywhere = case.reward.risk_near(case.coarse_m)
     one = case.reward.risk_near(case.coarse_m[:1])

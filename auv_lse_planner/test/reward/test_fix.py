@@ -31,24 +31,24 @@ def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> Cac
     return CachedPoints(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
 
 
-def test_a_displaced_isobath_is_worth_the_area_that_it_leaves() -> None:
+def test_gain_without_variance_is_the_area_of_displacement() -> None:
     """With hardly anything else in doubt: cost times the mean distance, sqrt(2 / pi) sigma, by cells of 2 m."""
     kept = slope(8.0, True, std_soundings=1e-9)  # the soundings are just what was expected
     assert gain_of_fix(kept, LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
 
 
-def test_ground_that_is_rough_hides_what_a_fix_brings() -> None:
+def test_rough_ground_reduces_the_gain() -> None:
     by_prior, by_soundings = (slope(8.0, True, std_soundings=worth) for worth in (0.0, 100.0))
     assert by_soundings.posterior.variance_scale < 0.5
     assert gain_of_fix(by_prior, LEVEL) < 0.9 * gain_of_fix(by_soundings, LEVEL)
 
 
-def test_only_what_a_fix_takes_away_counts_and_more_the_more_it_is() -> None:
+def test_gain_grows_with_the_removed_place_effect() -> None:
     assert gain_of_fix(slope(8.0, False), LEVEL) == 0.0
     assert 0.0 < gain_of_fix(slope(2.0, True), LEVEL) < 0.5 * gain_of_fix(slope(8.0, True), LEVEL)
 
 
-def test_where_places_count_as_known_a_fix_brings_nothing() -> None:
+def test_gain_is_0_for_exact_places() -> None:
     kept = slope(8.0, True)
     kept.posterior.follow(dataclasses.replace(kept.posterior.centers, place_effect_m=None))
     assert gain_of_fix(kept, LEVEL) == 0.0

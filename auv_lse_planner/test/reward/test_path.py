@@ -42,7 +42,7 @@ LEVELS = [LevelSet(), LevelSet(cost_false_safe=20.0, cost_false_unsafe=5.0)]
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("credit", ["whole", "beyond"])
 @pytest.mark.parametrize(("data", "team", "length"), [(0, 0, 10), (60, 0, 30), (60, 25, 100), (200, 60, 13)])
-def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, level, credit):
+def test_value_agrees_with_the_dense_computation_within_1e_9(data, team, length, level, credit):
     rng, config, known, others, level, reward = _situation(data + length, data, team, level, credit)
     for _ in range(3):
         path = rng.uniform([0, 0], [360, 460], (length, 2))
@@ -52,7 +52,7 @@ def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, lev
         assert reward.value(columns) == pytest.approx(dense.sum(), abs=1e-9 * max(1.0, dense.sum()))
 
 
-def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
+def test_values_of_many_paths_equal_single_values():
     rng, *_, reward = _situation(3, 50, 10)
     for length in (1, 7, 30):  # of one place, as the myopic baseline asks; short; long
         columns = reward.posterior.at(rng.uniform(0, 400, (4 * length, 2)))
@@ -61,7 +61,7 @@ def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
+def test_value_never_decreases_with_length_and_is_0_without_places(seed):
     rng, *_, reward = _situation(seed, 40, 5)
     path = reward.posterior.at(rng.uniform(0, 400, (25, 2)))
     values = [reward.value(path.take(np.arange(n))) for n in range(26)]
@@ -69,7 +69,7 @@ def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
     assert np.all(np.diff(values) >= -1e-9)
 
 
-def test_team_credit_takes_off_what_team_mates_bring_anyway():
+def test_credit_beyond_subtracts_the_team_mates_benefit():
     rng = np.random.default_rng(6)
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, 30))
@@ -82,13 +82,13 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
     assert whole.value(columns) > alone
 
 
-def test_unknown_credit_is_refused():
+def test_unknown_credit_is_rejected():
     with pytest.raises(ValueError, match="credit: got 'half'"):
         _situation(8, 5, credit="half")
 
 
 @pytest.mark.parametrize("length", [3, 30])  # factorized by compiled loops, and by LAPACK
-def test_places_whose_covariance_is_not_positive_definite_are_an_error(length):
+def test_indefinite_covariance_is_an_error(length):
     rng, *_, reward = _situation(9, 50)
     columns = reward.posterior.at(rng.uniform(0, 400, (2 * length, 2)))
     broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
@@ -107,7 +107,7 @@ def _reward(data, team, credit, seed=3):
 
 
 @pytest.mark.parametrize("length", [1, 10, 24, 25])
-def test_paths_of_equal_length_are_worth_what_they_are_one_by_one(length):
+def test_values_of_equal_paths_equal_single_values(length):
     rng, reward = _reward(50, 10, "beyond")
     columns = reward.posterior.at(rng.uniform(0, 400, (5 * length, 2)))
     expected = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(5)]
@@ -127,11 +127,11 @@ def test_diagonals_of_small_inverses(function):
     assert not function(np.array([[[1.0, 0.0], [2.0, 1.0]]]), np.empty((1, 2)))
 
 
-def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
+def test_long_paths_use_lapack_and_have_the_same_value(monkeypatch):
     rng, reward = _reward(30, 0, "whole")
     columns = reward.posterior.at(rng.uniform(0, 400, (40, 2)))
     short = reward.values_of_equal(columns, 10)
-    monkeypatch.setattr(module, "SMALL", 0)
+    monkeypatch.setattr(module, "MAX_SMALL_PATH", 0)
     assert reward.values_of_equal(columns, 10) == pytest.approx(short, abs=1e-11)
 
 
@@ -153,7 +153,7 @@ def test_the_paths_own_reward_does_not_telescope():
 
 
 @pytest.mark.parametrize("length", [5, 30])
-def test_no_path_is_paid_for_the_floor_of_uncertain_places(length):
+def test_variance_of_uncertain_places_earns_no_reward(length):
     """What a path leaves is what the posterior has once it is planned: with the places' variance, before and after."""
     rng = np.random.default_rng(4)
     known = centers(rng, 40)

@@ -20,20 +20,20 @@ def drawn(std_m: float) -> Posterior:
     return posterior
 
 
-def test_ground_nearly_as_rough_as_the_prior_is_doubted_in_proportion():
+def test_inflation_is_proportional_to_the_residual_ratio():
     half = drawn(8.0 * np.sqrt(0.5))
     assert half.residual_ratio == pytest.approx(0.5, rel=0.3)
     assert std_inflation(half) == pytest.approx(MAX_INFLATION * half.residual_ratio)
 
 
-def test_flat_ground_is_not_doubted_and_doubt_has_a_limit():
+def test_inflation_is_1_on_flat_ground_and_limited():
     assert drawn(2.0).residual_ratio < 1.0 / MAX_INFLATION
     assert std_inflation(drawn(2.0)) == 1.0
     assert std_inflation(drawn(24.0)) == MAX_INFLATION
     assert std_inflation(Posterior(GpConfig())) == 1.0
 
 
-def test_what_will_be_measured_is_no_reason_for_doubt():
+def test_planned_measurements_do_not_change_the_inflation():
     posterior = drawn(6.0)
     before = std_inflation(posterior)
     posterior = posterior.with_planned(np.array([[10.0, 20.0], [300.0, 40.0]]))

@@ -8,7 +8,7 @@ from auv_lse_planner.search.prefixes import Prefixes
 STATE = np.array([0.3, 150.0, 150.0])
 
 
-def test_prefixes_are_numbered_once():
+def test_each_prefix_gets_one_number():
     _, motion, _, _ = world()
     prefixes = Prefixes(motion, STATE)
     sequences = np.array(list(itertools.product((0, 5, 7), repeat=3)))

@@ -25,7 +25,7 @@ def _reward(data, team, credit, seed=3):
 @pytest.mark.parametrize("credit", ["whole", "beyond"])
 @pytest.mark.parametrize(("data", "team"), [(0, 0), (0, 12), (60, 0), (200, 40)])
 @pytest.mark.parametrize(("naive_paths", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
-def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit, naive_paths, samples, horizon):
+def test_batch_values_equal_exact_path_values(data, team, credit, naive_paths, samples, horizon):
     roll, space = rollout(60, samples)
     rng, reward = _reward(data, team, credit)
     sequences = PathSequences(reward, roll, 0, STATE, naive_paths)
@@ -42,7 +42,7 @@ def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit,
             assert sequences.naive_path[sequence] == (naive_paths or [NONE])[int(np.argmax(exact))]
 
 
-def test_sequences_are_valued_with_their_naive_path():
+def test_sequence_values_include_the_naive_path():
     roll, _ = rollout(20, samples_per_leg=2)
     rng = np.random.default_rng(9)
     posterior = Posterior(GpConfig())
@@ -57,7 +57,7 @@ def test_sequences_are_valued_with_their_naive_path():
         assert both.naive_path[sequence] == LAWNMOWERS[int(np.argmax(alone))]
 
 
-def test_promising_sequences_are_the_best_of_all():
+def test_promising_sequences_are_the_best_sequences():
     short, space = rollout(2, samples_per_leg=2)
     long, _ = rollout(20, samples_per_leg=2)
     rng = np.random.default_rng(10)

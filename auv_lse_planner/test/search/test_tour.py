@@ -39,7 +39,7 @@ def test_places_along_a_polyline_worked_by_hand():
     assert along.tolist() == [4, 8, 2, 6, 10, 14]
 
 
-def test_the_gradient_by_waypoints_is_that_of_finite_differences():
+def test_gradient_with_respect_to_waypoints_agrees_with_finite_differences():
     rng = np.random.default_rng(1)
     reward = Basin(rng.uniform(0, 300, (30, 2)))
     corners = _polyline(rng, 7)
@@ -75,7 +75,7 @@ def test_compiled_equals_plain():
     assert fast[1] == pytest.approx(slow[1], rel=1e-12)
 
 
-def test_the_lack_of_room_has_the_gradient_of_finite_differences():
+def test_lack_of_room_gradient_agrees_with_finite_differences():
     _, _, space, _ = world()
     own = space.arguments()
     place = np.array([[-13.3, 101.1]])
@@ -88,7 +88,7 @@ def test_the_lack_of_room_has_the_gradient_of_finite_differences():
         assert gradient[0, axis] == pytest.approx(slope, abs=1e-5)
 
 
-def test_waypoints_move_uphill_inside_the_area_and_keep_clear_of_shallow_ground():
+def test_optimized_waypoints_stay_in_the_area_and_off_shallow_ground():
     a, _, space, _ = world()
     places = a.grid(10.0).places_m
     shoal = np.array([180.0, 180.0])
@@ -104,7 +104,7 @@ def test_waypoints_move_uphill_inside_the_area_and_keep_clear_of_shallow_ground(
     assert np.hypot(*(visited - shoal).T).min() > 40.0 - ROOM_M
 
 
-def test_a_deadline_ends_with_the_best_so_far():
+def test_deadline_returns_the_best_tour_so_far():
     search = TourSearch(world()[2], 1)
     begin = search.lanes(np.zeros(2), 40, 0.0, 3, (0, 1))
     goals = np.full((40, 2), 200.0)
@@ -121,7 +121,7 @@ def test_a_deadline_ends_with_the_best_so_far():
 
 
 @pytest.mark.parametrize("vehicles", [1, 3])
-def test_starts_are_as_long_as_the_mission_and_within_the_area(vehicles):
+def test_initial_tours_have_the_missions_length_and_stay_in_the_area(vehicles):
     a, _, space, _ = world(vehicles=vehicles)
     search = TourSearch(space, 1)
     for vehicle in range(1, vehicles + 1):
@@ -145,7 +145,7 @@ def _lanes(legs):
     return state, actions, np.concatenate([state[None, 1:], line]), space
 
 
-def test_a_path_that_nothing_bends_is_steered_as_it_was_narrow_turns_too():
+def test_bend_without_gain_preserves_the_path_and_its_narrow_turns():
     legs = 28
     state, actions, line, space = _lanes(legs)
     found = TourSearch(space, 1).bend(line, legs, Basin(np.full((legs, 2), 1e5)), 10)
@@ -154,7 +154,7 @@ def test_a_path_that_nothing_bends_is_steered_as_it_was_narrow_turns_too():
     assert np.array_equal(again, actions)
 
 
-def test_a_path_is_bent_to_where_it_is_worth_more_and_its_start_stays():
+def test_bend_increases_the_value_and_keeps_the_start():
     legs = 28
     _, _, line, space = _lanes(legs)
     goals = places_along(line, 0.5 * LEG, LEG, legs)[0] + np.array([0.0, 15.0])
@@ -167,7 +167,7 @@ def test_a_path_is_bent_to_where_it_is_worth_more_and_its_start_stays():
     assert len(found.waypoints_m) == len(line)
 
 
-def test_bending_ends_in_time():
+def test_bend_stops_at_the_deadline():
     legs = 28
     _, _, line, space = _lanes(legs)
     found = TourSearch(space, 1).bend(line, legs, Basin(line[2::4] + 30.0), 30, lambda: True)

@@ -30,7 +30,7 @@ def _worth(sequences):
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("horizon", [3, 10])
-def test_both_trees_give_the_same_sequences_from_the_same_numbers(state, horizon):
+def test_compiled_and_reference_tree_grow_the_same_sequences(state, horizon):
     _, _, space, _ = world()
     rng = np.random.default_rng(horizon)
     ours, reference = _trees(space, state, horizon)
@@ -49,7 +49,7 @@ def test_both_trees_give_the_same_sequences_from_the_same_numbers(state, horizon
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_searches_on_both_trees_have_the_same_result(state):
+def test_compiled_and_reference_tree_search_have_the_same_result(state):
     _, _, space, _ = world()
     seeds = [(5, 5, 5), (4, 6), (0, 0, 0), (99, 0, 0), (-1, 0, 0), ()]
     results = [
@@ -72,7 +72,7 @@ def test_admissible_and_changed_sequences(state):
         assert {tuple(c) for c in changes} == {s for s in allowed if (s[0] == sequence[0]) != (s[1] == sequence[1])}
 
 
-def test_without_numba_the_tree_is_the_same(monkeypatch):
+def test_tree_without_numba_is_the_same(monkeypatch):
     _, _, space, _ = world()
     rng = np.random.default_rng(1)
     rounds = [(np.full((8, 4), -1), rng.random((8, 4))) for _ in range(10)]

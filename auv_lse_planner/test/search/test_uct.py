@@ -36,7 +36,7 @@ def _search(problem, rng, batch=4, exploration=0.5):
     return TreeSearch(choices, end_state, valuer, horizon, exploration, batch, rng)
 
 
-def test_the_tree_grown_from_a_seed_is_the_golden_one():
+def test_seeded_tree_equals_the_golden_tree():
     """It changes only if the search does: where it descends, the order of its draws, what it credits."""
     assert lines_of_the_tree() == GOLDEN.read_text().splitlines()
 
@@ -49,7 +49,7 @@ def test_the_same_seed_gives_the_same_result():
     assert len(result.ranking) == min(64, result.evaluations)
 
 
-def test_it_finds_the_optimum_of_a_small_tree():
+def test_search_finds_the_optimum_of_a_small_tree():
     problem = _toy()
     best = exhaustive_search(*problem[:3], np.zeros(3), problem[3])
     assert best.evaluations == 5 * 4 * 5 * 4
@@ -58,7 +58,7 @@ def test_it_finds_the_optimum_of_a_small_tree():
     assert found.actions == best.actions
 
 
-def test_the_exhaustive_search_is_the_plain_maximum():
+def test_exhaustive_search_returns_the_maximum():
     choices, end_state, valuer, _ = _toy(horizon=3)
 
     allowed = [s for s in itertools.product(range(5), repeat=3) if s[1] < 4]
@@ -66,7 +66,7 @@ def test_the_exhaustive_search_is_the_plain_maximum():
     assert best.value == valuer(allowed).max()
 
 
-def test_a_deadline_still_gives_a_path_and_is_reported():
+def test_deadline_returns_a_path_and_is_reported():
     problem = _toy()
     result = _search(problem, np.random.default_rng(3)).run(np.zeros(3), 1000, deadline=lambda: True)
     assert result.deadline_hit
@@ -74,7 +74,7 @@ def test_a_deadline_still_gives_a_path_and_is_reported():
     assert len(result.actions) == 4
 
 
-def test_seeds_are_tried_first_and_bad_ones_skipped():
+def test_seeds_are_tried_first_and_infeasible_ones_skipped():
     problem = _toy()
     good = exhaustive_search(*problem[:3], np.zeros(3), 4)
     result = _search(problem, np.random.default_rng(4)).run(
@@ -106,7 +106,7 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
     assert good >= 5
 
 
-def test_polishing_reaches_what_no_single_change_improves():
+def test_polished_sequence_cannot_be_improved_by_a_single_change():
     problem = _toy()
     result = _search(problem, np.random.default_rng(7)).run(np.zeros(3), 300)
     _, _, valuer, _ = problem

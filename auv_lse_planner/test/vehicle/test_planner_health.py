@@ -21,7 +21,7 @@ def planner(vehicle=1, vehicles=1):
     return VehiclePlanner(vehicle, settings({"method": "plain"}, vehicles=vehicles, steps=4), np.random.default_rng(1))
 
 
-def test_every_team_mate_that_is_not_heard_is_logged_once():
+def test_each_silent_mate_is_logged_once():
     own = planner(vehicle=3, vehicles=3)
     new = NewProblems()
     first = new.of(own.problems(5.0))
@@ -30,7 +30,7 @@ def test_every_team_mate_that_is_not_heard_is_logged_once():
     assert new.of(own.problems(6.0)) == []
 
 
-def test_health_tells_the_last_decision_and_the_problems():
+def test_health_contains_the_last_decision_and_the_problems():
     own = planner()
     assert planner_health(own, own.problems(5.0), 0.0).level is Level.WARN
     v = own.settings.vehicle
@@ -48,7 +48,7 @@ def test_health_tells_the_last_decision_and_the_problems():
     assert warning.startswith("step 0: the deadline of 2 s ended the search after ")
 
 
-def test_the_end_is_said_until_the_missions_state_says_so():
+def test_end_is_reported_until_the_missions_state_confirms_it():
     own = planner()
     intake = PlannerIntake(own)
     assert not intake.end_unreported, "the last leg is not travelled"
@@ -60,28 +60,28 @@ def test_the_end_is_said_until_the_missions_state_says_so():
         assert intake.end_unreported is news, state
 
 
-def test_odometry_that_jumped_once_is_not_told_for_the_whole_dive():
+def test_odometry_jump_is_reported_only_while_recent():
     own = planner()
     own.odometry(1.0, 0.0, 10.0, 10.0)
     own.odometry(2.0, 0.0, 900.0, 10.0)
     own.odometry(3.0, math.nan, 10.0, 10.0)
     found = own.problems(3.0)
     assert found["odometry jumps"].startswith("odometry: 1 (of 1) places rejected")
-    assert found["odometry absurd"].startswith("odometry: 1 (of 1) messages ignored")
+    assert found["odometry impossible"].startswith("odometry: 1 (of 1) messages ignored")
     own.odometry(4.0, math.nan, 10.0, 10.0)
-    assert own.problems(100.0)["odometry absurd"].startswith("odometry: 2 (of 2)")
+    assert own.problems(100.0)["odometry impossible"].startswith("odometry: 2 (of 2)")
     later = own.problems(300.0)
     assert "odometry jumps" not in later
-    assert "odometry absurd" not in later
+    assert "odometry impossible" not in later
 
 
-def test_a_safety_node_that_is_silent_is_missed():
+def test_silent_safety_node_is_a_problem():
     assert of_state(3.0) == {}
     assert "mission/state: last 20 s ago" in of_state(20.0)["state old"]
 
 
 @pytest.mark.parametrize("key", ["vehicle.at_end", "safety.abort"])
-def test_a_recovery_place_beyond_the_fence_is_refused(key):
+def test_recovery_place_beyond_the_fence_is_rejected(key):
     section, name = key.split(".")
     parameters = {
         "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]},

@@ -21,7 +21,7 @@ def _travel(odometry_s=None):
     return travel
 
 
-def test_odometry_that_is_missing_or_old():
+def test_missing_or_old_odometry():
     assert problems.of_odometry(5.0, _travel(), PLANNER, started=False) == {}
     assert problems.of_odometry(5.0, _travel(), PLANNER, started=True) == {
         "odometry missing": "odometry: none received; no planning without it"
@@ -32,7 +32,7 @@ def test_odometry_that_is_missing_or_old():
     }
 
 
-def test_a_map_that_is_refused_or_old():
+def test_rejected_or_old_map():
     assert problems.of_map(100.0, None, "", PLANNER) == {}
     assert problems.of_map(100.0, 40.0, "", PLANNER) == {}
     assert problems.of_map(101.0, 40.0, "map: no", PLANNER) == {
@@ -41,12 +41,12 @@ def test_a_map_that_is_refused_or_old():
     }
 
 
-def test_team_mates_that_come_before_and_are_missing_or_expired():
+def test_missing_or_expired_plans_of_preceding_mates():
     def follow(plan):
         return PlannedPath(plan.step, np.zeros((1, 3)), np.zeros(0, np.int64), 0, np.zeros((0, 1, 2)))
 
     team = Team(3, 4, "id", 20.0, 600.0, follow)
-    team.hear(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
+    team.receive_plan(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
     missing = {"plan of 1 missing": "team: no plan received from vehicle 1 yet; planning without it"}
     assert problems.of_team(249.0, team, PLANNER) == missing  # vehicle 4 comes after this one
     assert "no plan from vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER)["2 silent"]
@@ -56,7 +56,7 @@ def test_team_mates_that_come_before_and_are_missing_or_expired():
     }
 
 
-def test_a_leg_that_takes_too_long():
+def test_overdue_leg():
     travel = _travel(0.0)
     assert problems.of_leg(1e6, travel) == {}, "no leg yet"
     leg = Leg(step=2, heading_rad=0.0, north_m=0.0, east_m=0.0, action_rad=0.0, radius_m=15.0, straight_m=30.0)

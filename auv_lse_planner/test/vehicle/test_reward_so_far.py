@@ -5,7 +5,7 @@ import pytest
 from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
 
 
-def test_the_paths_reward_is_added_up_leg_by_leg():
+def test_path_reward_is_summed_leg_by_leg():
     reward = RewardSoFar()
     assert reward.value == 0.0
     assert reward.bound(30.0) == (30.0, 30.0)
@@ -17,7 +17,7 @@ def test_the_paths_reward_is_added_up_leg_by_leg():
     assert reward.bound(40.0) == (47.5, 47.5), "without a risk nothing is measured"
 
 
-def test_the_maps_reward_is_the_drop_of_risk_since_the_first_decision():
+def test_map_reward_is_the_drop_of_risk_since_the_first_decision():
     reward = RewardSoFar()
     reward.measure(100.0)
     assert reward.value == 0.0
@@ -28,7 +28,7 @@ def test_the_maps_reward_is_the_drop_of_risk_since_the_first_decision():
     assert reward.bound(5.0) == (15.0, 15.0)
 
 
-def test_a_bound_that_is_below_zero_is_still_the_largest_so_far():
+def test_running_maximum_of_the_bound_may_be_negative():
     reward = RewardSoFar()
     reward.measure(10.0)
     reward.measure(14.0)

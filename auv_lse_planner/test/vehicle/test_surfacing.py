@@ -30,7 +30,7 @@ def decided(surfacings: Surfacings, places_m: NDArray[np.float64]) -> list[int]:
 
 def considers(surfacings: Surfacings, ahead: PlannedPath) -> bool:
     """Whether a surfacing is considered, which is then recorded."""
-    considered = surfacings.considered(ahead)
+    considered = surfacings.is_considered(ahead)
     if considered:
         surfacings.record(ahead.step + 1)
     return considered
@@ -47,33 +47,31 @@ def surfacings(vehicle: int = 1, most: int = 1) -> Surfacings:
     return Surfacings(vehicle, VEHICLE, most, 100, LEG_M)
 
 
-def test_a_surfacing_takes_whole_legs() -> None:
+def test_surfacing_takes_whole_legs() -> None:
     assert surfacings().legs == 4  # 60 s at 1.5 m/s are 90 m, 3.8 legs of 23.56 m
 
 
 @pytest.mark.parametrize(("vehicle", "turn", "expected"), [(1, 45, 45), (1, 25, 30), (1, 90, 90), (3, 45, 50)])
-def test_it_surfaces_where_the_way_turns_back_to_the_start_once_it_is_its_turn(
-    vehicle: int, turn: int, expected: int
-) -> None:
+def test_surfacing_is_considered_where_the_path_turns_back(vehicle: int, turn: int, expected: int) -> None:
     own = surfacings(vehicle)
     assert decided(own, out_and_back(100, turn))[:1] == [expected]
     assert own.done == 1
     before = own.snapshot()
-    own.considered(path(out_and_back(100, turn), 99))
+    own.is_considered(path(out_and_back(100, turn), 99))
     assert own.snapshot() == before, "to consider one changes nothing"
 
 
-def test_it_does_not_surface_where_it_has_nothing_left_to_do() -> None:
+def test_surfacing_is_not_considered_near_the_missions_end() -> None:
     assert decided(surfacings(), out_and_back(100, 98)) == [], "the 4 legs that it takes are not left"
     assert decided(surfacings(most=0), out_and_back(100, 45)) == []
 
 
-def test_it_waits_for_what_a_surfacing_brings_before_the_next() -> None:
+def test_next_surfacing_waits_for_the_interval() -> None:
     there_and_back = np.column_stack([200.0 + 60.0 * np.sin(np.arange(101) * math.pi / 8.0), np.zeros(101)])
     assert decided(surfacings(most=3), there_and_back) == [36, 68], "not at 52, and at 100 it is over"
 
 
-def test_after_a_restart_it_does_not_surface_again() -> None:
+def test_restart_does_not_repeat_a_surfacing() -> None:
     places = out_and_back(100, 45)
     first, second = surfacings(), surfacings()
     assert decided(first, places[:51]) == [45]

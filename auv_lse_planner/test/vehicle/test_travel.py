@@ -54,7 +54,7 @@ def test_the_next_decision_is_due_when_six_metres_are_left():
     assert not travel.due(16.0, PLANNER), "a decided leg waits"
 
 
-def test_a_decided_leg_begins_where_the_present_one_ends():
+def test_decided_leg_begins_at_the_end_of_the_current_one():
     travel = _on_the_first_leg()
     travel.take(_leg(1), 16.0, at_once=False)
     travel.move(_at(19.0, 29.9))
@@ -63,28 +63,28 @@ def test_a_decided_leg_begins_where_the_present_one_ends():
     assert (travel.leg, travel.leg_started_s) == (_leg(1), 20.0)
 
 
-def test_a_leg_from_odometry_begins_at_once():
+def test_leg_from_odometry_begins_at_once():
     travel = _on_the_first_leg()
     travel.take(_leg(1), 7.0, at_once=True)
     assert (travel.leg, travel.leg_started_s, travel.decided) == (_leg(1), 7.0, 2)
 
 
-def test_a_leg_whose_end_is_never_passed_holds_the_mission_up_for_a_while_and_not_for_ever():
+def test_leg_whose_end_is_never_passed_times_out():
     travel = _on_the_first_leg(steps=2)
     travel.take(_leg(1), 16.0, at_once=False)
     travel.move(_at(89.0, 29.9))  # as an autopilot that holds just before the end: overdue after 4 x 20 s + 10 s
     assert travel.leg == _leg(0)
     travel.move(_at(91.0, 29.9))
     assert (travel.leg, travel.leg_started_s) == (_leg(1), 91.0)
-    assert travel.given_up == 1
+    assert travel.timed_out == 1
     travel.move(_at(180.0, 59.0))
     assert not travel.finished
     travel.move(_at(182.0, 59.0))
     assert travel.finished, "the last leg's time is up: the mission ends"
-    assert travel.given_up == 2
+    assert travel.timed_out == 2
 
 
-def test_a_hold_takes_no_time_of_a_leg_that_is_given_up():
+def test_hold_pauses_the_legs_timeout():
     travel = _on_the_first_leg(steps=1)
     travel.set_running(10.0, False)
     travel.move(_at(500.0, 10.0))
@@ -93,7 +93,7 @@ def test_a_hold_takes_no_time_of_a_leg_that_is_given_up():
     assert not travel.finished
 
 
-def test_it_is_finished_at_the_end_of_the_last_leg_and_stays_so():
+def test_travel_is_finished_at_the_end_of_the_last_leg_and_stays_finished():
     travel = _on_the_first_leg(steps=1)
     travel.move(_at(19.0, 29.0))
     assert not travel.finished
@@ -104,7 +104,7 @@ def test_it_is_finished_at_the_end_of_the_last_leg_and_stays_so():
     assert not travel.due(40.0, PLANNER)
 
 
-def test_a_leg_is_overdue_after_four_times_its_time_and_ten_seconds():
+def test_leg_is_overdue_after_four_times_its_duration_plus_ten_seconds():
     assert not _travel().overdue(1e6)
     travel = _on_the_first_leg()
     assert not travel.overdue(90.0)  # 30 m at 1.5 m/s: 20 s; 4 x 20 s + 10 s
@@ -127,7 +127,7 @@ def test_the_first_decision_plans_from_the_configured_start_unless_the_vehicle_i
         assert state.tolist() == ([0.5, 111.0, 50.0] if from_odometry else [1.0, 100.0, 50.0])
 
 
-def test_later_decisions_plan_from_the_legs_end_unless_the_vehicle_is_off_it():
+def test_later_decisions_plan_from_the_legs_end_unless_off_the_leg():
     travel = _on_the_first_leg()
     travel.move(_at(16.0, 24.0, 9.0))  # 9 m to starboard of the leg
     state, from_odometry = travel.anchor(PLANNER)
@@ -150,7 +150,7 @@ def test_later_decisions_plan_from_the_legs_end_unless_the_vehicle_is_off_it():
 
 
 @pytest.mark.parametrize(("heading_rad", "from_odometry"), [(0.7, False), (-0.9, True)])
-def test_a_vehicle_that_comes_to_the_legs_end_from_aside_plans_from_where_it_really_will_be(heading_rad, from_odometry):
+def test_vehicle_with_a_heading_error_plans_from_its_predicted_place(heading_rad, from_odometry):
     travel = _on_the_first_leg()
     travel.move(_at(16.0, 24.0, 1.0, heading_rad))
     state, reanchored = travel.anchor(PLANNER)
@@ -159,7 +159,7 @@ def test_a_vehicle_that_comes_to_the_legs_end_from_aside_plans_from_where_it_rea
     assert state == pytest.approx(expected)
 
 
-def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_still():
+def test_hold_counts_no_step_and_pauses_the_legs_timer():
     waiting = _travel()
     waiting.set_running(0.0, False)
     waiting.move(_at(0.0, 0.0))
@@ -179,7 +179,7 @@ def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_sti
     assert travel.leg == _leg(1)
 
 
-def test_a_place_that_cannot_be_reached_is_refused_and_a_fix_that_lasts_is_believed():
+def test_unreachable_place_is_rejected_and_a_lasting_fix_accepted():
     travel = _on_the_first_leg()
     travel.move(_at(1.0, 1.5))
     travel.move(_at(2.0, 500.0))

@@ -45,7 +45,7 @@ def _fly(planner, gp=None, ticks=2000, until=None, push=None):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
+def test_every_method_completes_a_mission_on_connected_feasible_legs(method):
     s = settings({"method": method}, steps=12)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
     decisions = _fly(planner, OnlineGp(s.gp))
@@ -75,7 +75,7 @@ def surfacing_pays(planner):
     return planner
 
 
-def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
+def test_lawnmower_continues_its_lanes_after_a_surfacing():
     """Lanes are fitted to the legs that are left: with fewer of them they would begin anew."""
     s = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 1})
     planner = surfacing_pays(VehiclePlanner(1, s, np.random.default_rng(1)))
@@ -98,7 +98,7 @@ def surfaced():
     return s, planner, _fly(planner, ticks=3000)
 
 
-def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
+def test_sent_plan_is_delayed_by_a_surfacing(surfaced):
     s, planner, decisions = surfaced
     at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
     decision, after = decisions[at], decisions[at + 1].leg
@@ -109,15 +109,15 @@ def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
     # a mate that knew the plan from before: during the stop it thinks it somewhat behind, and then where it is
     both = dataclasses.replace(s, mission=dataclasses.replace(s.mission, vehicles=2))
     mate = VehiclePlanner(2, both, np.random.default_rng(1))
-    mate.hear(0.0, 1, dataclasses.replace(decision.plan, step=decision.plan.step - 4))
+    mate.receive_plan(0.0, 1, dataclasses.replace(decision.plan, step=decision.plan.step - 4))
     leg_s = mate.motion.leg_length_m / s.vehicle.speed_mps
     gone_s = (decision.leg.step + 4 - decision.plan.step) * leg_s
-    mate.hear(gone_s, 1, decision.plan)
+    mate.receive_plan(gone_s, 1, decision.plan)
     ahead = mate.team.places_ahead(gone_s + 5.0 * leg_s, 1)
     assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
 
 
-def test_the_budget_of_a_tour_pays_for_a_surfacing(surfaced):
+def test_surfacing_is_charged_to_the_budget(surfaced):
     """What its legs would have brought is missing from what is expected, and from the budget as far as it goes."""
     _, _, decisions = surfaced
     at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
@@ -128,7 +128,7 @@ def test_the_budget_of_a_tour_pays_for_a_surfacing(surfaced):
     assert after.expected_total == pytest.approx(now.expected_total, rel=0.02), "as much is expected with fewer legs"
 
 
-def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):
+def test_replay_adopts_recorded_surfacings(surfaced):
     s, _, decisions = surfaced
     at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
     other = VehiclePlanner(1, s, np.random.default_rng(2))
@@ -142,7 +142,7 @@ def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):
 
 
 @pytest.mark.parametrize("method", ["augmented", "tour"])
-def test_the_same_seed_decides_the_same(method):
+def test_same_seed_gives_the_same_decisions(method):
     s = settings({"method": method, "iterations": 100}, steps=5)
     runs = [_fly(VehiclePlanner(1, s, np.random.default_rng(3)), OnlineGp(s.gp)) for _ in range(2)]
     assert [d.leg for d in runs[0]] == [d.leg for d in runs[1]]
@@ -172,7 +172,7 @@ def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
     assert planner.leg == second.leg
 
 
-def test_without_fresh_odometry_it_stops_planning_and_says_so():
+def test_old_odometry_stops_planning_and_is_reported():
     planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
     assert any("odometry: none" in p for p in planner.problems(1.0).values())
     planner.odometry(0.0, 0.0, 0.0, 0.0)
@@ -186,7 +186,7 @@ def test_without_fresh_odometry_it_stops_planning_and_says_so():
     assert planner.due(13.0)
 
 
-def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
+def test_old_map_or_plans_are_reported_and_planning_continues():
     planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0)
     planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
@@ -197,11 +197,11 @@ def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
     planner.decide(100.0)
 
 
-def test_every_team_mate_has_a_problem_of_its_own():
+def test_each_mate_has_its_own_problem():
     planner = VehiclePlanner(3, settings(vehicles=3), np.random.default_rng(1))
     first = {key for key, text in planner.problems(1.0).items() if text.startswith("team:")}
     assert first == {"plan of 1 missing", "plan of 2 missing"}
-    planner.hear(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), naive_path=0xFF))
+    planner.receive_plan(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), naive_path=0xFF))
     expiry_s = planner.settings.planner.plan_expiry_s
     later = [{k: t for k, t in planner.problems(s).items() if t.startswith("team:")} for s in (3.0, 3.0 + expiry_s)]
     assert set(later[0]) == {"plan of 2 missing"}
@@ -209,7 +209,7 @@ def test_every_team_mate_has_a_problem_of_its_own():
     assert set(planner.problems(4.0 + expiry_s)) == set(planner.problems(3.0 + expiry_s))  # keys last, texts change
 
 
-def test_the_incumbent_never_lets_the_expected_end_fall_on_unchanged_data():
+def test_expected_end_never_decreases_on_unchanged_data():
     for method in ("augmented", "plain"):
         s = settings({"method": method, "iterations": 40, "incumbent": True}, steps=15)
         planner = VehiclePlanner(1, s, np.random.default_rng(2))
@@ -226,7 +226,7 @@ def test_without_the_incumbent_the_search_decides():
     assert any(d.bound.incumbent_value > d.bound.expected_end for d in decisions[1:])
 
 
-def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
+def test_kept_plan_is_travelled_as_published():
     s = settings({"method": "augmented", "iterations": 30}, steps=30)
     planner = VehiclePlanner(1, s, np.random.default_rng(5))
     decisions = _fly(planner)
@@ -239,7 +239,7 @@ def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
         assert len(path) == 30 - d.plan.step
 
 
-def test_plans_survive_the_packets_float32():
+def test_plans_are_exact_in_float32():
     s = settings(steps=10)
     planner = VehiclePlanner(1, s, np.random.default_rng(5))
     for d in _fly(planner):
@@ -255,7 +255,7 @@ def test_plans_survive_the_packets_float32():
         assert np.array_equal(other.rollout.follow(received).states, planner.rollout.follow(p).states)
 
 
-def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
+def test_vehicle_off_its_leg_plans_from_odometry():
     s = settings(steps=6)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0)
@@ -269,7 +269,7 @@ def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
     assert planner.leg == second.leg  # it does not wait for the end of a leg that it is not on
 
 
-def test_a_start_elsewhere_than_configured_is_taken_from_odometry():
+def test_start_elsewhere_is_taken_from_odometry():
     planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
     planner.odometry(0.0, 1.0, 200.0, 300.0)
     decision = planner.decide(0.0)
@@ -277,7 +277,7 @@ def test_a_start_elsewhere_than_configured_is_taken_from_odometry():
     assert (decision.leg.north_m, decision.leg.east_m) == (200.0, 300.0)
 
 
-def test_it_escapes_from_a_corner_without_an_exception():
+def test_planner_escapes_from_a_corner():
     s = settings(vehicle={"start_north_m": 375.0, "start_east_m": 475.0, "start_heading_rad": 0.8}, steps=8)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
     decisions = _fly(planner)
@@ -295,7 +295,7 @@ def test_it_escapes_from_a_corner_without_an_exception():
         ("tour", -300.0, 30.0, 3.1, 40),
     ],
 )
-def test_a_vehicle_far_outside_comes_back_and_says_so(method, north, east, heading, steps):
+def test_vehicle_outside_returns_and_reports_it(method, north, east, heading, steps):
     planner = VehiclePlanner(1, settings({"method": method}, steps=steps), np.random.default_rng(0))
     state, said = np.array([heading, north, east]), []
     for step in range(steps):
@@ -308,10 +308,10 @@ def test_a_vehicle_far_outside_comes_back_and_says_so(method, north, east, headi
         pytest.fail(f"still outside, at {state}")
     straight_m = math.hypot(north, east) + 200.0
     assert step * planner.motion.leg_length_m < straight_m + 200.0
-    assert "m outside of the area: returning" in said[0]
+    assert "m outside the area: returning" in said[0]
 
 
-def test_a_vehicle_beyond_the_limit_holds_and_says_so():
+def test_vehicle_beyond_the_limit_holds_and_reports_it():
     planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=100), np.random.default_rng(0))
     start = state = np.array([1.0, 5500.0, 300.0])
     for step in range(20):
@@ -324,22 +324,22 @@ def test_a_vehicle_beyond_the_limit_holds_and_says_so():
 
 @pytest.mark.parametrize("value", [1e39, -1e39, 1e7, math.nan, math.inf])
 @pytest.mark.parametrize("field", [1, 2, 3])
-def test_absurd_odometry_is_ignored_and_counted(value, field):
+def test_impossible_odometry_is_ignored_and_counted(value, field):
     planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=10), np.random.default_rng(0))
     good = [0.0, 0.1, 20.0, 30.0]
     planner.odometry(*good)
     bad = [1.0, *good[1:]]
     bad[field] = value
     planner.odometry(*bad)
-    assert "1 (of 1) messages" in planner.problems(1.0)["odometry absurd"]
+    assert "1 (of 1) messages" in planner.problems(1.0)["odometry impossible"]
     assert np.isfinite(planner.decide(1.0).leg.end_state).all()
 
 
 @pytest.mark.parametrize("change", [{"heading_rad": 1e30}, {"north_m": 1e30}, {"east_m": -1e9}, {"heading_rad": -7.0}])
-def test_absurd_plans_are_refused_and_do_not_hang(change):
+def test_impossible_plans_are_rejected_and_do_not_hang(change):
     planner = VehiclePlanner(2, settings({"method": "augmented"}, steps=10, vehicles=2), np.random.default_rng(0))
     good = Plan.at(0, np.array([0.1, 20.0, 30.0]), (), 0xF0)
-    planner.hear(0.0, 1, dataclasses.replace(good, **change))
+    planner.receive_plan(0.0, 1, dataclasses.replace(good, **change))
     assert planner.plans_refused == 1
 
 
@@ -365,19 +365,21 @@ def test_shallow_ground_on_the_map_ends_the_incumbent():
         assert planner.posterior.mean_m(track).min() > 3.0
 
 
-def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
+def test_mates_places_change_the_path_and_bad_plans_are_rejected():
     s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
     one = VehiclePlanner(1, s, np.random.default_rng(1))
     two = VehiclePlanner(2, s, np.random.default_rng(1))
     one.odometry(0.0, 0.0, 0.0, 0.0)
     two.odometry(0.0, 0.0, 0.0, 0.0)
     plan = one.decide(0.0).plan
-    two.hear(0.0, 1, dataclasses.replace(plan, naive_path=0x20))
-    two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
-    two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
-    two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
+    two.receive_plan(0.0, 1, dataclasses.replace(plan, naive_path=0x20))
+    two.receive_plan(0.0, 1, dataclasses.replace(plan, actions=(77,)))
+    two.receive_plan(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
+    two.receive_plan(
+        0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1)
+    )  # else all true plans would count as older
     assert any("4 (of 4) received plans" in p for p in two.problems(0.0).values())
-    two.hear(0.0, 1, plan)
+    two.receive_plan(0.0, 1, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10
     mine, theirs = two.rollout.follow(decision.plan).states[:, 1:], one.rollout.follow(plan).states[:, 1:]
@@ -385,7 +387,7 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     assert apart > 20.0
 
 
-def test_parameters_can_be_changed_while_it_runs():
+def test_parameters_can_be_changed_during_a_mission():
     s = settings({"method": "augmented", "iterations": 20}, steps=10)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0)
@@ -420,12 +422,12 @@ def test_samples_per_leg_count_in_the_reward():
     assert values[1] > 2.0 * values[0]
 
 
-def test_a_vehicle_that_does_not_exist_is_refused():
+def test_nonexistent_vehicle_is_rejected():
     with pytest.raises(ValueError, match=r"vehicle: got 4; expected 1 to mission\.vehicles = 2"):
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 
-def test_dec_mcts_plans_against_what_team_mates_may_do():
+def test_dec_mcts_plans_against_the_mates_possible_plans():
     s = settings({"method": "augmented", "coordination": "dec_mcts", "iterations": 60}, vehicles=2, steps=8)
     one, two = (VehiclePlanner(k, s, np.random.default_rng(k)) for k in (1, 2))
     told = []
@@ -436,7 +438,7 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
             if now > 1:
                 planner.odometry(20.0 * now, *planner.leg.end_state)
             decision = planner.decide(20.0 * now)
-            other.hear(20.0 * now, planner.vehicle, decision.plan)
+            other.receive_plan(20.0 * now, planner.vehicle, decision.plan)
             told.append(decision)
             assert len(planner.rollout.follow(decision.plan)) == 8 - decision.plan.step
             assert math.isfinite(decision.bound.expected_end)
@@ -446,7 +448,7 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
     assert len({places.tobytes() for places in draws}) > 1
 
 
-def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_others():
+def test_finished_vehicle_stays_finished_while_circling():
     planner = VehiclePlanner(1, settings({"method": "random"}, steps=2), np.random.default_rng(1))
     last = _fly(planner)[-1].leg
     assert planner.finished
@@ -455,7 +457,7 @@ def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_ot
     assert not [p for p in planner.problems(1e3).values() if p.startswith("leg")]
 
 
-def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_given_by_odometry():
+def test_plans_use_the_map_frame_and_legs_the_odometry_frame():
     """The plan begins where the map has the vehicle; a small change displaces the next leg, a large one the plan."""
     planner = VehiclePlanner(1, settings({"method": "lawnmower"}, steps=20), np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0)
@@ -476,7 +478,7 @@ def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_giv
     assert decision.plan.state[1:] == pytest.approx(in_map, abs=1e-4), "mates are told the plan in the map"
 
 
-def test_a_planner_started_again_goes_on_in_the_displaced_map():
+def test_restarted_planner_keeps_the_map_offset():
     planners = [VehiclePlanner(1, settings(steps=20), np.random.default_rng(1)) for _ in range(2)]
     planners[0].set_map_offset(5.0, 6.0)
     planners[0].odometry(0.0, 0.0, 0.0, 0.0)

@@ -25,7 +25,7 @@ else:
     FromMethod = Optional
 
 #: Largest number of places of a path that can be evaluated together; their covariance takes 0.5 GB.
-MOST_PLACES = 8000
+MAX_PLACES = 8000
 
 
 def from_method(paper: Any, **options: Any) -> Any:
@@ -174,11 +174,11 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
         raise ParameterError(f"{where}: {error}") from error
     each = max(complete.family.places_per_leg, complete.samples_per_leg)
     places = mission.steps * each
-    if places > MOST_PLACES and (complete.augmented or complete.family.to_the_end):
+    if places > MAX_PLACES and (complete.augmented or complete.family.to_the_end):
         raise ParameterError(
             f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, whose {places} "
             f"places to the mission's end have covariances of {8e-9 * places**2:.0f} GB; expected at most "
-            f"{MOST_PLACES // each} steps, or planner.method plain, which looks only some legs ahead"
+            f"{MAX_PLACES // each} steps, or planner.method plain, which looks only some legs ahead"
         )
 
 

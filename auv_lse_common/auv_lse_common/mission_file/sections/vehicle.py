@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
 #: Default of `vehicle.surfacings` if a fix can improve the map.
-MOST_SURFACINGS = 2
+MAX_SURFACINGS = 2
 #: Default depths (m), taken by the vehicles in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 
