@@ -22,9 +22,13 @@ LATE_HOST_S = 1.0
 RECENT = 5
 #: Reasons of refusals that are reported, with their possible causes.
 _REFUSALS = {
-    "tag": "their tag does not match: another key or session on that vehicle, or forged packets",
-    "stale": "they belong to other slots: clocks differ by more than a cycle, or old packets are replayed",
+    "tag": "their tag does not match: another key or session on that vehicle, a clock that is far off, or forged "
+    "packets",
+    "stale": "they belong to other slots: its clock is about {off} this vehicle's, or old packets are replayed; "
+    "correct the clock that is wrong",
     "replay": "they were received before: an echo, or packets are replayed",
+    "unproven": "a clock was set back by about {off_s:.0f} s; they are accepted once they echo a packet of this "
+    "vehicle, which takes some cycles",
 }
 _MAX_REFUSALS = 1000
 #: A problem is reported for this many cycles after it was last seen.
@@ -52,17 +56,18 @@ class LinkQuality:
         self._allowed: dict[tuple[int, bool], tuple[float, float]] = {}
         self._heard_s: dict[int, float] = {}  # when a sender was last heard
         self._excess_s: dict[int, float] = {}  # when a sender last sent too many
-        self._refused_s: dict[tuple[str, int], float] = {}  # when a packet was last refused for a reason, by sender
+        # by reason and sender: when a packet was last refused, and by how much clocks seemed to be off (s)
+        self._refused_s: dict[tuple[str, int], tuple[float, float]] = {}
         self._foreign_s: dict[int, deque[float]] = {}  # by sender: when its last packets outside its slots arrived
 
     def note_own_number(self, now_s: float) -> None:
         """Another modem with this vehicle's number was heard."""
         self._own_number_s = now_s
 
-    def note_refusal(self, now_s: float, reason: str, source: int) -> None:
-        """A packet was refused for a reason of `packet.codec.REASONS`."""
+    def note_refusal(self, now_s: float, reason: str, source: int, clock_s: float = math.nan) -> None:
+        """A packet was refused for a reason of `packet.codec.REASONS`; clocks seem to be off by `clock_s` (s)."""
         if reason in _REFUSALS and len(self._refused_s) < _MAX_REFUSALS:
-            self._refused_s[reason, source] = now_s
+            self._refused_s[reason, source] = now_s, clock_s
 
     def accept_arrival(self, stamp_s: float, source: int) -> bool:
         """Records a packet of `source` whose reception ended at `stamp_s` (s); False if it has sent too many."""
@@ -85,13 +90,15 @@ class LinkQuality:
         found = {}
         tdma = self._tdma.settings(now_s)
         reported_s = REPORTED_CYCLES * tdma.slot_s * len(tdma.order)
-        if now_s - self._own_number_s < reported_s:
+        if abs(now_s - self._own_number_s) < reported_s:  # later than now: the clock was set back
             found["own number"] = f"team: another modem has this vehicle's number, {self._address}; numbers must differ"
-        for (reason, source), then_s in sorted(self._refused_s.items()):
-            if now_s - then_s < reported_s:
-                found[f"{reason} of {source}"] = f"team: packets of vehicle {source} are refused: {_REFUSALS[reason]}"
+        for (reason, source), (then_s, off_s) in sorted(self._refused_s.items()):
+            if abs(now_s - then_s) < reported_s:
+                off = f"{abs(off_s):.0f} s {'ahead of' if off_s > 0.0 else 'behind'}"
+                why = _REFUSALS[reason].format(off=off, off_s=abs(off_s))
+                found[f"{reason} of {source}"] = f"team: packets of vehicle {source} are refused: {why}"
         for source, recent in sorted(self._late_s.items()):
-            if now_s - self._heard_s[source] >= reported_s:
+            if abs(now_s - self._heard_s[source]) >= reported_s:
                 continue
             late_s = statistics.median(recent)
             if len(recent) == RECENT and recent.count(0.0) <= 1 and late_s != 0.0:
@@ -105,7 +112,7 @@ class LinkQuality:
                     f"team: vehicle {source} sends in slots of others, which causes collisions: its tdma settings "
                     "differ, or two vehicles have that number"
                 )
-            if now_s - self._excess_s.get(source, -math.inf) < reported_s:
+            if abs(now_s - self._excess_s.get(source, -math.inf)) < reported_s:
                 count = self.counts[f"excess.{source}"]
                 found[f"excess of {source}"] = (
                     f"team: {count} packets of vehicle {source} beyond its slots were refused: "

@@ -24,6 +24,7 @@ KINDS = {
     "soak": "a long mission of a large team, with mates that babble",
     "nodes": "a paced mission of real nodes under load: memory of each",
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
+    "forgery": "an attacker with a modem and no key; clocks that are corrected",
 }
 
 

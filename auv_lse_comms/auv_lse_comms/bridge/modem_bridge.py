@@ -27,7 +27,7 @@ from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, check_plan, decode, encode, room_for_samples
 from auv_lse_comms.packet.navigation import MOST_BYTES, Navigation
 from auv_lse_comms.packet.selection import Receivers
-from auv_lse_comms.packet.tag import Tagger
+from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
 from auv_lse_comms.tdma import SlotKey, Tdma
 
@@ -35,10 +35,11 @@ Array = NDArray[np.float64]
 
 #: Number of last packets that the modem may still report as not sent.
 _REMEMBERED = 4
-#: Cycles before and after an arrival in which the slot of an old packet is searched, to tell it from a forged one.
-_STALE_CYCLES = 100
+#: Where the slot of a packet is searched, to tell wrong clocks and old packets from forged ones: cycles before and
+#: after its arrival, and hours, by which time zones differ.
+_STALE_CYCLES, _STALE_HOURS = 100, 14
 #: Kinds of the events that are passed to `ModemBridge.remember`.
-EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed")
+EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed", "era")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +137,8 @@ class ModemBridge:
         self._config = packet
         self._limits = limits
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
+        if self._tagger is not None:
+            self._tagger.began = lambda era: self.remember("era", era.hex())
         self.abort_calls = AbortCalls(
             packet.tag or packet.abort_without_tag, self.counts, lambda mates: self.remember("obeyed", mates)
         )
@@ -165,7 +168,8 @@ class ModemBridge:
         Raises:
             PacketError: (a ValueError) if no packet can hold it; the previous plan stays.
         """
-        check_plan(plan, self._limits, self._config.reserve, MOST_BYTES if self._config.navigation else 0)
+        reserve = self._config.reserve + (TRAILER_BYTES if self._tagger is not None else 0)
+        check_plan(plan, self._limits, reserve, MOST_BYTES if self._config.navigation else 0)
         self._plan = plan
         self.remember("plan", dataclasses.asdict(plan))
 
@@ -217,22 +221,31 @@ class ModemBridge:
                 self.quality.note_own_number(now_s)
             if source == self.address or not 1 <= source <= self.vehicles:
                 raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
-            # the content is checked first, so that the tagger remembers only accepted packets
-            packet = decode(payload, self._limits, self._config.reserve)
+            reserve = 0
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)
-                self._tagger.accept(payload, source, near_s, self.tdma.around(now_s, source, _STALE_CYCLES))
+                reserve = self._tagger.accept(payload, source, near_s, self._other_slots(now_s, source))
+            packet = decode(payload, self._limits, reserve)
             if not self.quality.accept_arrival(now_s, source):
                 raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
-            self.quality.note_refusal(now_s, error.reason, source)
+            self.quality.note_refusal(now_s, error.reason, source, error.clock_s)
             return None
         self._note_heard(source, packet.samples)
-        slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
-        self.remember("heard", source, slot_s, packet.samples.tolist())
+        slot_s, era = None, b""
+        if self._tagger is not None:
+            slot_s, era = self._tagger.last_slot_s[source], self._tagger.eras[source]
+        self.remember("heard", source, slot_s, packet.samples.tolist(), era.hex())
         navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=navigation)
+
+    def _other_slots(self, now_s: float, source: int) -> Iterable[float]:
+        """Starts of slots (s) of a mate that a wrong clock or an old packet would explain, the likeliest first."""
+        yield from self.tdma.around(now_s, source, _STALE_CYCLES)
+        for hours in range(1, _STALE_HOURS + 1):
+            for sign in (1.0, -1.0):
+                yield from self.tdma.around(now_s + sign * 3600.0 * hours, source)
 
     def _note_heard(self, source: int, samples: Array) -> None:
         self._slots.heard()
@@ -335,11 +348,15 @@ class ModemBridge:
         if abort:
             plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE)
         navigation = self._navigation(now_s)
-        room = room_for_samples(plan, self._config.reserve, navigation)
+        reserve = 0
+        if self._tagger is not None:
+            self._tagger.enter(slot_s)
+            reserve = self._tagger.reserve
+        room = room_for_samples(plan, reserve, navigation)
         if self._config.navigation and navigation is None:
             room = 0  # without a raw place in the packet, receivers would not take the samples for raw ones
         samples = self._samples.take(room, self.loss)
-        payload = encode(Packet(plan, samples[:, 1:4], abort, navigation), self._limits, self._config.reserve)
+        payload = encode(Packet(plan, samples[:, 1:4], abort, navigation), self._limits, reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address, slot_s)
         return payload, samples
@@ -381,18 +398,23 @@ class ModemBridge:
                 case "fix":
                     self._fix = Fix(**values[0])
                 case "heard":
-                    source, slot_s, samples = values
+                    source, slot_s, samples, era = values
                     self._note_heard(source, np.array(samples).reshape(-1, 3))
                     if self._tagger is not None and slot_s is not None:
-                        self._tagger.last_slot_s[source] = slot_s
+                        self._tagger.last_slot_s[source], self._tagger.eras[source] = slot_s, bytes.fromhex(era)
                 case "sent":
                     then_s, samples, (index, since_s), self._slots.loss = values
                     rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4), self.loss)
                     self._note_sent(then_s, rows, (index, since_s))
+                    if self._tagger is not None:
+                        self._tagger.sealed_s = self.tdma.slot(then_s).start_s
                 case "confirmed":
                     self.confirm(values[0])
                 case "not_sent":
                     self.not_sent(values[0])
                 case "obeyed":
                     self.abort_calls.obeyed = set(values[0])
+                case "era":
+                    if self._tagger is not None:
+                        self._tagger.era = bytes.fromhex(values[0])
         self.remember = remember

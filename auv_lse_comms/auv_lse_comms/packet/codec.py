@@ -53,15 +53,17 @@ class PacketError(ValueError):
 
     Attributes:
         reason: Short code by which it is counted, one of `REASONS`.
+        clock_s: By how much clocks seem to be off (s), where the reason is a clock; NaN if unknown.
     """
 
-    def __init__(self, reason: str, message: str) -> None:
-        """With the code and a message."""
+    def __init__(self, reason: str, message: str, clock_s: float = math.nan) -> None:
+        """With the code, a message, and by how much clocks seem to be off (s)."""
         super().__init__(f"{reason}: {message}")
         self.reason = reason
+        self.clock_s = clock_s
 
 
-#: Codes of `PacketError.reason` and their meanings. The last five come from the bridge and the tag.
+#: Codes of `PacketError.reason` and their meanings. The last six come from the bridge and the tag.
 REASONS = {
     "length": "not 252 bytes",
     "step": "step beyond the mission",
@@ -81,6 +83,7 @@ REASONS = {
     "tag": "the tag does not match: forged, altered, another key or another dive",
     "stale": "the tag belongs to another slot of its sender: an old packet, or clocks that differ",
     "replay": "received before, or sent in an earlier slot than the last packet of this sender",
+    "unproven": "a clock was set back, and the packet lacks a fresh echo that proves that it is new",
 }
 
 

@@ -445,6 +445,38 @@ def test_a_restarted_sender_is_heard_at_once() -> None:
     assert listener.receive(43.0, 2, restarted.poll(41.0)) is not None
 
 
+@pytest.mark.parametrize("restarted", [False, True])
+def test_vehicles_whose_wrong_clocks_are_corrected_hear_each_other_again(restarted: bool) -> None:
+    team = tagged_team()
+    journals: list[list[str]] = [[], []]
+    for b, journal in zip(team, journals, strict=True):
+        b.remember = lambda *event, journal=journal: journal.append(json.dumps(event))
+
+    def cycle(start_s: float) -> list[bool]:
+        return [
+            team[1 - k].receive(start_s + 10.0 * k + 3.0, k + 1, team[k].poll(start_s + 10.0 * k + 1.0)) is not None
+            for k in (0, 1)
+        ]
+
+    assert cycle(3600.0) == [True, True]
+    if restarted:
+        team = tagged_team()
+        for b, journal in zip(team, journals, strict=True):
+            b.recall([json.loads(event) for event in journal])
+    assert not all(cycle(0.0))
+    texts = [text for b in team for text in bridge_problems(b, 30.0).values()]
+    assert len(texts) == 1
+    assert "vehicle 1 are refused: a clock was set back by about 3600 s" in texts[0]
+    assert [cycle(30.0 * (1 + n)) for n in range(3)] == [[True, True]] * 3
+
+
+@pytest.mark.parametrize(("off_s", "words"), [(3600.0, "3600 s ahead of"), (-7200.0, "7200 s behind")])
+def test_a_clock_that_is_hours_off_is_named(off_s: float, words: str) -> None:
+    listener, sender = tagged_team()
+    assert listener.receive(7213.0, 2, sender.poll(7211.0 + off_s)) is None
+    assert f"its clock is about {words} this vehicle's" in bridge_problems(listener, 7220.0)["stale of 2"]
+
+
 def test_a_call_to_abort_needs_a_tag_unless_configured_otherwise() -> None:
     listener, sender = tagged_team()
     assert not listener.must_abort(listener.receive(13.0, 2, sender.poll(11.0)))

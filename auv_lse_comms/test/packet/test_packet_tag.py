@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 
 import numpy as np
@@ -92,3 +93,72 @@ def test_key_is_in_no_message() -> None:
         Tagger(b"12345", 6, "a")
     with pytest.raises(ValueError, match="tag: got 0 bytes"):
         Tagger(KEY, 0, "a")
+
+
+class Pair:
+    """Two vehicles with clocks of their own, which hear each other in each cycle of 20 s, until a clock is set back."""
+
+    def __init__(self) -> None:
+        draws = iter(range(1, 100))
+        self.made = {k: Tagger(KEY, 6, "lake 1", lambda size: bytes([next(draws)] * size)) for k in (1, 2)}
+        self.recorded: list[tuple[int, bytes, float]] = []
+
+    def send(self, source: int, slot_s: float) -> bytes:
+        sender = self.made[source]
+        sender.enter(slot_s)
+        data = encode(Packet(Plan.at(3, np.zeros(3), (), NONE)), reserve=sender.reserve)
+        sealed = sender.seal(data, source, slot_s)
+        self.recorded.append((source, sealed, slot_s))
+        return sealed
+
+    def hears(self, receiver: int, source: int, sealed: bytes, slot_s: float) -> bool:
+        with contextlib.suppress(PacketError):
+            self.made[receiver].accept(sealed, source, (slot_s - 20.0, slot_s))
+            return True
+        return False
+
+    def cycle(self, start_s: float) -> list[bool]:
+        """One packet of each; which were accepted."""
+        return [self.hears(3 - k, k, self.send(k, start_s + 10.0 * k), start_s + 10.0 * k) for k in (1, 2)]
+
+
+def test_clocks_that_are_set_back_agree_again_within_some_cycles() -> None:
+    pair = Pair()
+    assert all(pair.cycle(3600.0 + 20.0 * cycle) == [True, True] for cycle in range(5))
+    heard = [pair.cycle(100.0 + 20.0 * cycle) for cycle in range(5)]
+    assert heard == [[False, True], *[[True, True]] * 4]
+    assert pair.made[1].reserve == pair.made[2].reserve == 6 + 8
+
+
+def test_no_recorded_packet_is_accepted_again_when_its_slot_comes_again() -> None:
+    pair = Pair()
+    for start_s in (400.0, 200.0, 300.0, 100.0):  # set back three times
+        for cycle in range(20):
+            pair.cycle(start_s + 20.0 * cycle)
+    old = list(pair.recorded)
+    for start_s in np.arange(500.0, 820.0, 20.0).tolist():
+        for source, sealed, slot_s in old:
+            if abs(slot_s - start_s) <= 40.0:
+                assert not pair.hears(3 - source, source, sealed, slot_s)
+        assert pair.cycle(start_s) == [True, True]
+
+
+def test_a_vehicle_that_lost_its_state_after_its_clock_was_set_back_is_heard_again() -> None:
+    pair = Pair()
+    pair.cycle(3600.0)
+    for cycle in range(3):
+        pair.cycle(100.0 + 20.0 * cycle)
+    pair.made[2] = Tagger(KEY, 6, "lake 1", lambda size: bytes([200] * size))
+    heard = [pair.cycle(160.0 + 20.0 * cycle) for cycle in range(4)]
+    assert heard[2:] == [[True, True], [True, True]]
+
+
+def test_an_era_needs_an_echo_of_a_recent_packet() -> None:
+    pair = Pair()
+    pair.cycle(3600.0)
+    assert not pair.hears(1, 2, pair.send(2, 120.0), 120.0)  # in an era, and without an echo
+    assert pair.hears(2, 1, pair.send(1, 130.0), 130.0)
+    answer = pair.send(2, 140.0)
+    for late in range(8):  # the echoed packet is too old by now
+        pair.send(1, 150.0 + 20.0 * late)
+    assert not pair.hears(1, 2, answer, 140.0)
