@@ -1,9 +1,11 @@
 """ros2 launch auv_lse_common vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
 
 The same nodes that scripts/vehicle keeps running (auv_lse_common.commands.vehicle). A node that dies is restarted
-after two seconds.
+after two seconds. The vehicle's ROS domain is that of ROS_DOMAIN_ID, else 0.
 """
 
+import atexit
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 
@@ -12,10 +14,12 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_common.commands.vehicle import crew_of, journal_folder
-from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
+from auv_lse_common.commands.vehicle import begun_dive, crew_of
 from auv_lse_common.process.processes import LAST_STOP_S, RECORDER
+
+#: The reserved ROS domain, until the launch ends.
+_RESERVED = ExitStack()
+atexit.register(_RESERVED.close)
 
 
 def _nodes(context):
@@ -30,7 +34,8 @@ def _nodes(context):
         value("name"), Path(value("params_file")).resolve(), out, _truth("simulated", value("simulated")), record
     )
     common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
-    dive = {FOLDER_VARIABLE: str(journal_folder(out)), DIVE_VARIABLE: new_dive(f"auv{crew.vehicle}")}
+    domain, dive = _RESERVED.enter_context(begun_dive(crew, None, Path(value("params_file")), out))
+    dive = {**dive, "ROS_DOMAIN_ID": str(domain)}
     nodes = [
         Node(
             package=process.package,

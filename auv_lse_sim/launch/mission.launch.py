@@ -1,9 +1,14 @@
 """ros2 launch auv_lse_sim mission.launch.py params_file:=MISSION.yaml: the processes of a mission.
 
+Sets ROS_DOMAIN_ID for the nodes: to a free domain, unless the environment names one from 1 to 80.
+
 The same list that scripts/mission starts (auv_lse_sim.engine.processes). Every node gets the whole file, with every
 default filled in, as mission.yaml in the run folder `out`; the recording goes there too, wherever params_file has it.
 """
 
+import atexit
+import os
+from contextlib import ExitStack
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
@@ -14,12 +19,18 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.process.dive import DIVE_VARIABLE
+from auv_lse_common.process.domain import RANGE_VARIABLES, dive_on, simulation_domain, wanted_domain
 from auv_lse_common.process.processes import LAST_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 
 #: Launch argument, the parameter that it sets where it is not empty, and how its text becomes the value.
 _OVERRIDES = (("vehicles", "mission.vehicles", int), ("steps", "mission.steps", int), ("seed", "mission.seed", int))
+
+#: The reserved ROS domain, until the launch ends.
+_RESERVED = ExitStack()
+atexit.register(_RESERVED.close)
 
 
 def _nodes(context):
@@ -39,6 +50,11 @@ def _nodes(context):
     settings = Settings.load(path, wanted)
     modem, link = value("modem"), value("vehicle_link")
     settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
+    domain = _RESERVED.enter_context(simulation_domain(wanted_domain(None), folder))
+    variables = {"ROS_DOMAIN_ID": str(domain), DIVE_VARIABLE: dive_on(domain)}
+    if not any(os.environ.get(name) for name in RANGE_VARIABLES):
+        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    print(f"to watch from another terminal: export ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     complete = folder / "mission.yaml"
     complete.write_text(settings.to_parameter_file())
@@ -49,6 +65,7 @@ def _nodes(context):
             namespace=process.namespace,
             parameters=[str(complete), {"use_sim_time": process.executable != "sim_node"}],
             output="screen",
+            additional_env=variables,
             **({"sigterm_timeout": str(LAST_STOP_S)} if process.last else {}),
             # The simulator ends the mission; without one of its nodes a mission cannot go on.
             on_exit=[EmitEvent(event=Shutdown(reason=f"{process.name} ended"))],

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.process.domain import own_domain
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_common.process.processes import last_lines
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import Recording, recording_in
@@ -151,7 +151,8 @@ def fly(
     """
     with ExitStack() as kept:
         with own_domain() as simulators:  # let go here: the simulator takes it, and keeps it
-            vehicles = [kept.enter_context(own_domain()) for _ in (1, 2)]  # kept from other missions on this machine
+            # kept from other missions on this machine
+            vehicles = [kept.enter_context(own_domain(VEHICLE_DOMAINS)) for _ in (1, 2)]
         return _fly(folder, steps, kills, more, say, (simulators, *vehicles))
 
 

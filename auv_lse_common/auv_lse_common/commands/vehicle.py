@@ -9,8 +9,8 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -23,7 +23,17 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
-from auv_lse_common.process.domain import DomainError, local_environment, vehicle_environment, wanted_domain
+from auv_lse_common.process.domain import (
+    DomainError,
+    dive_on,
+    domain_number,
+    local_environment,
+    note_run,
+    simulator_of,
+    vehicle_domain,
+    vehicle_environment,
+    wanted_domain,
+)
 from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
 from auv_lse_common.process.processes import RECORDER, LaunchError, Process, vehicle_nodes
@@ -138,6 +148,30 @@ def journal_folder(out: Path) -> Path:
     return out / "journal" / f"{datetime.now():%Y-%m-%d-%H%M%S}-{os.getpid()}"
 
 
+@contextmanager
+def begun_dive(crew: Crew, wanted: str | None, file: Path, out: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Reserves the ROS domain of a vehicle's dive for as long as the context lasts.
+
+    Args:
+        crew: The vehicle's processes.
+        wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
+        file: The mission file; a simulator's is in its run folder.
+        out: The folder for logs and recording.
+
+    Returns:
+        The domain, and further variables of the nodes' environment: folder of their journals, id of the dive.
+
+    Raises:
+        DomainError: if the domain is invalid or in use.
+    """
+    simulator = simulator_of(file.resolve().parent) if crew.simulated else None
+    domain = domain_number(wanted_domain(wanted) or simulator or "0")
+    with vehicle_domain(domain, crew.vehicle, crew.simulated):
+        dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
+        note_run(domain, out, dive, crew.vehicle)
+        yield domain, {FOLDER_VARIABLE: str(journal_folder(out)), DIVE_VARIABLE: dive}
+
+
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
     found = parameters.get(name, {})
     if not isinstance(found, dict):
@@ -167,7 +201,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
     )
-    p.add_argument("--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0)")
+    p.add_argument(
+        "--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0; with a simulator, the simulator's)"
+    )
     p.add_argument(
         "--simulated",
         action="store_true",
@@ -186,6 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a vehicle. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     root = project_folder()
+    stack = ExitStack()
     try:
         number = vehicle_number(options.name)
         out = options.out or root / "dives" / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{number}"
@@ -193,21 +230,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if (out / "bag").exists():
             raise ParameterError(f"--out {out}: contains a recording, {out / 'bag'}; expected a folder without one")
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
-        domain = wanted_domain(options.domain)
-        environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
-        environment[FOLDER_VARIABLE] = str(journal_folder(out))
-        environment[DIVE_VARIABLE] = new_dive(f"auv{number}")
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)
+        domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out))
     except (ParameterError, LaunchError, DomainError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except OSError as error:
         print(f"error: --out {out}: cannot be created: {error.strerror or error}", file=sys.stderr)
         return 2
-    follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
-    _say(f"auv{number}: ROS domain {domain}{follows}; logs in {out / 'logs'}")
-    return _keep_running(crew, tasks, out / "logs", environment)
+    with stack:
+        follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
+        _say(f"auv{number}: ROS domain {domain}{follows}; dive {variables[DIVE_VARIABLE]}; logs in {out / 'logs'}")
+        environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
+        return _keep_running(crew, tasks, out / "logs", environment | variables)
 
 
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.inspect.message_text import FieldError
-from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, local_environment, run_on
+from auv_lse_common.process.domain import (
+    SIMULATOR_DOMAINS,
+    DomainError,
+    busy_domains,
+    domain_number,
+    local_environment,
+    run_on,
+    vehicle_environment,
+)
 from auv_lse_common.support.project_folder import project_folder
 
 
@@ -41,14 +49,15 @@ def join(wanted: str | None, root: Path | None = None) -> int:
         raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N to choose one")
     elif busy:
         domain = busy[0]
-        print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
+        print(f"ROS domain {domain}, in use on this machine", file=sys.stderr)
     else:
         domain = 0
         print("ROS domain 0: no mission of scripts/mission runs on this machine", file=sys.stderr)
     root = root or project_folder()
     os.environ["ROS_DOMAIN_ID"] = str(domain)
     if domain in busy and (root / "config" / "fastdds_localhost.xml").is_file():
-        os.environ.update(local_environment(root, domain))
+        of_vehicle = domain not in SIMULATOR_DOMAINS
+        os.environ.update(vehicle_environment(root, domain) if of_vehicle else local_environment(root, domain))
     return domain
 
 

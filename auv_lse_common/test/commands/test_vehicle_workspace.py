@@ -16,7 +16,7 @@ import yaml
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs the built workspace (scripts/test sets it up)", allow_module_level=True)
 
-from auv_lse_common.process.domain import own_domain
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 
 pytestmark = pytest.mark.ros
 
@@ -82,7 +82,7 @@ def mission_file(folder: Path) -> Path:
 
 
 def test_every_node_of_a_vehicle_runs(vehicle_workspace: dict[str, str], tmp_path: Path) -> None:
-    with own_domain() as domain, (tmp_path / "out.txt").open("w") as output:
+    with own_domain(VEHICLE_DOMAINS) as domain, (tmp_path / "out.txt").open("w") as output:
         command = ("auv_lse_common.commands.vehicle", "auv1", str(mission_file(tmp_path)), "--domain", str(domain))
         process = subprocess.Popen(
             [sys.executable, "-m", "auv_lse_common.support.command", *command, "--out", str(tmp_path / "dive")],

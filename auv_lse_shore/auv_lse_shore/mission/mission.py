@@ -21,7 +21,8 @@ from rich.text import Text
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.domain import DomainError, local_environment, note_run, own_domain
+from auv_lse_common.process.dive import DIVE_VARIABLE
+from auv_lse_common.process.domain import DomainError, dive_on, local_environment, simulation_domain
 from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.processes import LaunchError, Process
 from auv_lse_common.support import compiled
@@ -79,7 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
     with ExitStack() as beside:
         live = beside if options.live else None
-        return fly(settings, folder, console, processes, own_domain(), report=not options.no_report, live=live)
+        domain = simulation_domain(None, folder)
+        return fly(settings, folder, console, processes, domain, report=not options.no_report, live=live)
 
 
 def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
@@ -122,7 +124,7 @@ def fly(
         folder: The run folder.
         console: Where the progress is shown.
         processes: What to start here.
-        domain_of_its_own: Reserves a ROS domain for the mission.
+        domain_of_its_own: Reserves a ROS domain for the mission (`simulation_domain`).
         start_s: As `conduct` takes it.
         report: Whether to make the figures and the report.
         live: Keeps the live view open after the mission's end; None: no live view.
@@ -134,8 +136,7 @@ def fly(
     started = time.monotonic()
     try:
         with domain_of_its_own as domain:
-            note_run(domain, folder)
-            environment = local_environment(project_folder(), domain)
+            environment = local_environment(project_folder(), domain) | {DIVE_VARIABLE: dive_on(domain) or ""}
             if live is not None:
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from rich.console import Console
 from rich.text import Text
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.domain import DomainError, taken_domain, wanted_domain
+from auv_lse_common.process.dive import SIMULATION, new_dive
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.mission.mission import fly, prepare, write_mission
 from auv_lse_shore.mission.options import add_mission_options
@@ -39,7 +41,9 @@ def parser() -> argparse.ArgumentParser:
     add_mission_options(p)
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to create (default: runs/DATE-TIME)")
     p.add_argument(
-        "--domain", metavar="N", help="ROS domain, the same for scripts/vehicle (default: ROS_DOMAIN_ID, else 0)"
+        "--domain",
+        metavar="N",
+        help="ROS domain, 1 to 80; its vehicles find it (default: ROS_DOMAIN_ID, else a free one)",
     )
     p.add_argument(
         "--apart",
@@ -76,32 +80,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print(Text(text), highlight=False, soft_wrap=True)
 
     root = project_folder()
-    try:
-        domain = wanted_domain(options.domain)
-        settings, notes = prepare(options, root)
-        folder = run_folder(options.out, root)
-        if options.apart:
-            options.modem, options.vehicle_link = "emulated", "mavlink"
-        with begun(folder):
-            settings = write_mission(settings, folder, options, record=not options.no_record)
+    with ExitStack() as reserved:
+        try:
+            settings, notes = prepare(options, root)
+            domain = reserved.enter_context(simulator_domain(wanted_domain(options.domain)))
+            folder = run_folder(options.out, root)
+            note_run(domain, folder, new_dive(SIMULATION))  # before a vehicle can look for it
+            settings = _written(settings, folder, options)
+        except (ValueError, DomainError) as error:
+            say(f"error: {error}")
+            return 2
+        for note in notes:
+            say(note)
+        say(f"run folder: {folder}")
+        say("start each vehicle in its own terminal:")
+        for vehicle in range(1, settings.mission.vehicles + 1):
+            file, where = folder / "mission.yaml", ""
             if options.apart:
-                settings = _apart(settings, folder)
-    except (ValueError, DomainError) as error:
-        say(f"error: {error}")
-        return 2
-    for note in notes:
-        say(note)
-    say(f"run folder: {folder}")
-    say("start each vehicle in its own terminal:")
-    where = f" --domain {domain}" if options.domain else ""
-    for vehicle in range(1, settings.mission.vehicles + 1):
-        if options.apart:
-            say(f"    scripts/vehicle auv{vehicle} {folder / VEHICLES} --domain {domain + vehicle}")
-        else:
-            say(f"    scripts/vehicle auv{vehicle} {folder / 'mission.yaml'}{where}")
-    processes = mission_processes(0, record=not options.no_record)
-    owned = taken_domain(domain)
-    return fly(settings, folder, console, processes, owned, start_s=math.inf, report=not options.no_report)
+                file, where = folder / VEHICLES, f" --domain {VEHICLE_DOMAINS[vehicle - 1]}"
+            say(f"    scripts/vehicle auv{vehicle} {file}{where}")
+        processes = mission_processes(0, record=not options.no_record)
+        owned, report = _until_released(reserved.pop_all(), domain), not options.no_report
+        return fly(settings, folder, console, processes, owned, start_s=math.inf, report=report)
+
+
+def _written(settings: Settings, folder: Path, options: argparse.Namespace) -> Settings:
+    """Writes the mission's files."""
+    if options.apart:
+        options.modem, options.vehicle_link = "emulated", "mavlink"
+    with begun(folder):
+        settings = write_mission(settings, folder, options, record=not options.no_record)
+        return _apart(settings, folder) if options.apart else settings
+
+
+@contextmanager
+def _until_released(reserved: ExitStack, domain: int) -> Iterator[int]:
+    with reserved:
+        yield domain
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from auv_lse_common.process.domain import domain_number, local_environment, own_domain
+from auv_lse_common.process.domain import local_environment, simulator_domain
 from auv_lse_record.recording import Recording, RecordingError, recording_in
 from auv_lse_shore.mission.display import clock
 from auv_lse_shore.replay.keys import HELP, Keys
@@ -63,17 +63,15 @@ def play(options: Namespace, root: Path) -> int:
 
 @contextmanager
 def _domain(wanted: str | None, root: Path) -> Iterator[None]:
-    """Enters the wanted ROS domain with this shell's settings, or a free one on this machine."""
-    if wanted is not None:
-        domain = domain_number(wanted)
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        print(f"on ROS domain {domain}, with this shell's discovery settings", flush=True)
-        yield
-        return
-    with own_domain() as domain:
-        os.environ.update(local_environment(root, domain))
-        watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-        print(f"to watch from another terminal: export {watch}", flush=True)
+    """Reserves the wanted ROS domain, with this shell's settings, or a free one on this machine."""
+    with simulator_domain(wanted) as domain:
+        if wanted is None:
+            os.environ.update(local_environment(root, domain))
+            watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            print(f"to watch from another terminal: export {watch}", flush=True)
+        else:
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            print(f"on ROS domain {domain}, with this shell's discovery settings", flush=True)
         yield
 
 

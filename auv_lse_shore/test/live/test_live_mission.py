@@ -45,7 +45,7 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
     with own_domain() as domain:
         for name, value in local_environment(project_folder(), domain).items():
             monkeypatch.setenv(name, value)
-        note_run(domain, run)
+        note_run(domain, run, "sim-1123-184534-3f2a")
         assert run_on(domain) == run
         assert newest_mission() == RunningMission(domain, run)
         follower = threading.Thread(target=MissionFollower(timeline, domain, None).follow, args=(stop,))

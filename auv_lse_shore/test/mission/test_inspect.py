@@ -26,7 +26,7 @@ from std_msgs.msg import String
 from auv_lse_common.inspect import nodes, params, topics
 from auv_lse_common.inspect import run as mission
 from auv_lse_common.inspect.graph_node import Graph, GraphError
-from auv_lse_common.process.domain import local_environment, own_domain
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, local_environment, own_domain
 
 pytestmark = pytest.mark.ros
 
@@ -81,7 +81,7 @@ class Vehicle:
 
 @pytest.fixture(scope="module")
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
-    with own_domain() as domain:
+    with own_domain(VEHICLE_DOMAINS) as domain:
         running = Vehicle(tmp_path_factory.mktemp("vehicle"), domain)
         try:
             yield running

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import sys
 import types
@@ -12,6 +13,8 @@ import pytest
 import yaml
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.process import domain
+from auv_lse_common.process.domain import SIMULATOR_DOMAINS, DomainError, busy_domains
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -29,7 +32,11 @@ class LaunchConfiguration(Action):
 
 
 @pytest.fixture
-def launch(monkeypatch: pytest.MonkeyPatch) -> Any:
+def launch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    locks = tmp_path / "locks"
+    locks.mkdir()
+    monkeypatch.setattr(domain.tempfile, "gettempdir", lambda: str(locks))
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     names = {
         "launch": ["LaunchDescription"],
         "launch.actions": ["DeclareLaunchArgument", "EmitEvent", "OpaqueFunction"],
@@ -56,12 +63,14 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Any:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
+        reserved.push(module._RESERVED)
         *declared, start = module.generate_launch_description().args[0]
         assert all(action.kwargs["description"] for action in declared), "--show-args has something to say"
         arguments = {action.args[0]: action.kwargs["default_value"] for action in declared}
         return arguments, lambda: start.kwargs["function"]({**arguments, **given})
 
-    return load
+    with contextlib.ExitStack() as reserved:
+        yield load
 
 
 VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node")
@@ -85,6 +94,11 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert settings.record.folder == str(out / "bag")
     assert [n.kwargs["parameters"][1]["use_sim_time"] for n in nodes] == [*[True] * 9, False]
     assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
+    variables = nodes[0].kwargs["additional_env"]
+    assert int(variables["ROS_DOMAIN_ID"]) in busy_domains()
+    assert int(variables["ROS_DOMAIN_ID"]) in SIMULATOR_DOMAINS, "a free one: the shell has none"
+    assert variables["AUV_LSE_DIVE"].startswith("sim-")
+    assert all(node.kwargs["additional_env"] == variables for node in nodes)
     with pytest.raises(ValueError, match="exists and is not empty"):
         start()
 
@@ -105,11 +119,12 @@ def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
         start()
 
 
-def test_a_vehicle(launch: Any, tmp_path: Path) -> None:
+def test_a_vehicle(launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "vehicles.yaml"
     modem, record = {"kind": "micromodem", "port": "/dev/ttyS0"}, {"folder": "bag"}
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "record": record}}}))
     path = "auv_lse_common/launch/vehicle.launch.py"
+    monkeypatch.setenv("ROS_DOMAIN_ID", "82")
     _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "dive"))
     nodes = start()
     of_vehicle = [f"/auv2/{name}" for name in (*VEHICLE_NODES, "micromodem_node")]
@@ -117,6 +132,16 @@ def test_a_vehicle(launch: Any, tmp_path: Path) -> None:
     assert nodes[0].kwargs["parameters"][1] == {"record.folder": str(tmp_path / "dive" / "bag")}
     assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
     assert all(node.kwargs["respawn"] for node in nodes[1:])
+    variables = nodes[0].kwargs["additional_env"]
+    assert variables["ROS_DOMAIN_ID"] == "82"
+    assert variables["AUV_LSE_DIVE"].startswith("auv2-")
+    assert nodes[1].kwargs["additional_env"] == variables
+    _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "other"))
+    with pytest.raises(DomainError, match="got 82, where the nodes of auv2 run already"):
+        start()
+    monkeypatch.setenv("ROS_DOMAIN_ID", "12")
+    with pytest.raises(DomainError, match=r"got 12; expected 81 to 101 or 0 for a vehicle"):
+        start()
     _, start = launch(path)
     with pytest.raises(ValueError, match=r"expected name:=auv2 params_file:=vehicles\.yaml"):
         start()
