@@ -11,7 +11,7 @@ ros_is_sourced() { [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; 
 # Text that changes when the environment has to be made or built again.
 environment_fingerprint() {
     {
-        cat "$ROOT"/config/requirements*.txt "$ROOT"/config/{constraints,locked}.txt "$ROOT"/scripts/setup
+        cat "$ROOT"/config/{requirements,constraints,locked}*.txt "$ROOT"/scripts/setup
         cat "$ROOT"/auv_lse_*/package.xml "$ROOT"/auv_lse_*/setup.py "$ROOT"/auv_lse_*/setup.cfg
         cat "$ROOT"/auv_lse_msgs/CMakeLists.txt "$ROOT"/auv_lse_msgs/msg/*.msg "$ROOT"/auv_lse_msgs/srv/*.srv
         echo "$ROOT" "$ROOT"/auv_lse_*/launch/*

@@ -3,6 +3,7 @@
 import argparse
 import ast
 import importlib
+import importlib.metadata
 import importlib.util
 import re
 import shlex
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
@@ -334,8 +337,36 @@ def test_the_list_of_licences_and_the_hashes_have_every_pinned_package():
     pinned = set(licences.pins())
     listed = re.findall(r"^([\w.-]+)==(\S+)  \S", (ROOT / "config" / "licences.txt").read_text(), re.M)
     assert set(listed) == pinned, "python -m benchmarks.licences > config/licences.txt"
-    locked = (ROOT / "config" / "locked.txt").read_text()
-    entries = re.findall(r"^([\w.-]+)==(\S+)( ; [^\\]+)? \\\n    --hash=sha256:[0-9a-f]{64}", locked, re.M)
-    assert len(entries) == len(re.findall(r"^[\w.-]+==", locked, re.M)), "each has a hash"
+    entries = [entry for name in ("locked.txt", "locked-ros.txt") for entry in locked(name)]
     hashed = {(name, version) for name, version, marker in entries if marker != " ; sys_platform == 'win32'"}
     assert hashed == {(name.lower().replace("_", "-").replace(".", "-"), version) for name, version in pinned}
+    assert len(entries) == len({name for name, _, _ in entries}), "a package is in one of the two files"
+
+
+def locked(name):
+    """Package, version and marker of each entry of a lock file, each of which has a hash."""
+    text = (ROOT / "config" / name).read_text()
+    entries = re.findall(r"^([\w.-]+)==(\S+)( ; [^\\]+)? \\\n    --hash=sha256:[0-9a-f]{64}", text, re.M)
+    assert len(entries) == len(re.findall(r"^[^#\s]", text, re.M)), "each has a hash"
+    return entries
+
+
+def test_the_lock_file_has_all_that_the_stack_needs_and_all_that_builds_it():
+    """`scripts/setup` installs without dependencies, and builds source packages without an environment of their own."""
+    has = {name for name, _, _ in locked("locked.txt")}
+    wanted, seen = re.findall(r"^[\w.-]+", (ROOT / "config" / "requirements.txt").read_text(), re.M), set()
+    while wanted:
+        requirement = Requirement(wanted.pop())
+        name = canonicalize_name(requirement.name)
+        if name in seen or (requirement.marker and not requirement.marker.evaluate({"extra": ""})):
+            continue
+        seen.add(name)
+        assert name in has, f"config/locked.txt lacks {name}"
+        wanted += importlib.metadata.requires(name) or []
+    assert "setuptools" in seen
+    setup = (ROOT / "scripts" / "setup").read_text()
+    installs = re.findall(r"pip install.*", setup)
+    assert len(installs) == 1, installs
+    assert "--require-hashes --no-deps" in installs[0]
+    calls = re.findall(r'"\$\{pip\[@\]\}".*', setup)
+    assert [("build-tools.txt" in call, "--no-build-isolation" in call) for call in calls] == [(1, 0), (0, 1)]
