@@ -51,10 +51,14 @@ class ModemRack:
         return self._epoll.fileno()
 
     def serve(self, now_s: float) -> int:
-        """Reads every port and answers; returns the number of bytes read. Never blocks."""
+        """Reads every port once and answers; returns the number of bytes read. Never blocks.
+
+        What a host sends beyond one read waits for the next call, so that no host can hold the others up.
+        """
         total = 0
         for vehicle, port in self._ports.items():
-            while data := port.read():
+            data = port.read()
+            if data:
                 total += len(data)
                 self.modems[vehicle].receive(now_s, data)
             self._flush(vehicle)

@@ -160,3 +160,30 @@ def test_a_new_tcp_host_takes_the_place_of_the_old():
     for port in ports:
         port.close(NOW_S, time.monotonic())
     rack.close()
+
+
+class EndlessPort:
+    """A host that never stops writing."""
+
+    port, reads = "none", 0
+
+    def filenos(self):
+        return ()
+
+    def read(self):
+        self.reads += 1
+        assert self.reads < 100, "serve does not return while a host writes"
+        return b"$CCCFQ,SRC*36\r\n" * 100
+
+    def write(self, data):
+        pass
+
+    def close(self):
+        pass
+
+
+def test_a_host_that_never_stops_writing_holds_nobody_up():
+    rack = ModemRack({1: EndlessPort(), 2: EndlessPort()}, lambda vehicle, packet: None, NOW_S)
+    assert rack.serve(NOW_S) > 0
+    assert [rack._ports[v].reads for v in (1, 2)] == [1, 1]
+    rack.close()
