@@ -36,7 +36,7 @@ from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 #: A longer step (s), or a negative one, means that the clock was set.
 LONGEST_STEP_S = 10.0
 #: Limits of states, which are known at each step; the others have readings.
-STATES = ("depth gauge", "altimeter", "odometry", "link", "battery", "leak", "mission time")
+STATES = ("depth gauge", "altimeter", "odometry", "link", "autopilot", "battery", "leak", "mission time")
 #: Share of a step's readings that makes an exceeded limit a warning.
 WARNING_SHARE = 0.5
 #: At most this many readings of a sensor count in one step, the newest.
@@ -63,6 +63,7 @@ class AutopilotReport:
         mode_obeys: Whether it follows targets in that mode; True if unknown.
         battery: Charge left, 0 to 1; NaN unknown.
         leak: 1 water inside, 0 none, -1 unknown.
+        disobeys: How it has refused or ignored its targets, or a stop, for some seconds; "" if it has not.
     """
 
     heard: bool
@@ -71,6 +72,7 @@ class AutopilotReport:
     mode_obeys: bool = True
     battery: float = math.nan
     leak: int = -1
+    disobeys: str = ""
 
     @property
     def problem(self) -> str:
@@ -108,6 +110,7 @@ class SafetyWatch:
             "altimeter": "warn",
             "odometry": config.odometry_response,
             "link": config.link_response,
+            "autopilot": config.autopilot_response,
             "battery": config.battery_response,
             "leak": config.leak_response,
             "mission time": config.mission_time_response,
@@ -294,6 +297,8 @@ class SafetyWatch:
                 found["odometry"] += f". It arrives with stamps {self._stamps_behind_s:.0f} s old: check its clock"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
             found["link"] = f"no autopilot heartbeat for {age_s:.0f} s; expected one every {config.link_age_s:g} s"
+        if self._autopilot is not None and self._autopilot.disobeys:
+            found["autopilot"] = self._autopilot.disobeys
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:
             found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:

@@ -75,6 +75,10 @@ def leaking(vehicle: Vehicle) -> None:
     vehicle.watch.autopilot(dataclasses.replace(OK, leak=1))
 
 
+def disobeyed(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, disobeys="the autopilot ignores the stop for 5 s"))
+
+
 def late(vehicle: Vehicle) -> None:
     vehicle.wait(500.0 - vehicle.now_s + 1000.0)
 
@@ -88,6 +92,7 @@ def late(vehicle: Vehicle) -> None:
         (blind, "odometry", "no usable odometry for 3", RunState.HOLDING, SURFACE),
         (silent, "link", "no autopilot heartbeat for 3", RunState.HOLDING, Stop(action=Action.HOLD)),
         (drained, "battery", "battery 10%; expected at least 20%", RunState.HOLDING, SURFACE),
+        (disobeyed, "autopilot", "ignores the stop", RunState.HOLDING, SURFACE),
         (leaking, "leak", "reports a leak", RunState.ABORTED, SURFACE),
         (late, "mission time", "expected at most 500 s", RunState.ABORTED, SURFACE),
     ],

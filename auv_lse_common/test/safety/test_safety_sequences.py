@@ -5,6 +5,7 @@ AUV_LSE_SAFETY_SEQUENCES sets the number of sequences; the default takes a few s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import random
@@ -18,7 +19,7 @@ from auv_lse_common.vocabulary.mission_run import Action, MissionRun, Stop
 
 SEQUENCES = int(os.environ.get("AUV_LSE_SAFETY_SEQUENCES", "2000"))
 SQUARE = (0.0, 0.0, 100.0, 0.0, 100.0, 200.0, 0.0, 200.0)
-FAULTS = ("depth", "fence", "altitude", "battery", "leak", "odometry", "link")
+FAULTS = ("depth", "fence", "altitude", "battery", "leak", "autopilot", "odometry", "link")
 
 
 class Sequence:
@@ -59,7 +60,8 @@ class Sequence:
             lost = self.faulty and self.fault == "link"
             is_low, leaks = self.bad("battery"), self.bad("leak")
             report = AutopilotReport(heard=not lost, armed=True, battery=0.1 if is_low else 0.9, leak=int(leaks))
-            self.watch.autopilot(report)
+            disobeys = "ignores its target" if self.bad("autopilot") else ""
+            self.watch.autopilot(dataclasses.replace(report, disobeys=disobeys))
             self.watch.step(self.now_s, self.run)
 
     def read(self) -> None:

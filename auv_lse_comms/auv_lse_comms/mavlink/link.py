@@ -55,6 +55,9 @@ from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 #: safety watch keeps the limit tripped until RESET.
 LEAK_REPORTED_S = 50.0
 
+#: MAV_RESULT in words.
+RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
+
 #: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
 EXAMINED_BYTES = 16384
 
@@ -73,6 +76,7 @@ class VehicleLink:
         state: Whether the autopilot is heard.
         armed: Whether it reports to be armed.
         custom_mode: Number of its flight mode, in its own numbering; -1 while unknown.
+        refused_speed: The result of DO_CHANGE_SPEED if it refused the last one.
         counts: Event counts by name.
     """
 
@@ -104,6 +108,7 @@ class VehicleLink:
         self.state = LinkState.DOWN
         self.armed = False
         self.custom_mode = -1
+        self.refused_speed = ""
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
@@ -130,8 +135,9 @@ class VehicleLink:
         self._now_s = -math.inf
         self._examined_bytes = 0
         self._attitude: Message | None = None
-        self._attitude_s = -math.inf
+        self._attitude_s = self._placed_s = -math.inf
         self._place: AutopilotEstimate | None = None
+        self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
         self._raw, self._raw_in = RawTrack(), self.datum
 
     # ------------------------------------------------------------------ calls of the owner
@@ -184,6 +190,7 @@ class VehicleLink:
         if self.state is LinkState.UP:
             self._origin.poll(now_s)
             self._targets.poll(now_s)
+        self._judge()
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
@@ -241,7 +248,18 @@ class VehicleLink:
             mode_obeys=not modes or self.custom_mode in modes,
             battery=self._battery,
             leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
+            disobeys=self._problem[1],
         )
+
+    @property
+    def problem(self) -> tuple[float, str]:
+        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
+        return self._problem
+
+    @property
+    def under_way(self) -> bool:
+        """Whether targets wait and the mission's last one is not among them."""
+        return self._targets.under_way
 
     @property
     def wire(self) -> Counter[str]:
@@ -256,6 +274,7 @@ class VehicleLink:
             self._heard_s = min(self._heard_s, now_s)
             self._beat_s = min(self._beat_s, now_s)
             self._attitude_s = min(self._attitude_s, now_s)
+            self._placed_s = min(self._placed_s, now_s)
             self._leak_s = min(self._leak_s, now_s)
             self._targets.host_stepped(now_s)
             self._origin.host_stepped(now_s)
@@ -271,6 +290,7 @@ class VehicleLink:
         self._attitude, self._place = None, None
         self._raw.interrupt()
         self._targets.resend()
+        self.refused_speed = ""
 
     def _watch_boot(self, boot_ms: int) -> None:
         """Detects a reboot of the autopilot from its time since boot."""
@@ -290,6 +310,18 @@ class VehicleLink:
         if self.state is LinkState.UP and self.placed:
             ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             self._targets.send(self._now_s, self._clock.boot_ms_at(self._now_s), self.datum, ardupilot)
+
+    def _judge(self) -> None:
+        """Judges whether the autopilot carries out its targets; reports it when that changes."""
+        known = self._problem[1]
+        ready = self.placed and not self.report.problem
+        if not ready or self._now_s - self._placed_s > self._config.stale_after_s:
+            self._targets.watch(self._now_s, None)
+        self._problem = self._targets.problem(self._now_s) if ready else (0.0, "")
+        if bool(known) != bool(self._problem[1]):
+            self.counts["disobeyed"] += not known
+            self._report_problem(self._problem[1] or f"over: {known}")
+            self._events.append(self._autopilot_state())
 
     def _autopilot_state(self) -> AutopilotState:
         return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self._battery_v)
@@ -358,6 +390,9 @@ class VehicleLink:
             raw_north_m=self._raw.north_m,
             raw_east_m=self._raw.east_m,
         )
+        self._placed_s = self._now_s
+        if not self.report.problem:
+            self._targets.watch(self._now_s, self._place)
         self.counts["odometries"] += 1
         if fix is not None:
             self.counts["fixes"] += 1
@@ -409,6 +444,16 @@ class VehicleLink:
         if message.voltage_battery != 0xFFFF:
             self._battery_v = message.voltage_battery / 1000.0
 
+    def _on_command_ack(self, message: Message) -> None:
+        """Reports a refused DO_CHANGE_SPEED; the answers to requests for the origin are its messages."""
+        if message.command != mavlink.MAV_CMD_DO_CHANGE_SPEED:
+            return
+        if message.result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
+            self.refused_speed = ""
+            return
+        self.counts["speeds_refused"] += 1
+        self.refused_speed = RESULTS.get(message.result, str(message.result))
+
     def _on_mission_request(self, message: Message) -> None:
         self._targets.requested(self._now_s, message.seq)
 
@@ -438,6 +483,7 @@ HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "GPS_GLOBAL_ORIGIN": VehicleLink._on_origin,
     "DISTANCE_SENSOR": VehicleLink._on_distance,
     "SCALED_PRESSURE2": VehicleLink._on_pressure,
+    "COMMAND_ACK": VehicleLink._on_command_ack,
     "MISSION_REQUEST_INT": VehicleLink._on_mission_request,
     "MISSION_REQUEST": VehicleLink._on_mission_request,
     "MISSION_ACK": VehicleLink._on_mission_ack,

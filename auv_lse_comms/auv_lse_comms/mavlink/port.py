@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_common.vocabulary.health import Health
 from auv_lse_common.vocabulary.sounding import Sounding
-from auv_lse_comms.mavlink.link import LinkState, VehicleLink
+from auv_lse_comms.mavlink.health import link_health
+from auv_lse_comms.mavlink.link import VehicleLink
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, Problem
 from auv_lse_comms.mavlink.messages.events import Event as LinkEvent
@@ -92,19 +94,12 @@ class AutopilotPort:
 
     def health(self) -> Health:
         """The state of link, endpoint and sounder."""
-        link = self.link
-        up = link.state is LinkState.UP
-        text = ("armed" if link.armed else "not armed") if up else self.connection.problem or "no autopilot heard"
-        if up and not link.report.mode_obeys:
-            text += f"; mode {link.custom_mode}, expected one of {list(link.obeying_modes)} (link.modes)"
-        if up and not link.placed:
-            text += "; the autopilot's origin is unknown: no odometry, no targets"
-        values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
-        values |= {f"wire {name}": count for name, count in link.wire.items()}
+        health = link_health(self.link, self.connection.problem)
+        values = dict(health.values)
         values |= {f"port {name}": count for name, count in self.connection.counts.items()}
         if self._sounder is not None:
             values |= {f"sounder {name}": count for name, count in self._sounder.counts.items()}
-        return Health(level=Level.OK if up and link.placed else Level.ERROR, text=text, values=values)
+        return replace(health, values=values)
 
     def _events(self) -> Iterator[Event]:
         if self.connection.problem != self._reported:

@@ -51,7 +51,7 @@ class Surfacing:
     @property
     def target(self) -> Target:
         """The vehicle's present target."""
-        return dataclasses.replace(self._end, depth_m=0.0) if self.stage is Stage.UP else self._end
+        return dataclasses.replace(self._end, depth_m=0.0, at_surface=True) if self.stage is Stage.UP else self._end
 
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""

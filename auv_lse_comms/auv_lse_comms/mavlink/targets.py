@@ -16,6 +16,8 @@ A stop replaces all targets until it is lifted: it is a target at the vehicle's 
 the surface, or a place to go to. Then the current target, or the mission, is sent again.
 
 A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
+
+`problem` says that the autopilot refuses its mission, or that the vehicle does not follow its target (`obedience.py`).
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from typing import Any
 from auv_lse_common.mission_file.parameters import is_given, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.safety.fence import Fence
@@ -37,6 +40,7 @@ from auv_lse_comms.mavlink.messages.conversion import Target, mission_item, posi
 from auv_lse_comms.mavlink.messages.datum import Datum
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
 from auv_lse_comms.mavlink.messages.wire import Message
+from auv_lse_comms.mavlink.obedience import IGNORED_S, Obedience
 from auv_lse_comms.mavlink.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
 
@@ -48,10 +52,11 @@ MAX_TARGETS = 64
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class TargetLimits:
-    """Limits of targets: the fence that they must lie in (None: anywhere) and the greatest depth (m)."""
+    """Limits of targets: the fence that they must lie in (None: anywhere), the greatest depth and turn radius (m)."""
 
     fence: Fence | None = None
     deepest_m: float = math.inf
+    turn_radius_m: float = MotionConfig().turn_radius_m
 
     def check(self, target: Target, place: AutopilotEstimate | None) -> None:
         """Checks a target; one that leads a vehicle outside the fence back towards it passes.
@@ -90,7 +95,8 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
     depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEFAULT_DEPTH_M
     has_fence = is_given(parameters, "area.polygon_m")
     fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
-    return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m))
+    radius_m = section(MotionConfig, parameters, "motion", where).turn_radius_m
+    return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m)
 
 
 class TargetSender:
@@ -118,6 +124,10 @@ class TargetSender:
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
         self._speed_mps = math.nan  # the last one sent
+        self._obedience = Obedience(config.acceptance_m, limits.turn_radius_m)
+        self._unaccepted_s = math.nan  # time since which the autopilot has not accepted a mission; NaN: it has
+        self._furthest = -1  # the last item that it requested
+        self._refusal = ""  # why it refused the last one
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -128,6 +138,42 @@ class TargetSender:
     def settled(self) -> bool:
         """Whether no answer is pending and nothing waits to be sent."""
         return not self._upload.busy and not self._unsent
+
+    @property
+    def current(self) -> Target | None:
+        """The target to go to now; None: there is none, or the place of a stop is unknown yet."""
+        if self._stop is not None:
+            return self._stopped_at
+        if self._surfacing is not None:
+            return self._surfacing.target
+        return self._targets[0] if self._targets else None
+
+    @property
+    def under_way(self) -> bool:
+        """Whether targets wait and the mission's last one is not among them."""
+        return bool(self._targets) and self._targets[-1].then is None and not self._targets[-1].at_surface
+
+    def problem(self, now_s: float) -> tuple[float, str]:
+        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" for less than `IGNORED_S`."""
+        refused_s = now_s - self._unaccepted_s
+        if refused_s >= IGNORED_S:
+            return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
+        return (self._obedience.ignored_s if self._obedience.problem else 0.0), self._obedience.problem
+
+    def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
+        """Compares an estimate with the current target; None: it cannot be compared now.
+
+        While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`.
+        """
+        target = self.current
+        if place is None or target is None or not (self.settled or self._obedience.problem):
+            self._obedience.excuse()
+            return
+        stopped = self._stop is not None and self._stop.action is Action.HOLD
+        diving = self._stop is None and self._surfacing is not None and not target.at_surface
+        self._obedience.update(now_s, target, stopped, diving, place)
+        if self._obedience.problem and now_s - self._target_s >= IGNORED_S:
+            self._unsent = True
 
     def add(self, target: Target, place: AutopilotEstimate | None) -> None:
         """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
@@ -175,12 +221,14 @@ class TargetSender:
         """Sends the present targets again: the autopilot was lost, or has rebooted."""
         self._upload.abandon("link lost, or autopilot rebooted")
         self._watch_upload()
+        self._unaccepted_s = math.nan
         self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
         self._speed_mps = math.nan
 
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""
         self._target_s = min(self._target_s, now_s)
+        self._unaccepted_s = now_s if self._unaccepted_s > now_s else self._unaccepted_s
         if self._surfacing is not None:
             self._surfacing.host_stepped(now_s)
 
@@ -192,6 +240,8 @@ class TargetSender:
     def requested(self, now_s: float, number: int) -> None:
         """The autopilot requests an item of the mission."""
         self._upload.request(now_s, number)
+        if not self._refusal and number > self._furthest:  # a long upload may take its time
+            self._furthest, self._unaccepted_s = number, now_s
         self._watch_upload()
 
     def acknowledged(self, now_s: float, result: int) -> None:
@@ -249,17 +299,14 @@ class TargetSender:
 
         `now_s` is the host's clock, `boot_ms` the autopilot's time since boot; `ardupilot`: missions begin with a home.
         """
-        wanted = tuple(self._targets)
-        if self._surfacing is not None:
-            wanted = (self._surfacing.target,)
-        if self._stop is not None:
-            wanted = () if self._stopped_at is None else (self._stopped_at,)
-        if not wanted:
+        current = self.current
+        if current is None:
             return
         if self._config.mode == "position_target":
-            self._send_position_target(now_s, boot_ms, datum, wanted[0])
+            self._send_position_target(now_s, boot_ms, datum, current)
         else:
-            self._send_mission(now_s, datum, wanted, ardupilot)
+            later = self._stop is None and self._surfacing is None
+            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), ardupilot)
 
     def _send_position_target(self, now_s: float, boot_ms: int, datum: Datum, target: Target) -> None:
         if not self._unsent and now_s - self._target_s < self._config.target_period_s:
@@ -280,7 +327,9 @@ class TargetSender:
             return
         self._unsent = False
         self._target_s = now_s
-        self._uploading = wanted
+        if math.isnan(self._unaccepted_s):
+            self._unaccepted_s = now_s
+        self._uploading, self._furthest = wanted, -1
         self._send_speed(wanted[0])
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
@@ -301,9 +350,11 @@ class TargetSender:
             return
         if self._upload.state is UploadState.DONE:
             self._counts["uploads"] += 1
+            self._unaccepted_s, self._refusal = math.nan, ""
             self._report(TargetSent(target=self._uploading[-1]))
         else:
             self._counts["uploads_failed"] += 1
+            self._refusal = self._upload.problem
             self._report(Problem(text=f"mission upload: {self._upload.problem}"))
             self._unsent = True  # tried again after upload_timeout_s, with the targets of that time
         self._uploading = ()
@@ -332,5 +383,6 @@ def _follows(target: Target, stop: Stop) -> Target:
         return dataclasses.replace(
             target, north_m=north_m, east_m=east_m, heading_rad=heading_rad, step=target.step + 1, then=None
         )
-    depth_m = 0.0 if stop.action is Action.SURFACE else target.depth_m
-    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None)
+    up = stop.action is Action.SURFACE
+    depth_m = 0.0 if up else target.depth_m
+    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None, at_surface=up)

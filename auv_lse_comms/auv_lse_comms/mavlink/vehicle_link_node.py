@@ -36,6 +36,7 @@ class VehicleLinkNode(DriverNode):
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
         self._waypoints = 0
+        self._disobeys = False  # reported last
         self._status = self.publisher("autopilot")
         self._started_s = self.now_s()
         self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
@@ -109,6 +110,9 @@ class VehicleLinkNode(DriverNode):
                 self.arrived("odometry")
             case events.AutopilotState():
                 self._status.publish(event)
+                if bool(event.report.disobeys) != self._disobeys:
+                    self._disobeys = not self._disobeys
+                    self.diagnose()
             case Fix():
                 self._fix.publish(event)
             case events.Altitude():

@@ -21,6 +21,7 @@ Rules for targets:
 
 from __future__ import annotations
 
+import enum
 import math
 from collections import Counter, deque
 from collections.abc import Callable
@@ -54,6 +55,15 @@ MAX_ITEMS = 512
 #: Time (s) after which a missing item is requested again, and the number of such requests.
 ITEM_TIMEOUT_S = 1.0
 ITEM_REPEATS = 5
+
+
+class Fault(enum.Enum):
+    """How a simulated autopilot fails to do as it is sent."""
+
+    NONE = "none"
+    REFUSES = "refuses every mission and command, and follows no position target"
+    IGNORES = "accepts everything and follows nothing new"
+    NEVER_STOPS = "follows its targets, except for stops"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +103,7 @@ class MavlinkVehicle:
             "refused".
         current: Index of the current mission item; the number of items at the end.
         datum: The mission's origin and this autopilot's own.
+        fault: How it misbehaves; may be set at any time.
         mission: Items of the last accepted mission.
     """
 
@@ -121,6 +132,7 @@ class MavlinkVehicle:
             own_origin: The estimator's origin, if it differs from the mission's.
         """
         self.counts: Counter[str] = Counter()
+        self.fault = Fault.NONE
         self.datum = Datum(origin, own_origin or origin)
         self.mission: tuple[Message, ...] = ()
         self.current = 0
@@ -253,6 +265,8 @@ class MavlinkVehicle:
 
     def _go(self, target: Target, remembered: int = REMEMBERED, replaces_m: float = math.inf) -> None:
         """Goes to a target that repeats none of the last `remembered`; at once if `replaces_m` from the last target."""
+        if self.fault in (Fault.REFUSES, Fault.IGNORES):
+            return
         recent = list(self._recent)[-remembered:]
         known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
         if target.depth_m <= SURFACE_M:  # wherever it surfaces
@@ -287,6 +301,8 @@ class MavlinkVehicle:
         return True
 
     def _set_stop(self, stop: Stop | None) -> None:
+        if stop is not None and self.fault is Fault.NEVER_STOPS:
+            return
         if stop != self._stopped:
             self._obey(stop)
         self._stopped = stop
@@ -310,6 +326,9 @@ class MavlinkVehicle:
         self._uploader = (message.get_srcSystem(), message.get_srcComponent())
         if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
             self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type)
+            return
+        if self.fault is Fault.REFUSES:
+            self._acknowledge(mavlink.MAV_MISSION_DENIED)
             return
         if message.count > MAX_ITEMS:
             self._acknowledge(mavlink.MAV_MISSION_NO_SPACE)
@@ -422,6 +441,8 @@ class MavlinkVehicle:
                 mavlink.MAV_CMD_DO_CHANGE_SPEED,
             )
         result = mavlink.MAV_RESULT_ACCEPTED if known else mavlink.MAV_RESULT_UNSUPPORTED
+        if self.fault is Fault.REFUSES and handler is None:
+            result = mavlink.MAV_RESULT_DENIED
         sender = (message.get_srcSystem(), message.get_srcComponent())
         self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
 

@@ -34,6 +34,11 @@ class SafetyConfig:
         30.0, unit="s", above=0.0, help="longest time without a heartbeat of the autopilot, after the first one"
     )
     link_response: str = parameter("hold", choices=RESPONSES, help="response to a lost autopilot, once it is back")
+    autopilot_response: str = parameter(
+        "surface",
+        choices=RESPONSES,
+        help="response when the autopilot has refused or ignored its targets, or a stop, for 5 s",
+    )
     min_battery: float = parameter(
         0.2, low=0.0, high=1.0, help="smallest charge that the autopilot may report, as a fraction of 1; 0: not watched"
     )

@@ -50,6 +50,7 @@ class Target:
         then: What follows the mission's last target; None: it is not the last.
         surface: Whether the vehicle surfaces there for a fix before it continues.
         begins_m: North, east of the leg's start; None: at the previous target.
+        at_surface: Whether it is reached at the surface, wherever that is.
     """
 
     north_m: float
@@ -61,6 +62,7 @@ class Target:
     then: Stop | None = None
     surface: bool = False
     begins_m: tuple[float, float] | None = None
+    at_surface: bool = False
 
 
 def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:
