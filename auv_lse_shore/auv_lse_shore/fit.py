@@ -22,10 +22,9 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.soundings import read_soundings_and_origin
 from auv_lse_record.recording import Recording
+from auv_lse_sim.ground.navigable import MAX_LEVEL_SIGMAS
 
 Array = NDArray[np.float64]
-
-#: Topics of a recorded run that hold soundings.
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
 
@@ -62,7 +61,8 @@ def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
 
 
 def report(result: Fit) -> str:
-    """The parameters with their standard errors, one a line, and the warnings."""
+    """The parameters with their standard errors, one a line, the levels that suit them, and the warnings."""
+    reach = MAX_LEVEL_SIGMAS * result.config.signal_std_m
     lines = [
         f"log marginal likelihood {result.log_likelihood:.3f} of {result.soundings} soundings "
         f"({result.evaluations} evaluations; the {len(result.restarts)} starts led to "
@@ -74,6 +74,14 @@ def report(result: Fit) -> str:
     for name, error in result.standard_errors.items():
         value = getattr(result.config, name)
         lines.append(f"  {name:17} {value:10.4g} {_UNITS.get(name, 'm'):4} {_error(name, value, error)}")
+    config = result.config
+    mean = (
+        "" if config.mean == "plane" else f", {config.mean_depth_m - reach:.1f} to {config.mean_depth_m + reach:.1f} m"
+    )
+    lines.append(
+        f"This prior nearly excludes isobaths more than {reach:.1f} m from its mean{mean}. For another "
+        "level_set.level_m increase gp.signal_std_m"
+    )
     return "\n".join([*lines, *(f"warning: {warning}" for warning in result.warnings)])
 
 

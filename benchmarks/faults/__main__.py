@@ -32,12 +32,15 @@ def _kind(name: str) -> ModuleType:
     return importlib.import_module(f"benchmarks.faults.{name}")
 
 
+_EXIT_CODES = "Exit codes: 0 no fault; 1 something was lost or broke; 2 wrong command line; 130 Ctrl-C."
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/faults."""
     p = argparse.ArgumentParser(
         prog="scripts/faults",
         description="Breaks things on purpose, and prints a table of what happened.",
-        epilog="Exit codes: 0 all as it should be; 1 something was lost, or broke; 130 Ctrl-C.",
+        epilog=_EXIT_CODES,
     )
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--seed", type=int, default=1, help="seed of everything random (default: %(default)s)")
@@ -49,9 +52,9 @@ def parser() -> argparse.ArgumentParser:
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
     for name, text in KINDS.items():
-        _kind(name).arguments(kinds.add_parser(name, parents=[common], help=text))
+        _kind(name).arguments(kinds.add_parser(name, parents=[common], help=text, epilog=_EXIT_CODES))
     every = f"{', '.join(_small())}: a few minutes each, one table; Ctrl-C prints what there is"
-    kinds.add_parser("all", parents=[common], help=every)
+    kinds.add_parser("all", parents=[common], help=every, epilog=_EXIT_CODES)
     return p
 
 

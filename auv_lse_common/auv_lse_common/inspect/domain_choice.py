@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import sys
 from collections.abc import Callable
@@ -32,6 +33,12 @@ def add_graph_options(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--spin-time", type=float, metavar="S", help="seconds to discover nodes (default: until no new one appears)"
     )
+
+
+def add_commands(p: argparse.ArgumentParser) -> Any:
+    """Adds subcommands, whose help repeats the exit codes in the parser's epilog; returns them for `add_parser`."""
+    of_command = functools.partial(argparse.ArgumentParser, epilog=p.epilog)
+    return p.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=of_command)
 
 
 def join(wanted: str | None, root: Path | None = None) -> int:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
+from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options, run_command
 
 _ACTION = "/_action/"
 
@@ -21,7 +21,7 @@ def parser() -> argparse.ArgumentParser:
         description="Inspects running nodes, as `ros2 node` does, on machines without that command.",
         epilog="Exit codes: 0; 1 a node does not exist; 2 a wrong command line; 130 Ctrl-C.",
     )
-    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = add_commands(p)
     c = commands.add_parser("list", help="names of the nodes")
     add_graph_options(c)
     c.add_argument("-a", "--all", action="store_true", help="also those with a leading underscore")

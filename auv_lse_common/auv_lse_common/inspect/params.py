@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
+from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_common.inspect.nodes import known_node
 from auv_lse_common.mission_file.parameter_file import nest
 
@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0; 1 a node or parameter does not exist, or a value is refused; 2 a wrong command line; "
         "130 Ctrl-C.",
     )
-    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = add_commands(p)
     c = commands.add_parser("list", help="names of the parameters of a node, or of all")
     add_graph_options(c)
     c.add_argument("node", nargs="?", metavar="NODE", help="full name, such as /auv1/planner_node")

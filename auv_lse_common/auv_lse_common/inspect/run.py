@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
+from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_common.vocabulary.mission_run import Command, RunState
 
 _COMMANDS = {
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 every vehicle has accepted the command; 1 one has refused it, or does not answer; 2 a "
         "wrong command line; 130 Ctrl-C.",
     )
-    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = add_commands(p)
     for name, (command, text) in _COMMANDS.items():
         c = commands.add_parser(name, help=text, description=text)
         add_graph_options(c)

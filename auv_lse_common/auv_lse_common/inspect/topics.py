@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
+from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_common.inspect.message_text import TRUNCATE, csv_text, field_of, plain, yaml_text
 from auv_lse_common.inspect.rates import Bandwidth, Rate
 
@@ -22,7 +22,7 @@ def parser() -> argparse.ArgumentParser:
         description="Inspects the topics of running nodes, as `ros2 topic` does, on machines without that command.",
         epilog="Exit codes: 0; 1 a topic or field does not exist; 2 a wrong command line; 130 Ctrl-C.",
     )
-    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = add_commands(p)
 
     def command(name: str, run: Callable[[argparse.Namespace, Any], int], text: str) -> argparse.ArgumentParser:
         c = commands.add_parser(name, help=text, description=text)

@@ -9,6 +9,7 @@ import os
 import signal
 import tempfile
 from collections.abc import Iterator
+from multiprocessing import resource_tracker
 from typing import Any
 
 #: A mission is recorded as failed when more workers than this have died while simulating it.
@@ -44,19 +45,20 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
                 raise CampaignError(f"--scheduler {scheduler}: cannot be used: {error}") from error
         else:
             scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="auv_lse_dask_"))
-            local = stack.enter_context(
-                LocalCluster(
-                    n_workers=workers or cores(),
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    memory_limit=0,
-                    local_directory=scratch,
-                    silence_logs=logging.CRITICAL,
+            with _interrupts_postponed():
+                local = stack.enter_context(
+                    LocalCluster(
+                        n_workers=workers or cores(),
+                        threads_per_worker=1,
+                        processes=True,
+                        host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0",
+                        memory_limit=0,
+                        local_directory=scratch,
+                        silence_logs=logging.CRITICAL,
+                    )
                 )
-            )
-            client = stack.enter_context(Client(local))
+                client = stack.enter_context(Client(local))
         yield client
 
 
@@ -72,6 +74,20 @@ def _clean_shutdown() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _interrupts_postponed() -> Iterator[None]:
+    """Postpones Ctrl-C to the end of the context; threads and processes started in it never receive it.
+
+    A terminal sends Ctrl-C to every process. Workers would answer with a traceback, but this process ends them anyway.
+    """
+    resource_tracker.ensure_running()  # would unblock the signal if the first worker started it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def cores() -> int:

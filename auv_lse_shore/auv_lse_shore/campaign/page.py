@@ -20,9 +20,10 @@ from auv_lse_shore.campaign.comparison_figures import (
     sweep_figure,
 )
 from auv_lse_shore.campaign.reliability_figure import reliability_figure
-from auv_lse_shore.campaign.rows import Row, Rows, by_group, columns_of, mean_of, rows_of, value_of
+from auv_lse_shore.campaign.rows import Row, Rows, by_group, by_seed, columns_of, mean_of, rows_of, value_of
 from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec
+from auv_lse_shore.campaign.statistics import paired
 from auv_lse_shore.report.figures import save
 from auv_lse_shore.report.page import embed, number, render
 
@@ -112,13 +113,21 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
 
 
 def _best(groups: Mapping[str, Sequence[Row]]) -> Iterator[tuple[str, str]]:
-    """The best mean in each of the first measures, and the setting that has it."""
+    """The best mean in each of the first measures, and the settings that are best within the noise.
+
+    A setting is among the best if the 95 % interval of its paired difference to the best mean includes 0, or does not
+    exist.
+    """
     for column, heading, more in MEASURES[:3]:
         means = {label: mean_of(rows, column).mean for label, rows in groups.items()}
         means = {label: mean for label, mean in means.items() if math.isfinite(mean)}
-        if len(means) > 1:
-            label = (max if more else min)(means, key=lambda name: means[name])
-            yield number(means[label]), f"best mean {heading}: {label}"
+        if len(means) < 2:
+            continue
+        best = (max if more else min)(means, key=lambda name: means[name])
+        apart = {label: paired(by_seed(groups[label], column), by_seed(groups[best], column)) for label in means}
+        tied = [label for label, d in apart.items() if label != best and not (d.low > 0.0 or d.high < 0.0)]
+        others = f" (not significantly better than {', '.join(tied)})" if tied else ""
+        yield number(means[best]), f"best mean {heading}: {best}{others}"
 
 
 def _missions(spec: CampaignSpec, rows: Sequence[Row]) -> Iterator[list[str]]:

@@ -13,7 +13,7 @@ from auv_lse_shore.campaign.runner import CampaignState
 def progress_display() -> Iterator[Callable[[CampaignState], None]]:
     """Yields a function that shows a campaign's state, to be called after each mission."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bars
 
     console = Console()
@@ -24,26 +24,19 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
             done = state.before + state.done
             if time.monotonic() - last[0] > 10.0 or done == state.total:
                 last[0] = time.monotonic()
-                print(
-                    f"{done}/{state.total} missions, {state.failed} failed, {duration(state.left_s)} left", flush=True
-                )
+                print(f"{state.progress}, {state.failed} failed, {duration(state.left_s)} left", flush=True)
 
         yield line
         return
-    bars = Bars(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[left]}"),
-        console=console,
-    )
+    bars = Bars(BarColumn(), TextColumn("{task.description}, {task.fields[left]}"), console=console)
     with bars:
         task = bars.add_task("missions", total=None, left="starting")
 
         def bar(state: CampaignState) -> None:
             failed = f", {state.failed} failed" if state.failed else ""
             text = f"{duration(state.left_s)} left{failed}"
-            bars.update(task, total=state.total, completed=state.before + state.done, left=text)
+            done = state.before + state.done
+            bars.update(task, description=state.progress, total=state.total, completed=done, left=text)
 
         yield bar
 

@@ -184,6 +184,11 @@ def mean_of(rows: Sequence[Row], column: str) -> Interval:
     return interval([value_of(r, column) for r in rows])
 
 
+def by_seed(rows: Sequence[Row], column: str) -> dict[int, float | None]:
+    """A column's values by seed."""
+    return {int(row["seed"]): value_of(row, column) for row in rows}
+
+
 def by_group(spec: CampaignSpec, rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Finished rows by setting, in the campaign's order; settings without rows are left out."""
     groups = {label: [r for r in rows if r["group"] == label and r["status"] == "ok"] for label, _ in spec.settings}

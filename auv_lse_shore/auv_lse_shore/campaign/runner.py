@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import fcntl
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -38,7 +39,8 @@ class CampaignState:
         threads: Missions that the cluster simulates at once.
         elapsed_s: Wall-clock time since the first was submitted.
         busy_s: Sum of the missions' wall-clock times.
-        left_s: Estimate of the time left, NaN before the first mission ended.
+        left_s: Estimate of the time left, at most that of the budget; NaN before the first mission ended.
+        limited: Whether a budget may end the campaign before its last mission.
         last: Row of the mission that ended last.
     """
 
@@ -50,7 +52,13 @@ class CampaignState:
     elapsed_s: float = 0.0
     busy_s: float = 0.0
     left_s: float = float("nan")
+    limited: bool = False
     last: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def progress(self) -> str:
+        """Finished missions of all, as text."""
+        return f"{self.before + self.done} of {'up to ' if self.limited else ''}{self.total} missions"
 
     @property
     def efficiency(self) -> float:
@@ -92,6 +100,7 @@ def run_campaign(
             _report_versions(rows_of(spec, rows.read()))
         threads = max(sum(client.nthreads().values()), 1)
         state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
+        state.limited = math.isfinite(budget_s)
         queue = _Queue(todo, client, state, budget_s)
         with lost_cluster_is_an_error():
             first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
@@ -141,11 +150,12 @@ class _Queue:
         return row
 
     def _left_s(self) -> float:
-        """Estimate of the time left: each mission takes the mean time of its setting."""
+        """Estimate of the time left: each mission takes the mean time of its setting, until the budget is used up."""
         done = [value for values in self._busy.values() for value in values]
         means = {group: sum(values) / len(values) for group, values in self._busy.items()}
         total = sum(means.get(job.group, sum(done) / len(done)) for job in self._todo)
-        return max(total - sum(done), 0.0) / self._state.threads if len(done) < len(self._todo) else 0.0
+        estimate_s = max(total - sum(done), 0.0) / self._state.threads if len(done) < len(self._todo) else 0.0
+        return max(min(estimate_s, self._budget_s - self._state.elapsed_s), 0.0)
 
 
 def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:

@@ -48,9 +48,9 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
         _check_lanes(settings, area, motion, findings)
     _check_depths(settings, findings)
-    if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp.length_scale_m"):
+    if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set"):
         for text in expectations(settings):
-            (findings.warning if " is too " in text else findings.note)(text)
+            (findings.warning if " is too " in text or text.startswith("level_set") else findings.note)(text)
     _check_ground(settings, findings)
 
 
@@ -152,5 +152,5 @@ def _check_ground(settings: Settings, findings: Findings) -> None:
         return
     changed = fitted.area != settings.area or fitted.vehicles != settings.vehicles
     for text in notes:
-        if not text.startswith("coverage"):
+        if not text.startswith(("coverage", "level_set")):  # `expectations` are reported already
             (findings.warning if changed or text.startswith(("level", "dvl")) else findings.note)(text)

@@ -73,6 +73,11 @@ class Evaluation:
         return self.team_map.area
 
     @property
+    def planned_steps(self) -> int:
+        """Number of steps of a complete mission."""
+        return self.settings[0].mission.steps
+
+    @property
     def prior(self) -> DepthField:
         """Map before the mission."""
         return self.team_map.prior
@@ -185,11 +190,14 @@ def _summary(e: Evaluation) -> Summary:
         **merit.work(run),
         **merit.paper_reward(curves, first.planner.entry.of_paper),
         "risk_third": _at_third(curves.risk),
-        "mowing_risk": curves.mowing_risk,
+        "mowing_risk": curves.mowing_risk if run.steps >= e.planned_steps else None,
         "alone_risk": e.alone_risk,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run),
     }
-    found["map_bound_kept"] = found["risk_after"] <= curves.mowing_risk if run.steps else None
+    if run.steps < e.planned_steps:  # the bounds are those of a complete mission
+        found |= {"bound_kept": None, "path_bound_kept": None, "map_bound_kept": None}
+    else:
+        found["map_bound_kept"] = found["risk_after"] <= curves.mowing_risk
     if ground is not None:
         found |= merit.against_truth([e.team, *e.local], _ideal(e), first, ground, e.scored, e.truth)
     found |= {"vehicles": len(run.vehicles), "steps": run.steps, "seed": first.mission.seed}

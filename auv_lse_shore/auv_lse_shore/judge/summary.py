@@ -20,7 +20,11 @@ def figure(unit: str, help: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """The figures of merit of a mission; None if unknown (no truth, no naive part, nothing to compare)."""
+    """The figures of merit of a mission; None if unknown.
+
+    Unknown are comparisons with a truth, a naive part or a bound that does not exist. A mission that ended before its
+    last step is not compared with bounds, which are those of a complete mission.
+    """
 
     vehicles: int = figure("", "number of vehicles (K)")
     steps: int = figure("", "legs travelled by the vehicle with most of them")
@@ -51,7 +55,9 @@ class Summary:
         "map risk given the soundings of all vehicles, with the prior's standard deviation, which planners and the "
         "lawnmower bound use",
     )
-    mowing_risk: float | None = figure("cost/place", "lawnmower bound: map risk expected of a lawnmower mission")
+    mowing_risk: float | None = figure(
+        "cost/place", "lawnmower bound: map risk expected of a lawnmower mission; unknown if the mission ended early"
+    )
     map_bound_promised: bool = figure("", "whether the method guarantees this bound")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")
     loss_expected: float = figure(

@@ -69,6 +69,7 @@ def conduct(
         display = stack.enter_context(Display(progress, console))
         while not interrupt.came and progress.phase != "finished":
             state, message = watch.wait(0.1)
+            progress.started_s = time.monotonic() - marks["began"]
             died = keeper.tick(time.monotonic())
             _check(state, message, died, keeper, folder / "logs", keeper.loaded_for_s > start_s)
             if state in ("running", "finished"):

@@ -27,7 +27,8 @@ class MissionProgress:
     Attributes:
         vehicles: Number of vehicles.
         steps_total: Legs of each vehicle.
-        phase: Phase of the mission, for people.
+        phase: "starting", "running" or "finished".
+        started_s: Wall-clock time since the start (s).
         sim_s: Mission time (s).
         steps: Completed legs of each vehicle.
         sent: Packets sent by all.
@@ -45,6 +46,7 @@ class MissionProgress:
     vehicles: int
     steps_total: int
     phase: str = "starting"
+    started_s: float = 0.0
     sim_s: float = 0.0
     steps: list[int] = field(default_factory=list)
     sent: int = 0
@@ -79,8 +81,14 @@ class MissionProgress:
         return sum(values.values()) / (len(values) if self.reward == OF_THE_MAP else 1)
 
     @property
+    def _start(self) -> str:
+        return f"starting: loading the nodes, {self.started_s:.0f} s"
+
+    @property
     def line(self) -> str:
         """The progress in one line."""
+        if self.phase == "starting":
+            return self._start
         steps = " ".join(str(n) for n in self.steps) or "-"
         account = f"  {self._account}" if self._account else ""
         return (
@@ -89,7 +97,9 @@ class MissionProgress:
         )
 
     def table(self) -> Group:
-        """The live table."""
+        """The live table; before the first tick one line."""
+        if self.phase == "starting":
+            return Group(Text(self._start))
         table = Table(box=None, pad_edge=False)
         for title, align in (("vehicle", "left"), ("legs", "left"), ("", "right")):
             table.add_column(title, justify=align)

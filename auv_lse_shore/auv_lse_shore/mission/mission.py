@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         settings, notes = prepare(options, root)
         if options.for_vehicles is not None:
-            write_vehicle_file(settings, options.for_vehicles)
+            write_vehicle_file(settings, options.for_vehicles, overrides_of(options))
         else:
             folder = run_folder(options.out, root)
             with begun(folder):
@@ -229,7 +229,7 @@ def conclude(
     phases["report"] = time.monotonic() - began
     times = folder / "logs" / "times.json"
     times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")
-    for line in headlines(summary):
+    for line in headlines(summary, settings.mission.steps):
         _say(console, line)
     page = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,15 @@ def send_duration_s(settings: Settings) -> float:
     return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
 
 
-def vehicle_file(settings: Settings) -> str:
+def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
     """The mission file for every vehicle of the mission.
 
     It has no section `sim`, drives a Micromodem and a MAVLink autopilot at the addresses of `settings`, records into
     `RECORDING`, and waits for GO (`vehicle.start`). `tdma.send_duration_s` allows for the slowest modem.
+
+    Args:
+        settings: The simulated mission.
+        chosen: Parameters that the user has set, by dotted name; their values stay as they are.
 
     Raises:
         ParameterError: if an address is that of a simulated run's hardware, or a modem has none.
@@ -43,14 +48,15 @@ def vehicle_file(settings: Settings) -> str:
                 "addresses of a run's emulated hardware; expected a file written by hand, or by a run without "
                 "--modem emulated and --vehicle-link mavlink"
             )
-        if not own.modem.port:
+        for name, kind in (("modem.kind", "micromodem"), ("link.kind", "mavlink"), ("vehicle.start", "on_call")):
+            if not {name, f"auv{k}.{name}"} & set(chosen):
+                wanted[f"auv{k}.{name}"] = kind
+        if wanted.get(f"auv{k}.modem.kind", own.modem.kind) == "micromodem" and not own.modem.port:
             raise ParameterError(
                 f"{settings.where}: auv{k}: modem.port: missing; expected a serial device or 'tcp://HOST:PORT', as "
-                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...)"
+                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...). Without a Micromodem: "
+                "--set modem.kind=direct"
             )
-        wanted[f"auv{k}.modem.kind"] = "micromodem"
-        wanted[f"auv{k}.link.kind"] = "mavlink"
-        wanted[f"auv{k}.vehicle.start"] = "on_call"
     text = settings.with_overrides(wanted).to_parameter_file()
     body = yaml.safe_load(text)
     del body["/**"]["ros__parameters"]["sim"]
@@ -59,13 +65,13 @@ def vehicle_file(settings: Settings) -> str:
     return _HEAD.format(source=settings.where) + dumped
 
 
-def write_vehicle_file(settings: Settings, path: Path) -> None:
-    """Writes the mission file for the vehicles.
+def write_vehicle_file(settings: Settings, path: Path, chosen: Collection[str] = ()) -> None:
+    """Writes the mission file for the vehicles; `chosen` as for `vehicle_file`.
 
     Raises:
         ParameterError: if the mission does not suit vehicles, or the file exists or cannot be written.
     """
-    text = vehicle_file(settings)
+    text = vehicle_file(settings, chosen)
     try:
         if path.exists():
             raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)")

@@ -11,6 +11,7 @@ from typing import Any
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.judge.evaluation import ground_grid
+from auv_lse_shore.judge.team_map import mission_settings
 from auv_lse_shore.report.report import write_report
 from auv_lse_shore.report.words import headlines
 from auv_lse_sim.ground.ground_source import ground_of
@@ -40,7 +41,8 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
         settings = Settings.from_patterns(data.parameters, str(run))
         data.ground = ground_grid(settings.planner_settings(1), ground_of(settings))
     summary = write_report(data, folder)
-    return [*headlines(summary), str(folder / "report.html")]
+    planned_steps = mission_settings(data.parameters, 1)[0].mission.steps
+    return [*headlines(summary, planned_steps), str(folder / "report.html")]
 
 
 def _wall_s(folder: Path) -> float:

@@ -62,14 +62,16 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         folder: Where the figures are.
         drawn: File name and caption of each figure.
     """
-    s, pictures = e.summary, {name: embed(folder / name, caption) for name, caption in drawn}
+    s, planned = e.summary, e.planned_steps
+    steps = f"{s.steps} steps" if s.steps >= planned else f"{s.steps} of {planned} steps"
+    pictures = {name: embed(folder / name, caption) for name, caption in drawn}
     paper = pictures.pop(report_figures.PAPER, None)
     return render(
         "report.html",
-        title=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {s.steps} steps, {s.method}, seed {s.seed}",
+        title=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {steps}, {s.method}, seed {s.seed}",
         subtitle=words.subtitle(e),
         cards=words.cards(s),
-        notes=e.run.notes,
+        notes=[*words.ended_early(s, planned), *e.run.notes],
         pictures=list(pictures.values()),
         results=words.paragraphs(e),
         paper=words.paper_paragraphs(s),

@@ -29,7 +29,7 @@ def map_risk(e: Evaluation) -> Figure | None:
     axis = figure.subplots()
     axis.plot(known, c.risk[known], "o-", ms=3.5, label="map risk so far", **SO_FAR)
     axis.plot(ahead, c.expected_risk[ahead], label="expected at the end with the current plans", **EXPECTED)
-    if np.isfinite(c.mowing_risk):
+    if e.summary.mowing_risk is not None:
         axis.axhline(c.mowing_risk, label="expected of a lawnmower", **LAWNMOWER)
     axis.set_ylabel("map risk (cost/place)")
     _finish(axis, len(c.risk) - 1, "upper right")

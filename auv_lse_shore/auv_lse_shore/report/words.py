@@ -26,12 +26,13 @@ _REASONS = {
 }
 
 
-def headlines(s: Summary) -> list[str]:
-    """The main figures of a mission, one line each."""
+def headlines(s: Summary, planned_steps: int) -> list[str]:
+    """The main figures of a mission of `planned_steps` steps, one line each."""
     error = "" if s.isobath_found_error_m is None else f", mean error {s.isobath_found_error_m:.1f} m"
     share = "" if s.isobath_found is None else f", {_percent(s.isobath_found)} of the true isobath"
     loss = "" if s.loss_after is None else f", actual {s.loss_after:.3f}"
     lines = [
+        *ended_early(s, planned_steps),
         f"isobath: {_m(s.isobath_found_m)} found{error}{share}; {_m(s.isobath_likely_m)} likely, "
         f"{_m(s.isobath_guessed_m)} guessed",
         f"map risk: {s.risk_before:.3f} -> {s.risk_after:.3f} (cost per place){_bound_in_brief(s)}",
@@ -49,6 +50,13 @@ def headlines(s: Summary) -> list[str]:
         + (f", {lost} receptions lost" if s.vehicles > 1 else "")
     )
     return lines
+
+
+def ended_early(s: Summary, planned_steps: int) -> list[str]:
+    """One sentence if a mission ended before its last step, else none."""
+    if s.steps >= planned_steps:
+        return []
+    return [f"The mission ended after {s.steps} of {planned_steps} steps, so it is not compared with bounds."]
 
 
 def _bound_in_brief(s: Summary) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from auv_lse_shore.campaign.rows import Row, value_of
+from auv_lse_shore.campaign.rows import Row, by_seed, value_of
 from auv_lse_shore.campaign.statistics import Interval, interval, paired
 from auv_lse_shore.reproduce.study import OURS
 
@@ -92,11 +92,6 @@ def not_worse(difference: Interval, other: float, more_is_better: bool) -> str:
         low = difference.low if more_is_better else -difference.high
         return SUPPORTED if low > -MARGIN * abs(other) else UNDECIDED
     return found
-
-
-def by_seed(rows: Sequence[Row], column: str) -> dict[int, float | None]:
-    """A column's values by seed."""
-    return {int(row["seed"]): value_of(row, column) for row in rows}
 
 
 #: Measures in which methods are compared: column, name with unit, more is better.

@@ -1,8 +1,12 @@
-"""Times for readers."""
+"""Times for readers, and the time left of a campaign."""
+
+import time
 
 import pytest
 
 from auv_lse_shore.campaign.progress_display import duration
+from auv_lse_shore.campaign.runner import CampaignState, _Queue
+from auv_lse_shore.campaign.spec import Job
 
 
 @pytest.mark.parametrize(
@@ -11,3 +15,24 @@ from auv_lse_shore.campaign.progress_display import duration
 )
 def test_durations_for_readers(seconds, text):
     assert duration(seconds) == text
+
+
+class _Finished:
+    status, key = "finished", "k"
+
+    def result(self):
+        return {"status": "ok", "busy_s": 20.0}
+
+    def release(self):
+        """Nothing to release."""
+
+
+@pytest.mark.parametrize(("budget_s", "left_s"), [(float("inf"), 399.0 * 20.0), (90.0, 90.0)])
+def test_the_time_left_is_at_most_that_of_the_budget(budget_s, left_s):
+    jobs = [Job(id=str(i), group="g", varied={}, seed=i, patterns={}) for i in range(400)]
+    state = CampaignState(total=400, before=0, limited=budget_s < 1e9)
+    queue = _Queue(jobs, None, state, budget_s)
+    queue._running["k"], queue._began = jobs[0], time.monotonic()
+    queue.take(_Finished())
+    assert state.left_s == pytest.approx(left_s, abs=1.0)
+    assert state.progress == f"1 of {'up to ' if state.limited else ''}400 missions"

@@ -183,7 +183,7 @@ def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
     gaps = np.diff([e["t"] for e in kinds["pose"] if e["vehicle"] == 1])
     assert gaps.min() >= 2.0 - 1e-6, "thinned"
     assert {e["vehicle"] for e in kinds["map"]} == {1, 2}, "made from soundings: the recording holds no field"
-    risks = [e["mean_risk"] for e in kinds["map"] if e["vehicle"] == 1]
+    risks = [e["expected_loss"] for e in kinds["map"] if e["vehicle"] == 1]
     assert risks[-1] < 0.6 * risks[0]
     json.dumps(events, allow_nan=False)
 

@@ -59,7 +59,7 @@ def test_they_hold_what_the_page_shows(told):
     assert (grid.info.width, grid.info.height) == (maps[-1]["columns"], maps[-1]["rows"])
     inside = grid.data[grid.data >= 0]
     assert inside.max() <= 100
-    percent = 100.0 * maps[-1]["mean_risk"] / events[0]["largest_risk"]
+    percent = 100.0 * maps[-1]["expected_loss"] / events[0]["largest_risk"]
     assert np.mean(inside) == pytest.approx(percent, abs=0.5), "rounded to whole percent"
     actions, rest = found["/viz/auv1/plan/actions"][0][1], found["/viz/auv1/plan/continuation"][0][1]
     per = events[0]["points_per_leg"]

@@ -21,6 +21,7 @@ def displayed(progress: MissionProgress, terminal: bool) -> str:
 def test_of_the_maps_reward_the_team_has_the_vehicles_mean() -> None:
     """Each vehicle counts the whole map, what its mates bring included."""
     progress = MissionProgress(
+        phase="running",
         vehicles=2,
         steps_total=9,
         steps=[3, 4],
@@ -35,26 +36,37 @@ def test_of_the_maps_reward_the_team_has_the_vehicles_mean() -> None:
 
 
 def test_a_risk_that_rises_with_the_first_soundings_does_not_read_as_a_failure() -> None:
-    progress = MissionProgress(vehicles=2, steps_total=9, rewards={1: -30.0, 2: 2.0}, expected={1: 50.0, 2: 60.0})
+    progress = MissionProgress(
+        phase="running", vehicles=2, steps_total=9, rewards={1: -30.0, 2: 2.0}, expected={1: 50.0, 2: 60.0}
+    )
     assert "map reward: expected 55  " in progress.line
     text = displayed(progress, terminal=True)
     assert "map reward: expected 55 (drop of Bayes risk)" in text
     assert "-30" not in text
-    assert MissionProgress(vehicles=1, steps_total=9, rewards={1: -3.0}).line.endswith("0 lost  0 x real time")
+    assert MissionProgress(phase="running", vehicles=1, steps_total=9, rewards={1: -3.0}).line.endswith(
+        "0 lost  0 x real time"
+    )
 
 
 def test_the_papers_reward_adds_up_over_vehicles() -> None:
     progress = MissionProgress(
-        vehicles=2, steps_total=9, rewards={1: 10.0, 2: 5.25}, bounds={1: 40.5, 2: 30.25}, reward=OF_THE_PATH
+        phase="running",
+        vehicles=2,
+        steps_total=9,
+        rewards={1: 10.0, 2: 5.25},
+        bounds={1: 40.5, 2: 30.25},
+        reward=OF_THE_PATH,
     )
     assert "path reward: so far 15, bound 71  " in progress.line
     assert "40.5" in displayed(progress, terminal=True)
 
 
 def test_a_method_without_a_bound_shows_none_and_one_that_maximizes_neither_shows_no_reward() -> None:
-    without = MissionProgress(vehicles=1, steps_total=9, rewards={1: 10.0})
+    without = MissionProgress(phase="running", vehicles=1, steps_total=9, rewards={1: 10.0})
     assert "map reward: so far 10  " in without.line
-    neither = MissionProgress(vehicles=1, steps_total=9, rewards={1: 10.0}, bounds={1: 12.0}, reward="")
+    neither = MissionProgress(
+        phase="running", vehicles=1, steps_total=9, rewards={1: 10.0}, bounds={1: 12.0}, reward=""
+    )
     assert "10" not in neither.line
     assert "12" not in displayed(neither, terminal=True)
 
@@ -68,7 +80,14 @@ def test_whose_reward_is_shown_follows_the_method(method: str, shown: str) -> No
 
 
 def test_where_there_is_no_terminal_lines_come_now_and_then() -> None:
-    assert "legs - of 9" in displayed(MissionProgress(vehicles=1, steps_total=9), terminal=False)
+    assert "legs - of 9" in displayed(MissionProgress(vehicles=1, steps_total=9, phase="running"), terminal=False)
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_start_is_reported_as_such(terminal: bool) -> None:
+    text = displayed(MissionProgress(vehicles=1, steps_total=9, started_s=12.3), terminal)
+    assert text.strip().splitlines()[0].rstrip() == "starting: loading the nodes, 12 s"
+    assert "real time" not in text
 
 
 def test_clock() -> None:

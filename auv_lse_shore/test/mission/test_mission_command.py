@@ -82,6 +82,16 @@ def test_the_vehicles_file_of_a_run_lets_nodes_run_without_a_simulator(tmp_path:
     assert {p.name for p in tmp_path.iterdir()} == {"mission.yaml", "vehicles.yaml"}, "nothing was flown"
 
 
+def test_hardware_chosen_by_the_user_stays_in_the_vehicles_file(tmp_path: Path) -> None:
+    out = tmp_path / "vehicles.yaml"
+    chosen = ["--set", "modem.kind=direct", "--set", "auv2.link.kind=direct", "--set", "vehicle.start=at_once"]
+    assert main([str(run_file(tmp_path)), "--for-vehicles", str(out), *chosen]) == 0
+    own = Settings.load(out).vehicles
+    assert [(v.modem.kind, v.link.kind, v.vehicle.start) for v in own] == [
+        ("direct", kind, "at_once") for kind in ("mavlink", "direct", "mavlink")
+    ]
+
+
 def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
     path, out = tmp_path / "mission.yaml", tmp_path / "vehicles.yaml"
     corners = [0.0, 0.0, 3000.0, 0.0, 3000.0, 3000.0, 0.0, 3000.0]

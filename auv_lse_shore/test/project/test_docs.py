@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_shore.reference_pages.__main__ import BLOCKS
 from auv_lse_shore.reference_pages.blocks import block_names, outdated, render
-from auv_lse_shore.reference_pages.commands import module_of
+from auv_lse_shore.reference_pages.commands import module_of, parser_of
 from benchmarks import licences
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -184,6 +184,22 @@ def test_the_reference_is_short():
 def test_generated_tables_are_those_of_the_code():
     pages = outdated(ROOT / "docs", BLOCKS)
     assert not pages, f"python -m auv_lse_shore.reference_pages --write: {', '.join(map(str, pages))}"
+
+
+def helps(parser):
+    """The help of a command and of its subcommands."""
+    yield parser.format_help()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for own in action.choices.values():
+                yield from helps(own)
+
+
+@pytest.mark.parametrize(
+    "script", sorted(p for p in (ROOT / "scripts").iterdir() if not p.suffix and module_of(p)), ids=lambda p: p.name
+)
+def test_the_help_of_every_command_lists_its_exit_codes(script):
+    assert [text for text in helps(parser_of(module_of(script))) if "Exit codes: 0" not in text] == []
 
 
 def test_every_generated_table_has_a_page_and_is_current():

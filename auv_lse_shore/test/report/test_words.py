@@ -38,7 +38,7 @@ def text_of(evaluation):
 
 def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     s = other.summary
-    isobath, risk, loss, packets = headlines(s)
+    isobath, risk, loss, packets = headlines(s, 30)
     assert f"mean error {s.isobath_found_error_m:.1f} m, {100 * s.isobath_found:.0f} % of the true isobath" in isobath
     assert f"map risk: {s.risk_before:.3f} -> 0.500 (cost per place); a lawnmower was expected to reach 0.600" in risk
     assert loss == f"expected loss {s.loss_expected:.3f}, actual {s.loss_after:.3f} (cost per place)"
@@ -46,11 +46,11 @@ def test_the_terminal_leads_with_the_isobath_and_the_map(other):
 
 
 def test_the_papers_reward_is_shown_for_its_methods_alone(synthetic_run, other, tmp_path):
-    assert not PAPER.search(" ".join(headlines(other.summary)) + text_of(other))
+    assert not PAPER.search(" ".join(headlines(other.summary, 30)) + text_of(other))
     assert paper_paragraphs(other.summary) == []
     assert "The paper's reward" not in html.unescape(shown(other, tmp_path))
     paper = judged(synthetic_run, "augmented")
-    assert any(PAPER.search(line) for line in headlines(paper.summary))
+    assert any(PAPER.search(line) for line in headlines(paper.summary, 30))
     assert len(paper_paragraphs(paper.summary)) == 3
     assert "The paper's reward" in html.unescape(shown(paper, tmp_path))
 
@@ -85,16 +85,30 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run):
     met = judged(synthetic_run, "tour", risk_after=1.0, mowing_risk=1.5, map_bound_kept=True)
     assert met.summary.map_bound_promised
     assert "This bound was met: the mission ended 33 % below it." in text_of(met)
-    assert "lawnmower bound 1.500: met" in headlines(met.summary)[1]
+    assert "lawnmower bound 1.500: met" in headlines(met.summary, 30)[1]
     missed = judged(synthetic_run, "tour", risk_after=2.0, mowing_risk=1.6, map_bound_kept=False)
     assert "the mission ended 25 % above it. The bound is an expectation" in text_of(missed)
-    assert "lawnmower bound 1.600: not met on this lake" in headlines(missed.summary)[1]
+    assert "lawnmower bound 1.600: not met on this lake" in headlines(missed.summary, 30)[1]
+
+
+def test_a_mission_that_ended_early_is_reported_as_such_and_compared_with_no_bound(synthetic_run, tmp_path):
+    run = synthetic_run(steps=25)
+    run.parameters["/**"]["mission"]["steps"] = 100
+    evaluation = evaluate(run)
+    s, early = evaluation.summary, "The mission ended after 25 of 100 steps, so it is not compared with bounds."
+    assert s.lower_bound is not None
+    assert (s.mowing_risk, s.map_bound_kept, s.bound_kept, s.path_bound_kept) == (None,) * 4
+    assert headlines(s, 100)[0] == early
+    assert "awnmower mission" not in text_of(evaluation)
+    shown_page = html.unescape(shown(evaluation, tmp_path))
+    assert "25 of 100 steps, augmented" in shown_page
+    assert early in shown_page
 
 
 def test_the_papers_method_promises_a_bound_of_its_reward_not_of_the_map(synthetic_run):
     paper = judged(synthetic_run, "augmented", risk_after=2.0, mowing_risk=1.6, map_bound_kept=False)
     assert not paper.summary.map_bound_promised
-    assert "not met" not in " ".join(headlines(paper.summary))
+    assert "not met" not in " ".join(headlines(paper.summary, 30))
     assert "The method augmented guarantees no such bound." in text_of(paper)
 
 
@@ -121,6 +135,6 @@ def test_a_lone_vehicle_without_truth_gets_no_word_of_mates_and_truth(synthetic_
     run.vehicles = run.vehicles[:1]
     run.vehicles[0].truth = run.vehicles[0].truth[:0]
     evaluation = evaluate(run)
-    text = text_of(evaluation) + " ".join(headlines(evaluation.summary))
+    text = text_of(evaluation) + " ".join(headlines(evaluation.summary, 6))
     for word in ("coustic", "true", "None", "nan"):
         assert word not in text

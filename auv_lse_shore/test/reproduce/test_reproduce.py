@@ -4,6 +4,8 @@ import json
 import re
 from dataclasses import replace
 
+import pytest
+
 from auv_lse_shore.campaign.cluster import cluster
 from auv_lse_shore.reproduce import reproduce
 from auv_lse_shore.reproduce import study as studies
@@ -55,6 +57,13 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
     # Started again, it flies nothing and makes the same page from the rows and the recordings.
     assert main(arguments) == 0
     assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
+
+
+def test_an_estimate_of_the_small_version_simulates_nothing(tmp_path, monkeypatch, capsys, client):
+    monkeypatch.setattr(reproduce, "run_study", lambda *_: pytest.fail("simulates"))
+    scheduler = ["--scheduler", client.scheduler.address]
+    assert main(["--quick", "--estimate", *scheduler, "--out", str(tmp_path)]) == 0
+    assert "about 3 min on 2 cores" in capsys.readouterr().out
 
 
 def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):

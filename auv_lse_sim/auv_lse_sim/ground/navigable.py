@@ -19,6 +19,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
 
@@ -29,6 +30,8 @@ Mask = NDArray[np.bool_]
 MAX_CELLS = 400_000
 #: Maximum number of cells in which the area's depths are checked.
 WARNING_CELLS = 40_000
+#: The prior nearly excludes an isobath that is farther than this many standard deviations from its mean everywhere.
+MAX_LEVEL_SIGMAS = 2.0
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
 #: Maximum number of corners of an outline.
@@ -325,8 +328,29 @@ def _operating_shape(area: AreaConfig) -> shapely.Geometry:
     return shape
 
 
+def prior_warnings(settings: Settings) -> list[str]:
+    """Warns if a constant or plane prior mean is so far from the level that the prior nearly excludes the isobath."""
+    gp, level = settings.common.gp, settings.level_set.level_m
+    if gp.mean == "survey":
+        return []
+    depths = prior_mean(gp)(np.reshape(settings.area.polygon_m, (-1, 2)))
+    sigmas = max(level - depths.max(), depths.min() - level) / gp.signal_std_m
+    if sigmas <= MAX_LEVEL_SIGMAS:
+        return []
+    return [
+        f"level_set.level_m: got {level:g} m, {sigmas:.1f} standard deviations (gp.signal_std_m {gp.signal_std_m:g} m) "
+        f"from the nearest prior mean, {depths.max() if level > depths.max() else depths.min():.3g} m; expected at "
+        f"most {MAX_LEVEL_SIGMAS:g}. The prior nearly excludes this isobath, so map risk starts too low and the "
+        "lawnmower bound misleads. Increase gp.signal_std_m, or fit with --mean plane"
+    ]
+
+
 def expectations(settings: Settings) -> list[str]:
-    """Compares the paths' length with the area: spacing of a lawnmower's lanes, and coverage."""
+    """What to expect of the prior, and of the paths' length in the area: a lawnmower's lanes, and coverage."""
+    return [_coverage(settings), *prior_warnings(settings)]
+
+
+def _coverage(settings: Settings) -> str:
     area_m2 = float(_operating_shape(settings.area).area)
     motion = MotionTable(settings.motion)
     vehicles = settings.mission.vehicles
@@ -342,13 +366,13 @@ def expectations(settings: Settings) -> list[str]:
         "of a path"
     )
     if coverage < 0.5:
-        return [
+        return (
             f"coverage: {text}. The area is too large for this mission; expect unmapped regions "
             "(more steps or vehicles, or --area)"
-        ]
+        )
     if spacing < 2.0 * settings.motion.turn_radius_m:
-        return [
+        return (
             f"coverage: {text}. The area is too small for this mission; lanes closer than a turning circle "
             f"({2.0 * settings.motion.turn_radius_m:g} m) add little information (fewer steps or vehicles)"
-        ]
-    return [f"coverage: {text}"]
+        )
+    return f"coverage: {text}"

@@ -11,7 +11,7 @@ from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
-from auv_lse_sim.ground.navigable import expectations, fit_to_ground
+from auv_lse_sim.ground.navigable import expectations, fit_to_ground, prior_warnings
 
 EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)
 SQUARE = [0.0, 0.0, 500.0, 0.0, 500.0, 500.0, 0.0, 500.0]
@@ -218,3 +218,18 @@ def test_fitting_again_changes_little():
         OperatingArea(again.area).grid(10.0).inside.sum(),
     )
     assert 0.95 * first < second <= first
+
+
+@pytest.mark.parametrize(
+    ("gp", "level_m", "nearest"),
+    [
+        ({"mean_depth_m": 4.2, "signal_std_m": 4.4}, 15.0, "4.2 m"),
+        ({"mean_depth_m": 4.2, "signal_std_m": 6.0}, 15.0, None),
+        ({"mean_depth_m": 30.0, "signal_std_m": 4.4}, 15.0, "30 m"),
+        ({"mean": "plane", "mean_depth_m": 4.2, "signal_std_m": 4.4, "mean_slope_north": 0.05}, 15.0, None),
+    ],
+)
+def test_a_prior_that_nearly_excludes_the_isobath_is_reported(gp, level_m, nearest):
+    overrides = {f"gp.{name}": value for name, value in gp.items()}
+    texts = prior_warnings(Settings.load(None, {**overrides, "level_set.level_m": level_m}))
+    assert [f"nearest prior mean, {nearest};" in text for text in texts] == ([] if nearest is None else [True])

@@ -174,7 +174,7 @@ class MissionEvents:
             "south": round(float(north_m[0]), 2),
             "west": round(float(east_m[0]), 2),
             "cell": round(float(north_m[1] - north_m[0]) * apart, 3),
-            "mean_risk": round(float(np.nanmean(layers["risk"])), 5),
+            "expected_loss": round(float(np.nanmean(layers["risk"])), 5),
             "layers": coder.code(shown),
             **{name: [decimetres(line) for line in found] for name, found in lines.items()},
         }

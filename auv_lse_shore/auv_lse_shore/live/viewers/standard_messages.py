@@ -151,7 +151,7 @@ class StandardMessages:
         ):
             lines += [self._line(t, key, i, line, color, width) for i, line in enumerate(event[key])]
         yield self._markers(f"/viz/auv{vehicle}/isobath", t, lines)
-        yield self._value(f"/viz/auv{vehicle}/mean_risk", t, event["mean_risk"])
+        yield self._value(f"/viz/auv{vehicle}/expected_loss", t, event["expected_loss"])
 
     def _plan(self, event: Event) -> Iterator[StandardMessage]:
         self._plans[event["vehicle"]] = event

@@ -35,7 +35,7 @@ function riskCurves() {
   return store.facts.vehicles.map(({ number: vehicle }) => ({
     name: `auv${vehicle}`,
     color: vehicleColor(vehicle),
-    points: store.list("map", vehicle).map((m) => ({ t: m.t, value: m.mean_risk })),
+    points: store.list("map", vehicle).map((m) => ({ t: m.t, value: m.expected_loss })),
   }));
 }
 
