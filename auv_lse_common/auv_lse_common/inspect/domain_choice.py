@@ -35,9 +35,9 @@ def add_graph_options(p: argparse.ArgumentParser) -> None:
     )
 
 
-def add_commands(p: argparse.ArgumentParser) -> Any:
+def add_commands(p: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
     """Adds subcommands, whose help repeats the exit codes in the parser's epilog; returns them for `add_parser`."""
-    of_command = functools.partial(argparse.ArgumentParser, epilog=p.epilog)
+    of_command: Any = functools.partial(argparse.ArgumentParser, epilog=p.epilog)
     return p.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=of_command)
 
 
