@@ -50,8 +50,11 @@ class ModemNode(VehicleNode):
         )  # fmt: skip
         self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
         self._bridge.remember = self.journal.write
-        if self.journal.stale:
-            self._bridge.skip_slot(self.now_s())
+        if self.state.values:
+            self._bridge.restore_counters(self.state.values)
+        if self.state.rebooted or (self.state.lost and not self.state.values):
+            self._bridge.begin_era()
+        self.state.write(self._bridge.counters())
         self._intake = BridgeIntake(self._bridge)
         tdma = section(TdmaConfig, self.parameters, "tdma", self.where)
         packet = section(PacketConfig, self.parameters, "packet", self.where)
@@ -125,7 +128,9 @@ class ModemNode(VehicleNode):
 
     def publish_received(self, now_s: float) -> None:
         """Processes own soundings and received packets; publishes the team's plans and samples."""
-        for received in self._intake.process():
+        taken = self._intake.process()
+        self.state.write(self._bridge.counters())
+        for received in taken:
             stamp_s, source, packet = received.stamp_s, received.source, received.packet
             self._team_plans.publish(PlanReport(stamp_s=stamp_s, vehicle=source, plan=packet.plan))
             self._published["plans"] += 1
@@ -154,6 +159,7 @@ class ModemNode(VehicleNode):
         payload = self._intake.poll(now_s)
         for problem in self._intake.problems:
             self.get_logger().error(problem)
+        self.state.write(self._bridge.counters())  # before its packet is given out
         if payload is not None:
             self._tx.publish(Transmission(stamp_s=now_s, source=self.vehicle, payload=payload))
             self._published["packets"] += 1

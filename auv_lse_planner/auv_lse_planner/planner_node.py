@@ -59,10 +59,10 @@ class PlannerNode(VehicleNode):
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
-        decided = any(kind == "decided" for kind, *_ in self.journal.records)
-        self._state_lost = "" if decided else self.journal.stale  # do not restart a running mission at step 0
+        # do not restart a running mission at step 0
+        self._state_lost = "" if self.state.values else self.state.lost
         self._planner.set_blocked(0.0, self._state_lost or "safety_node has not reported the mission's state")
-        if not self.journal.records:  # skipped after a restart during a mission, to be ready sooner
+        if not (self.journal.records or self.state.values):  # skipped after a restart, to be ready sooner
             rehearse_decision(settings, self.vehicle)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
@@ -92,7 +92,8 @@ class PlannerNode(VehicleNode):
     def _resume(self) -> None:
         """After a restart: resumes after the journal's last decision, with the team plans received until then.
 
-        Republishes plan and waypoint with their original stamps, for readers that start later.
+        Steps that the state file has as decided, but the journal has not, are skipped. Republishes plan and waypoint
+        with their original stamps, for readers that start later.
         """
         decided: list[Any] | None = None
         for kind, *values in self.journal.records:
@@ -102,8 +103,16 @@ class PlannerNode(VehicleNode):
                 stamp_s, vehicle, plan = values
                 self._planner.receive_plan(stamp_s, vehicle, Plan.from_mapping(plan))
         if decided is not None:
-            snapshot, stamp_s, plan = decided
-            self._planner.restore(snapshot)
+            self._planner.restore(decided[0])
+        known = self._planner.decided
+        self._planner.resume_at(self.state.values.get("decided", 0))
+        if self.state.rebooted:
+            self._planner.forget_clock()
+        if self._planner.decided > known:
+            text = f"steps {known} to {self._planner.decided - 1} were decided, but are not in the journal: skipped"
+            self.get_logger().error(text)
+        elif decided is not None:
+            _, stamp_s, plan = decided
             self._publish_plan(stamp_s, Plan.from_mapping(plan))
             leg = self._planner.decided_leg
             assert leg is not None  # it was decided
@@ -146,9 +155,10 @@ class PlannerNode(VehicleNode):
             began = time.perf_counter()
             decision = self._planner.decide(now_s, self._deadline())
             self._planning_s = time.perf_counter() - began
-            self._publish(now_s, decision)
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
+            self.state.write({"decided": self._planner.decided})  # before anyone learns of it
+            self._publish(now_s, decision)
         if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)
             self._command.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,10 @@ class Safety:
 
     run: MissionRun
     watch: SafetyWatch
+    config: SafetyConfig
+    _rebooted: bool = False  # and it is not known yet where the vehicle is
+    _wet_steps: int = 0  # steps under water less those at the surface, since the first known depth
+    _since_s: float = math.nan  # since when the mission is in doubt with a known depth
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int) -> Safety:
@@ -54,16 +59,55 @@ class Safety:
         return cls(
             run=MissionRun(own.start == "at_once", on_abort),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
+            config=safety,
         )
 
-    def snapshot(self) -> dict[str, Any]:
-        """The mission's and the watch's state, for a journal."""
-        return {"run": self.run.snapshot(), "watch": self.watch.snapshot()}
+    def step(self, now_s: float) -> None:
+        """Checks every limit, and what to do after a reboot or while waiting for a GO that cannot arrive."""
+        self.watch.step(now_s, self.run)
+        under_water = self.watch.under_water
+        if under_water is None or not (self._rebooted or self.run.waits_for_go):
+            self._wet_steps, self._since_s = 0, math.nan
+            return
+        if math.isnan(self._since_s) or now_s < self._since_s:  # the first step, or the clock was set back
+            self._since_s = now_s
+        self._wet_steps += 1 if under_water else -1
+        if now_s - self._since_s < self.config.patience_s:
+            return
+        wet, self._wet_steps, self._since_s = self._wet_steps > 0, 0, now_s
+        if self._rebooted:
+            self._rebooted = False
+            self.run.after_reboot(wet, self.config.after_reboot == "resume")
+        if wet and self.run.waits_for_go:
+            reason = "waits for GO under water, where none arrives"
+            self.run.trip("waiting", Stop(action=Action.SURFACE), reason)
 
-    def restore(self, values: Mapping[str, Any]) -> None:
-        """Continues from a `snapshot`."""
+    def snapshot(self) -> dict[str, Any]:
+        """The mission's and the watch's state, for a state file."""
+        return {
+            "run": self.run.snapshot(),
+            "watch": self.watch.snapshot(),
+            "rebooted": self._rebooted,
+            "under_water": self.watch.under_water,
+        }
+
+    def recover(self, values: Mapping[str, Any], lost: str, rebooted: bool) -> None:
+        """Continues after a restart.
+
+        Args:
+            values: The last `snapshot`; empty at a first start, or if it is lost.
+            lost: Why it is lost, or "".
+            rebooted: Whether all the vehicle's programs were started again since.
+        """
+        if not values:
+            if lost:
+                self.distrust(lost)
+            return
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
+        self._rebooted = rebooted or values["rebooted"]
+        if self._rebooted:
+            self.run.pause("the computer was restarted; the vehicle's depth is not known yet")
 
     def distrust(self, reason: str) -> None:
         """Reacts to a lost state after a restart: the vehicle surfaces and holds until RESET.

@@ -28,11 +28,8 @@ class SafetyNode(VehicleNode):
     def __init__(self) -> None:
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
-        standings = [values[0] for kind, *values in self.journal.records if kind == "standing"]
-        if standings:
-            self._safety.restore(standings[-1])
-        elif self.journal.stale:
-            self._safety.distrust(self.journal.stale)
+        self._safety.recover(self.state.values, self.state.lost, self.state.rebooted)
+        self._keep()
         self.show_parameters(
             {
                 "safety": section(SafetyConfig, self.parameters, "safety", self.where),
@@ -81,17 +78,24 @@ class SafetyNode(VehicleNode):
             return f"command: got {order.command}; expected one of {', '.join(f'{c} {c.name}' for c in Command)}"
         source = order.source or "unknown source"
         refused = self._safety.run.command(command, source, order.team)
+        self._keep()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused
 
+    def _keep(self) -> None:
+        self._under_water = self._safety.watch.under_water
+        self.state.write(self._safety.snapshot())
+
     def step(self, now_s: float) -> None:
         """Checks the limits; publishes the state when it changes and, without lockstep, every second."""
-        self._safety.watch.step(now_s, self._safety.run)
+        self._safety.step(now_s)
         status, warnings = self._safety.run.status, self._safety.watch.warnings
+        if self._safety.watch.under_water is not self._under_water:
+            self._keep()
         if (status, *warnings) != self._reported:  # compares keys: the numbers in warnings change constantly
             self._reported = (status, *warnings)
             self._published += 1
-            self.journal.write("standing", self._safety.snapshot())
+            self._keep()  # before anyone learns of it
             texts = tuple(f"{name}: {reason}" for name, reason in warnings.items())
             self._report = RunReport(stamp_s=now_s, revision=self._published, status=status, warnings=texts)
             self._publish_state(now_s)
@@ -111,7 +115,7 @@ class SafetyNode(VehicleNode):
             self.get_logger().warning(problem)
         if new or self._health_reports.is_due(now_s):
             self._health_reports.done(now_s)
-            self.journal.write("standing", self._safety.snapshot())  # updates the running time
+            self._keep()  # updates the running time
             self.publish_health(now_s, self._safety.health())
 
 

@@ -32,6 +32,8 @@ from typing import Any
 
 #: The environment variable that names this start of a vehicle's programs.
 START_VARIABLE = "AUV_LSE_START"
+#: The nodes of a vehicle that keep a state file.
+NODES = ("safety_node", "planner_node", "modem_node")
 #: Size of a slot, and of a file: two slots.
 SLOT_BYTES = 16384
 FILE_BYTES = 2 * SLOT_BYTES
@@ -47,6 +49,7 @@ class StateFile:
         lost: Why the state of an earlier process is not trusted; "" if it is, or if there was none. It stays set.
         problem: Why the state is not being written; "" if it is.
         rebooted: Whether `values` come from before a start of all the vehicle's programs.
+        written_s: When the file was written last (s since 1970), by the clock of then; 0 if it was missing.
     """
 
     def __init__(
@@ -63,6 +66,7 @@ class StateFile:
         self.values: dict[str, Any] = {}
         self.lost = self.problem = ""
         self.rebooted = False
+        self.written_s = 0.0
         self._path, self._file, self._sequence, self._text = path, -1, 0, b""
         self._start = start
         self._identity = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:16]
@@ -76,6 +80,7 @@ class StateFile:
             elif not path.exists():
                 allocate(path)
             self._file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            self.written_s = os.fstat(self._file).st_mtime
             self._read(os.pread(self._file, FILE_BYTES + 1, 0))
         except OSError as error:
             self._set_lost(f"cannot be used: {error.strerror or error}")

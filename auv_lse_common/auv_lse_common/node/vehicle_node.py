@@ -19,6 +19,7 @@ from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
+from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile
 from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.records import HealthReport
@@ -56,6 +57,7 @@ class VehicleNode(BaseNode):
     Attributes:
         journal: What a restarted node needs to go on. Without lockstep it is kept if the environment names a folder.
             Parameters that were changed while the node ran are in it, and apply again.
+        state: The little that the node must not forget, beside the journal.
     """
 
     def __init__(self, name: str) -> None:
@@ -65,7 +67,9 @@ class VehicleNode(BaseNode):
             self._time_source.detach_node()  # ticks carry the time: /clock would only repeat it
         self._role = name
         self._vehicle = self._vehicle_number()
-        self.journal = self._open_journal()
+        self.journal, self.state = self._open_files()
+        self._health = Health(level=Level.OK, text="started")  # published last
+        self._storage_problem = ""  # published last
         self._readers: dict[Publisher, int] = {}
         self._only_recorded: list[Publisher] = []  # publishers that only the recorder reads
         self._handlers: dict[str, _Handler] = {}
@@ -94,46 +98,58 @@ class VehicleNode(BaseNode):
             )
         return int(digits)
 
-    def _open_journal(self) -> Journal:
+    def _open_files(self) -> tuple[Journal, StateFile]:
+        """Opens journal and state file, and logs what is wrong with them."""
         folder = "" if self.lockstep else os.environ.get(FOLDER_VARIABLE, "")
         path = Path(folder) / f"auv{self._vehicle}.{self._role}.journal" if folder else None
         identity = {"node": self._role, "vehicle": self._vehicle, "parameters": self.parameters}
+        beside = None if path is None or self._role not in NODES else path.with_suffix(".state")
+        ran_before = path is not None and path.exists()
+        state = StateFile(beside, identity, start=os.environ.get(START_VARIABLE, ""), expected=ran_before)
         journal = Journal(path, identity)
         for kind, *values in journal.records:
             if kind == "tuned":
                 self.parameters = merge(self.parameters, nest(values[0]))
                 known = [Parameter(key, value=value) for key, value in values[0].items() if self.has_parameter(key)]
                 self.set_parameters(known)
-        if journal.stale:
-            self.get_logger().error(journal.stale)
-        if journal.problem:
-            self.get_logger().warning(journal.problem)
-        elif journal.records:
+        for problem in (state.lost, state.problem, journal.stale, journal.problem):
+            if problem:
+                self.get_logger().error(problem)
+        if journal.records and not journal.problem:
             self.get_logger().info(f"journal {path}: {journal.status}")
-        return journal
+        return journal, state
 
     def note_tuned(self, changed: Mapping[str, Any]) -> None:
         """Enters the changed parameters into the journal."""
         self.journal.write("tuned", dict(changed))
 
     def publish_health(self, now_s: float, health: Health, name: str = "") -> None:
-        """Publishes the health of a device, `name`, or of this node and its journal."""
+        """Publishes the health of a device, `name`, or of this node and its files."""
         if not name:
-            name, health = self.get_fully_qualified_name(), self._with_journal(health)
+            self._health, self._storage_problem = health, self._find_storage_problem()
+            name, health = self.get_fully_qualified_name(), self._with_storage(health)
         self._diagnostics.publish(
             HealthReport(stamp_s=now_s, name=name, level=health.level, text=health.text, values=health.values)
         )
 
-    def _with_journal(self, health: Health) -> Health:
-        if not self.journal.status:
-            return health
-        values = {**health.values, "journal": self.journal.status}
-        found = "; ".join(filter(None, (self.journal.stale, self.journal.problem)))
-        if not found:
+    def _find_storage_problem(self) -> str:
+        return "; ".join(filter(None, (self.state.status, self.journal.stale, self.journal.problem)))
+
+    def _with_storage(self, health: Health) -> Health:
+        values = {**health.values, "journal": self.journal.status} if self.journal.status else health.values
+        if not self._storage_problem:
             return dataclasses.replace(health, values=values)
+        found = self._storage_problem
         text = found if health.level is Level.OK else f"{health.text}; {found}"
-        level = Level.ERROR if self.journal.stale else Level.WARN
-        return Health(level=max(health.level, level), text=text, values=values)
+        bad = self.state.status or self.journal.stale
+        return Health(level=max(health.level, Level.ERROR if bad else Level.WARN), text=text, values=values)
+
+    def _check_storage(self, now_s: float) -> None:
+        """Reports at once that a file can no longer be written."""
+        found = self._find_storage_problem()
+        if found != self._storage_problem:
+            self.get_logger().error(found)
+            self.publish_health(now_s, self._health)
 
     # ------------------------------------------------------------------ topics
 
@@ -323,6 +339,7 @@ class VehicleNode(BaseNode):
         now_s = self.now_s()
         for handler in self._handlers.values():
             handler.handle(now_s)
+        self._check_storage(now_s)
 
     def _on_matched(self) -> None:
         self._matched = True

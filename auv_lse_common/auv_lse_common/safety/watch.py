@@ -181,8 +181,13 @@ class SafetyWatch:
         """Whether the autopilot has been heard, or there is none."""
         return self._autopilot is None or self._link_known
 
+    @property
+    def under_water(self) -> bool | None:
+        """Whether the vehicle is under water; None if its depth is unknown."""
+        return None if self._place is None else not self._afloat
+
     def snapshot(self) -> dict[str, Any]:
-        """State for a journal that reports do not restore."""
+        """State that outlives the process and that reports do not restore."""
         return {"ran_s": self._ran_s, "was_inside": self._was_inside}
 
     def restore(self, values: Mapping[str, Any]) -> None:

@@ -10,6 +10,9 @@ acts like the command HOLD, SURFACE or ABORT, and is remembered until RESET: GO 
 In state RUNNING, while the autopilot is not ready, the status is WAITING if the vehicle has not moved yet, else
 HOLDING; the mission continues by itself when the autopilot is ready again. Commands can only strengthen the response
 to a tripped limit: HOLD does not replace SURFACE.
+
+After a reboot of the vehicle's computer (`pause`, then `after_reboot`) a mission that ran holds until the vehicle's
+depth is known. Under water it then resumes or surfaces. At the surface it waits for GO, which can reach it there.
 """
 
 from __future__ import annotations
@@ -164,7 +167,7 @@ class MissionRun:
         self._state = RunState.RUNNING if at_once else RunState.WAITING
         self._stop: Stop | None = None if at_once else _HOLD
         self._reason = "" if at_once else "waits for GO"
-        self._not_ready = ""
+        self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False
 
@@ -233,12 +236,37 @@ class MissionRun:
             self._travelled = True
 
     @property
+    def waits_for_go(self) -> bool:
+        """Whether the mission needs a GO to begin."""
+        return self._state is RunState.WAITING
+
+    def pause(self, reason: str) -> None:
+        """Holds a running mission until `after_reboot`."""
+        self._paused = reason
+
+    def after_reboot(self, under_water: bool, resume: bool) -> None:
+        """Ends the pause after a reboot, once it is known where the vehicle is.
+
+        Args:
+            under_water: Whether the vehicle is under water, where no GO arrives.
+            resume: Whether it resumes a running mission there; else it surfaces.
+        """
+        self._paused = ""
+        if self._state is RunState.RUNNING and under_water and not resume:
+            self.trip("reboot", _SURFACE, "the computer was restarted under water")
+        elif self._state is RunState.RUNNING and not under_water:
+            self._apply(Command.SURFACE, "the computer was restarted at the surface; GO resumes the mission")
+        elif self._state is RunState.HOLDING and under_water and self._stop == _HOLD:
+            self._stop = _SURFACE
+            self._reason += "; surfaces, because the computer was restarted under water, where no GO arrives"
+
+    @property
     def status(self) -> RunStatus:
         """The present status."""
         state, stop, reason = self._state, self._stop, self._reason
-        if state is RunState.RUNNING and self._not_ready:
-            state = RunState.HOLDING if self._travelled else RunState.WAITING
-            stop, reason = _HOLD, self._not_ready
+        if state is RunState.RUNNING and (self._not_ready or self._paused):
+            state = RunState.HOLDING if self._travelled or self._paused else RunState.WAITING
+            stop, reason = _HOLD, self._not_ready or self._paused
         return RunStatus(
             state=state,
             stop=stop,

@@ -184,7 +184,7 @@ def test_a_killed_process_leaves_a_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "safety.state"
     for _ in range(3):
         process = subprocess.Popen([sys.executable, "-c", writer, str(path)])
-        until, before = time.monotonic() + 20.0, path.read_bytes() if path.exists() else b""
+        until, before = time.monotonic() + 20.0, path.read_bytes() if path.exists() else bytes(100)
         while not path.exists() or path.read_bytes()[:100] == before[:100]:
             assert time.monotonic() < until
             time.sleep(0.02)

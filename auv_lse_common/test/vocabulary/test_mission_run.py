@@ -129,3 +129,31 @@ def test_a_restarted_mission_stands_as_it_did(state: RunState) -> None:
     again.restore(json.loads(json.dumps(run.snapshot())))
     assert again.status == run.status
     assert again.command(Command.GO, "test") == run.command(Command.GO, "test") != ""
+
+
+@pytest.mark.parametrize(
+    ("state", "under_water", "resume", "after", "stop"),
+    [
+        (RunState.RUNNING, True, True, RunState.RUNNING, None),
+        (RunState.RUNNING, True, False, RunState.HOLDING, SURFACE),
+        (RunState.RUNNING, False, True, RunState.HOLDING, SURFACE),
+        (RunState.HOLDING, True, True, RunState.HOLDING, SURFACE),
+        (RunState.HOLDING, False, True, RunState.HOLDING, HOLD),
+        (RunState.ABORTED, True, True, RunState.ABORTED, SURFACE),
+        (RunState.ABORTED, False, True, RunState.ABORTED, SURFACE),
+        (RunState.ENDED, True, True, RunState.ENDED, None),
+    ],
+)
+def test_after_a_reboot_a_mission_resumes_surfaces_or_waits_for_go_at_the_surface(
+    state: RunState, under_water: bool, resume: bool, after: RunState, stop: Stop | None
+) -> None:
+    run = MissionRun(at_once=True, on_abort=SURFACE)
+    run.restore(json.loads(json.dumps(in_state(state).snapshot())))
+    run.pause("rebooted")
+    if state is RunState.RUNNING:
+        assert (run.status.state, run.status.stop) == (RunState.HOLDING, HOLD), "until its depth is known"
+    run.after_reboot(under_water, resume)
+    assert (run.status.state, run.status.stop) == (after, stop)
+    if state is RunState.RUNNING and not under_water:
+        assert run.command(Command.GO, "test") == ""
+        assert run.status.state is RunState.RUNNING

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -274,6 +274,9 @@ class ModemBridge:
         self._slots.enter(slot)
         if self._slots.used or not self.tdma.may_send(now_s):
             return None
+        if self._tagger is not None and slot.start_s == self._tagger.sealed_s:  # by an earlier process
+            self._slots.used = True
+            return None
         plan = self._abort_plan() if self._plan is None and self.abort_calls.own else self._plan
         if plan is None:
             self._slots.reason = "plan"
@@ -284,9 +287,24 @@ class ModemBridge:
         self.remember("sent", now_s, samples[:, :4].tolist(), list(slot.key), self.loss)
         return payload
 
-    def skip_slot(self, now_s: float) -> None:
-        """Sends nothing in the slot of `now_s`: an earlier process may have used its tag, which is for one packet."""
-        self._slots.last = self.tdma.slot(now_s).key
+    def counters(self) -> dict[str, Any]:
+        """What authentication and obeyed aborts must not forget, as JSON values.
+
+        A packet from `poll` may be given to the modem once they are on the disk.
+        """
+        tags = {} if self._tagger is None else self._tagger.snapshot()
+        return {"tags": tags, "obeyed": sorted(self.abort_calls.obeyed)}
+
+    def restore_counters(self, values: Mapping[str, Any]) -> None:
+        """Continues from `counters`; call it after `recall`."""
+        if self._tagger is not None and values["tags"]:
+            self._tagger.restore(values["tags"])
+        self.abort_calls.obeyed = set(values["obeyed"])
+
+    def begin_era(self) -> None:
+        """Signs with a number that was never used: the last record of the slots used may be lost."""
+        if self._tagger is not None:
+            self._tagger.begin_era(anew=True)
 
     def ping(self, now_s: float) -> int | None:
         """The mate to ping now; mostly None (`Ranging.ping`)."""
@@ -317,7 +335,7 @@ class ModemBridge:
 
     def _requeue_unconfirmed(self, now_s: float) -> None:
         for packet in list(self._sent):
-            if not packet.confirmed and now_s - packet.then_s > self._confirm_s:
+            if not packet.confirmed and abs(now_s - packet.then_s) > self._confirm_s:
                 self.unconfirmed += 1
                 self.counts["unconfirmed"] += 1
                 self.not_sent(packet.then_s)

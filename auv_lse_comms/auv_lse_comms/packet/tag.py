@@ -20,8 +20,8 @@ import hmac
 import math
 import secrets
 from collections import deque
-from collections.abc import Callable, Iterable
-from typing import NoReturn
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NoReturn
 
 from auv_lse_comms.packet.codec import PacketError
 from auv_lse_comms.packet.fields import PACKET_BYTES
@@ -97,6 +97,17 @@ class Tagger:
             self.era = self._draw(ERA_BYTES)
             self._own_tags.clear()
             self.began(self.era)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The era, the last own slot, and the last slot and era accepted from each sender, as JSON values."""
+        accepted = [[source, slot_s, self.eras.get(source, b"").hex()] for source, slot_s in self.last_slot_s.items()]
+        return {"era": self.era.hex(), "sealed_s": self.sealed_s, "accepted": sorted(accepted)}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`."""
+        self.era, self.sealed_s = bytes.fromhex(values["era"]), values["sealed_s"]
+        for source, slot_s, era in values["accepted"]:
+            self.last_slot_s[source], self.eras[source] = slot_s, bytes.fromhex(era)
 
     def enter(self, slot_s: float) -> None:
         """Begins a new era if the clock was set back to before the last own packet; call it before `seal`.

@@ -72,7 +72,7 @@ class Team:
         if known is not None and known.plan == plan:
             known.last_heard_s = now_s
             return
-        if known is not None and plan.step < known.plan.step and now_s - known.last_heard_s < self._expiry_s:
+        if known is not None and plan.step < known.plan.step and not self._expired(known, now_s):
             return
         reference_step, earlier = float(plan.step), []
         if known is not None:
@@ -139,7 +139,7 @@ class Team:
             self._assume(int(vehicle), since_s)
 
     def _expired(self, mate: _Mate, now_s: float) -> bool:
-        return now_s - mate.last_heard_s >= self._expiry_s
+        return abs(now_s - mate.last_heard_s) >= self._expiry_s  # far in the future: the clock was set back
 
     def _path_ahead(self, mate: _Mate, now_s: float) -> PlannedPath:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))

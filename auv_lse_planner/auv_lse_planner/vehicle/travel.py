@@ -129,6 +129,17 @@ class Travel:
         else:
             self._next_leg = leg
 
+    def skip_to(self, step: int) -> None:
+        """Takes the steps before `step` as travelled, along legs that are not known; the next one is due at once."""
+        self.leg = self._next_leg = None
+        self.leg_started_s = math.nan
+        self.decided = step
+        self.finished = step >= self._steps
+
+    def restart_leg(self) -> None:
+        """While the mission does not run: counts the leg's time from when it runs again, as the clock may be wrong."""
+        self.leg_started_s = self._held_s
+
     def snapshot(self) -> dict[str, Any]:
         """The legs and their timing, for a journal; the vehicle's position comes with the next odometry."""
         legs = {"leg": self.leg, "next_leg": self._next_leg}
@@ -194,6 +205,8 @@ class Travel:
         if self.estimate is None:
             raise ValueError("decide: got no odometry yet; expected at least one message. Call it only when `due`")
         here = np.array([self.estimate.heading_rad, self.estimate.north_m, self.estimate.east_m])
+        if self.leg is None and self.decided:
+            return here, True
         if self.leg is None:
             v = self._vehicle
             start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])

@@ -321,6 +321,24 @@ class VehiclePlanner:
         self._surfacings.restore(values["surfacings"])
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
 
+    def resume_at(self, step: int) -> None:
+        """Continues at `step` after a restart: what was decided before it was published, and must not be repeated.
+
+        Args:
+            step: Number of steps decided. If `restore` knew fewer, the plan and legs of the others are lost.
+        """
+        if step > self._travel.decided:
+            self._travel.skip_to(step)
+
+    def forget_clock(self) -> None:
+        """After a reboot the clock may be wrong: counts the current leg's time anew. Call it while blocked."""
+        self._travel.restart_leg()
+
+    @property
+    def decided(self) -> int:
+        """Number of steps decided."""
+        return self._travel.decided
+
     # ------------------------------------------------------------------ parts of a decision
 
     @property

@@ -485,3 +485,39 @@ def test_restarted_planner_keeps_the_map_offset():
     leg = planners[0].decide(0.0).leg
     planners[1].restore(planners[0].snapshot())
     assert planners[1].in_odometry_frame(leg) == planners[0].in_odometry_frame(leg) != leg
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("has_journal", [True, False])
+def test_steps_that_a_journal_has_lost_are_skipped_and_not_repeated(method, has_journal):
+    """After power loss the state file has the step, and the journal an earlier one or none."""
+    s = settings({"method": method}, steps=12)
+    first = VehiclePlanner(1, s, np.random.default_rng(1))
+    _fly(first, OnlineGp(s.gp), until=3)
+    journal = first.snapshot() if has_journal else None
+    again = VehiclePlanner(1, s, np.random.default_rng(1))
+    if journal is not None:
+        again.restore(journal)
+    again.resume_at(6)
+    decisions = _fly(again, OnlineGp(s.gp))
+    assert [d.leg.step for d in decisions] == list(range(6, 12))
+    assert again.finished
+    over = VehiclePlanner(1, s, np.random.default_rng(1))
+    over.resume_at(12)
+    assert over.finished
+
+
+def test_a_leg_does_not_time_out_because_the_clock_was_wrong_after_a_reboot():
+    s = settings({"method": "plain"}, steps=4)
+    first = VehiclePlanner(1, s, np.random.default_rng(1))
+    (decision,) = _fly(first, until=1)
+    for clock_s in (0.0, 1e3, 1e9):
+        again = VehiclePlanner(1, s, np.random.default_rng(1))
+        again.set_blocked(0.0, "starting")
+        again.restore(first.snapshot())
+        again.forget_clock()
+        again.set_blocked(clock_s, "")
+        state = decision.leg.state_at(1.0)
+        again.odometry(clock_s + 1.0, *state)
+        assert "leg overdue" not in again.problems(clock_s + 5.0)
+        assert again._travel.overdue(clock_s + 200.0)

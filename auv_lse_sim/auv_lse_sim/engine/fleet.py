@@ -153,7 +153,7 @@ class VehicleCores:
         safety.watch.altitude(float(np.float32(output.altitude_m)))  # rounded as in Range
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
-        safety.watch.step(now_s, safety.run)
+        safety.step(now_s)
         self._to_planner.set_run_status(safety.run.status)
         self.bridge.abort_calls.own = safety.run.status.team_abort
         return safety.run.status.stop

@@ -28,6 +28,7 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.commands.security_policy import policy as policy_of
 from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import invalidate
 from auv_lse_common.topics.codecs import decode_mate_navigation
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.ros_conversions import header
@@ -251,7 +252,7 @@ def test_planner_node_plans_says_so_when_odometry_stops_and_goes_on_when_started
         assert again[0].end_north_m == waypoints[-1].end_north_m
 
 
-def test_nodes_whose_journal_is_out_of_date_hold_and_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk once let an aborted vehicle dive again: its journal ended before the abort."""
     journals = tmp_path / "journal"
     monkeypatch.setenv(FOLDER_VARIABLE, str(journals))
@@ -261,18 +262,18 @@ def test_nodes_whose_journal_is_out_of_date_hold_and_surface(tmp_path: Path, mon
             b.start("auv_lse_planner", node, PARAMETERS)
         states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
         b.until(lambda: states and states[-1].state == MissionState.RUNNING, "a mission that runs")
-        files = [journals / f"auv1.{node}.journal" for node in nodes]
-        b.until(lambda: all(file.exists() for file in files), "two journals")
+        files = [journals / f"auv1.{node}.state" for node in nodes]
+        b.until(lambda: all(file.exists() for file in files), "two state files")
         for keeper in b.keepers[-2:]:
             keeper.stop()
-        for file in files:  # as `Journal` leaves a file on a full disk
-            file.write_bytes(b"!" + file.read_bytes().split(b"\n")[0][1:] + b"\n")
+        for file in files:  # as a node leaves a file that it could not write
+            invalidate(file)
         states.clear()
         for node in nodes:
             b.start("auv_lse_planner", node, PARAMETERS)
         b.until(lambda: states, "the state after the restart")
         assert (states[0].state, states[0].action) == (MissionState.HOLDING, MissionState.SURFACE)
-        assert "out of date" in states[0].reason
+        assert "not trusted" in states[0].reason
         waypoints = b.collect(Waypoint, "/auv1/waypoint", LATCHED)
         odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data, readers=2)
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
@@ -286,7 +287,7 @@ def test_nodes_whose_journal_is_out_of_date_hold_and_surface(tmp_path: Path, mon
         b.until(planner_reports, "diagnostics of the planner")
         of_planner = [d.status[0] for d in diagnostics if d.status[0].name.endswith("planner_node")]
         assert of_planner[0].level == DiagnosticStatus.ERROR
-        assert "out of date" in of_planner[0].message
+        assert "not trusted" in of_planner[0].message
         assert not waypoints, "a mission must not restart at its first leg"
 
 

@@ -56,6 +56,11 @@ class SafetyConfig:
         choices=tuple(STOPS),
         help="what the vehicle does after an abort; go_to leads to vehicle.recovery_north_m, recovery_east_m",
     )
+    after_reboot: str = parameter(
+        "surface",
+        choices=("resume", "surface"),
+        help="what a running mission does after its computer was restarted under water; at the surface it waits for GO",
+    )
 
     def deepest_m(self, depth_m: float) -> float:
         """Largest depth (m) of a vehicle that travels at `depth_m`."""
