@@ -55,11 +55,11 @@ class Journalled(Fleet):
         to_map.step = step_and_write
         for kind, *values in planner.records:
             if kind == "heard":
-                cores.planner.hear(values[0], values[1], Plan.from_mapping(values[2]))
+                cores.planner.receive_plan(values[0], values[1], Plan.from_mapping(values[2]))
         decided = [values for kind, *values in planner.records if kind == "decided"]
         if decided:
             cores.planner.restore(decided[-1][0])
-        hear, decide = cores.planner.hear, cores.planner.decide
+        hear, decide = cores.planner.receive_plan, cores.planner.decide
 
         def hear_and_write(now_s: float, vehicle: int, plan: Plan) -> None:
             hear(now_s, vehicle, plan)
@@ -70,7 +70,7 @@ class Journalled(Fleet):
             planner.write("decided", cores.planner.snapshot())
             return decision
 
-        cores.planner.hear, cores.planner.decide = hear_and_write, decide_and_write
+        cores.planner.receive_plan, cores.planner.decide = hear_and_write, decide_and_write
         cores.bridge.recall(modem.records)
         cores.bridge.remember = modem.write
 
