@@ -6,7 +6,6 @@ after two seconds. The vehicle's ROS domain is that of ROS_DOMAIN_ID, else 0.
 
 import atexit
 from contextlib import ExitStack
-from datetime import datetime
 from pathlib import Path
 
 from launch import LaunchDescription
@@ -14,7 +13,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_common.commands.vehicle import begun_dive, crew_of
+from auv_lse_common.commands.vehicle import begun_dive, crew_of, open_dive, unused_folder
 from auv_lse_common.process.processes import LAST_STOP_S, RECORDER
 
 #: The reserved ROS domain, until the launch ends.
@@ -28,13 +27,13 @@ def _nodes(context):
 
     if not value("name") or not value("params_file"):
         raise ValueError("expected name:=auv2 params_file:=vehicles.yaml (ros2 launch ... --show-args lists them)")
-    out = Path(value("out") or f"dives/{datetime.now():%Y-%m-%d-%H%M%S}-{value('name')}").resolve()
-    record = None if not value("record") else _truth("record", value("record"))
-    crew = crew_of(
-        value("name"), Path(value("params_file")).resolve(), out, _truth("simulated", value("simulated")), record
-    )
+    file, simulated = Path(value("params_file")).resolve(), _truth("simulated", value("simulated"))
+    wanted_out = Path(value("out")) if value("out") else None
+    record, out = open_dive(value("name"), file, wanted_out, Path("dives"), simulated)
+    recorded = None if not value("record") else _truth("record", value("record"))
+    crew = crew_of(value("name"), file, out, simulated, recorded)
     common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
-    domain, dive = _RESERVED.enter_context(begun_dive(crew, None, Path(value("params_file")), out))
+    domain, dive = _RESERVED.enter_context(begun_dive(crew, None, file, out, record))
     dive = {**dive, "ROS_DOMAIN_ID": str(domain)}
     nodes = [
         Node(
@@ -50,7 +49,7 @@ def _nodes(context):
     if crew.recording is not None:
         # Not restarted, because its folder exists then. scripts/vehicle gives each start a new folder.
         out.mkdir(parents=True, exist_ok=True)
-        folder = {"record.folder": str(crew.recording)}
+        folder = {"record.folder": str(unused_folder(crew.recording))}
         recorder = {"package": RECORDER.package, "executable": RECORDER.executable, "output": "screen"}
         files = [str(crew.file), folder]
         nodes.insert(0, Node(**recorder, parameters=files, additional_env=dive, sigterm_timeout=str(LAST_STOP_S)))

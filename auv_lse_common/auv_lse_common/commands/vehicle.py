@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import re
 import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -18,10 +17,10 @@ from typing import Any
 
 import yaml
 
+from auv_lse_common.commands.dive_record import DiveRecord, StateFolderError
 from auv_lse_common.mission_file.parameter_file import merge, parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.process.domain import (
     DomainError,
@@ -80,8 +79,7 @@ class Crew:
         once = node_task(RECORDER, self.file)
 
         def command(start_number: int) -> Sequence[str]:
-            again = f"-{start_number + 1}" if start_number else ""  # a new folder for each start
-            return [*once.command(0), "-p", f"record.folder:={folder}{again}"]
+            return [*once.command(0), "-p", f"record.folder:={unused_folder(folder)}"]
 
         return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True)
 
@@ -139,17 +137,41 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     )
 
 
-def journal_folder(out: Path) -> Path:
-    """A new folder for the nodes' journals, so that no dive continues an earlier one.
+def unused_folder(folder: Path) -> Path:
+    """`folder`, or the first of `folder`-2, -3, ... that does not exist: each start of a recorder needs its own."""
+    number, unused = 1, folder
+    while unused.exists():
+        number += 1
+        unused = folder.with_name(f"{folder.name}-{number}")
+    return unused
+
+
+def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: bool) -> tuple[DiveRecord, Path]:
+    """The record of the dive that this start begins or continues, and its folder for logs and recording.
 
     Args:
-        out: The folder for logs and recording.
+        name: The vehicle, "auv2".
+        file: The mission's parameter file.
+        out: The folder for logs and recording; None: a new one in `dives`, or that of the dive to continue.
+        dives: The folder of all dives.
+        simulated: As `crew_of` takes it. Without `out`, each start of a simulated vehicle begins a new dive.
+
+    Raises:
+        ParameterError: as `crew_of`, or if `out` has a recording of another dive.
     """
-    return out / "journal" / f"{datetime.now():%Y-%m-%d-%H%M%S}-{os.getpid()}"
+    vehicle = vehicle_number(name)
+    own = parameters_for(read_parameter_file(file), f"/auv{vehicle}/settings")
+    new = (out or dives / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{vehicle}").resolve()
+    record = DiveRecord(new if out or simulated or "sim" in own else dives.resolve(), vehicle, file.resolve())
+    if record.continued is None and (new / "bag").exists():
+        raise ParameterError(f"--out {new}: contains a recording, {new / 'bag'}; expected a folder without one")
+    return record, new if out else record.continued or new
 
 
 @contextmanager
-def begun_dive(crew: Crew, wanted: str | None, file: Path, out: Path) -> Iterator[tuple[int, dict[str, str]]]:
+def begun_dive(
+    crew: Crew, wanted: str | None, file: Path, out: Path, record: DiveRecord
+) -> Iterator[tuple[int, dict[str, str]]]:
     """Reserves the ROS domain of a vehicle's dive for as long as the context lasts.
 
     Args:
@@ -157,19 +179,26 @@ def begun_dive(crew: Crew, wanted: str | None, file: Path, out: Path) -> Iterato
         wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
         file: The mission file; a simulator's is in its run folder.
         out: The folder for logs and recording.
+        record: The record of the dive, which is ended with the context.
 
     Returns:
-        The domain, and further variables of the nodes' environment: folder of their journals, id of the dive.
+        The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
 
     Raises:
         DomainError: if the domain is invalid or in use.
+        StateFolderError: if the nodes' state could not be kept.
     """
     simulator = simulator_of(file.resolve().parent) if crew.simulated else None
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
     with vehicle_domain(domain, crew.vehicle, crew.simulated):
         dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
-        note_run(domain, out, dive, crew.vehicle)
-        yield domain, {FOLDER_VARIABLE: str(journal_folder(out)), DIVE_VARIABLE: dive}
+        variables = record.begin(out, dive)
+        with suppress(OSError):  # a full disk must not keep a vehicle from continuing
+            note_run(domain, out, variables[DIVE_VARIABLE], crew.vehicle)
+        try:
+            yield domain, variables
+        finally:
+            record.end()
 
 
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
@@ -224,16 +253,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = project_folder()
     stack = ExitStack()
     try:
-        number = vehicle_number(options.name)
-        out = options.out or root / "dives" / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{number}"
-        out = out.resolve()
-        if (out / "bag").exists():
-            raise ParameterError(f"--out {out}: contains a recording, {out / 'bag'}; expected a folder without one")
+        number, out = vehicle_number(options.name), options.out
+        record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)
-        domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out))
-    except (ParameterError, LaunchError, DomainError) as error:
+        domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out, record))
+    except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -241,7 +267,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     with stack:
         follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
-        _say(f"auv{number}: ROS domain {domain}{follows}; dive {variables[DIVE_VARIABLE]}; logs in {out / 'logs'}")
+        dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
+        _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
         environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
         return _keep_running(crew, tasks, out / "logs", environment | variables)
 

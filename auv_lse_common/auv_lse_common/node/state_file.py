@@ -131,18 +131,13 @@ class StateFile:
     def _read(self, data: bytes) -> None:
         if self.lost:
             return
-        if len(data) != FILE_BYTES:
-            self._set_lost(f"has {len(data)} bytes; expected {FILE_BYTES}")
+        try:
+            self._sequence, self._text = _newest(data)
+        except ValueError as error:
+            self._set_lost(str(error))
             return
-        slots = [_slot(data[:SLOT_BYTES]), _slot(data[SLOT_BYTES:])]
-        whole = sorted((slot for slot in slots if slot), key=lambda slot: slot[0])
-        numbers = [number for number, _ in whole]
-        if None in slots or (len(whole) == 1 and numbers != [1]) or (len(whole) == 2 and numbers[0] + 1 != numbers[1]):
-            self._set_lost("is damaged, or could not be written")
+        if not self._text:
             return
-        if not whole:
-            return
-        self._sequence, self._text = whole[-1]
         document = json.loads(self._text)
         if document["identity"] != self._identity:
             self._set_lost("belongs to a mission with other parameters")
@@ -225,6 +220,40 @@ def invalidate(path: Path) -> None:
             _write(file, _INVALID, slot)
     finally:
         os.close(file)
+
+
+def read_state(path: Path) -> dict[str, Any] | None:
+    """The values in a state file, which stays as it is.
+
+    Returns:
+        The values; empty if nothing was written yet; None if the file is not trusted, or cannot be read.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+    """
+    try:
+        _, text = _newest(path.read_bytes())
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError):
+        return None
+    if not text:
+        return {}
+    document = json.loads(text)
+    values: dict[str, Any] = document["values"]
+    return values if values or not document["lost"] else None
+
+
+def _newest(data: bytes) -> tuple[int, bytes]:
+    """Sequence and text of the newest slot; 0 and b"" if both are blank. Raises ValueError if a file is not trusted."""
+    if len(data) != FILE_BYTES:
+        raise ValueError(f"has {len(data)} bytes; expected {FILE_BYTES}")
+    slots = [_slot(data[:SLOT_BYTES]), _slot(data[SLOT_BYTES:])]
+    whole = sorted((slot for slot in slots if slot), key=lambda slot: slot[0])
+    numbers = [number for number, _ in whole]
+    if None in slots or (len(whole) == 1 and numbers != [1]) or (len(whole) == 2 and numbers[0] + 1 != numbers[1]):
+        raise ValueError("is damaged, or could not be written")
+    return whole[-1] if whole else (0, b"")
 
 
 def _create(path: Path) -> None:

@@ -1,0 +1,138 @@
+"""Which dive a vehicle is on: read at the next start, so that a dive continues after a reboot.
+
+Theory of operation
+-------------------
+`begin` allocates the nodes' state files and then records the dive in a state file of its own, `auv2.dive`. `end` marks
+the dive as over when its nodes were ended, unless the vehicle is under water. The next start continues a dive that is
+not over and has the same mission file. It is over, too, if its mission never ran, or has ended, and the vehicle was at
+the surface. If the record cannot be trusted, the nodes begin with invalid state files: the vehicle surfaces and holds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile, allocate, invalidate, read_state
+from auv_lse_common.process.dive import DIVE_VARIABLE
+from auv_lse_common.vocabulary.mission_run import RunState
+
+
+class StateFolderError(OSError):
+    """The state of a mission could not be kept."""
+
+
+class DiveRecord:
+    """The record of one vehicle's dives.
+
+    Attributes:
+        continued: Folder for logs and recording of the dive to continue; None: a new dive begins.
+    """
+
+    def __init__(self, folder: Path, vehicle: int, mission_file: Path) -> None:
+        """Reads the record, and writes nothing.
+
+        Args:
+            folder: The folder of the record.
+            vehicle: Number of the vehicle.
+            mission_file: Its mission file; another one is a new dive.
+        """
+        self.continued: Path | None = None
+        self._path = folder / f"auv{vehicle}.dive"
+        self._vehicle = vehicle
+        content = mission_file.read_bytes() if mission_file.is_file() else b""
+        self._mission = hashlib.sha256(f"{mission_file}\n".encode() + content).hexdigest()[:16]
+        self._values: dict[str, Any] = {}
+        self._file: StateFile | None = None
+        try:
+            values = read_state(self._path)
+        except FileNotFoundError:
+            values = {}
+        self._lost = values is None
+        if values and values["mission"] == self._mission and not values["over"] and not self._is_over(values):
+            self.continued, self._values = Path(values["out"]), values
+
+    def begin(self, out: Path, dive: str) -> dict[str, str]:
+        """Begins the dive, or continues the recorded one.
+
+        Args:
+            out: Folder for logs and recording of a new dive.
+            dive: Id of a new dive.
+
+        Returns:
+            Variables of the nodes' environment: folder of journals and state files, id of the dive, and of this start.
+
+        Raises:
+            StateFolderError: if there is no room for the state files of a new dive, or no permission.
+        """
+        if self.continued is None:
+            # A new folder, so that no dive continues an earlier one.
+            journals = out / "journal" / f"{datetime.now():%Y-%m-%d-%H%M%S}-{os.getpid()}"
+            self._values = {
+                "mission": self._mission,
+                "out": str(out),
+                "journals": str(journals),
+                "dive": dive,
+                "over": False,
+            }
+            self._allocate(journals)
+        return {
+            FOLDER_VARIABLE: self._values["journals"],
+            DIVE_VARIABLE: self._values["dive"],
+            START_VARIABLE: secrets.token_hex(4),
+        }
+
+    def end(self) -> None:
+        """Marks the dive as over, unless the vehicle is under water."""
+        if not self._values or self._under_water(self._values) is not False:
+            return
+        self._values["over"] = True
+        (self._file or StateFile(self._path, {})).write(self._values)
+
+    def _allocate(self, journals: Path) -> None:
+        try:
+            for node in NODES:
+                path = self._state_path(str(journals), node)
+                allocate(path)
+                if self._lost:
+                    invalidate(path)
+            if not self._path.exists():
+                allocate(self._path)
+        except OSError as error:
+            raise StateFolderError(
+                f"{journals}: no place for the state of the mission: {error.strerror or error}. No mission starts "
+                "whose state a restart would lose: free space, or name another folder by --out"
+            ) from error
+        self._file = StateFile(self._path, {})
+        if not self._file.write(self._values):
+            raise StateFolderError(f"{self._file.problem}. No mission starts whose state a restart would lose")
+
+    def _state_path(self, journals: str, node: str) -> Path:
+        return Path(journals) / f"auv{self._vehicle}.{node}.state"
+
+    def _safety(self, values: dict[str, Any]) -> dict[str, Any] | None:
+        return read_state(self._state_path(values["journals"], "safety_node"))
+
+    def _under_water(self, values: dict[str, Any]) -> bool | None:
+        """Whether the vehicle was under water last; None if the state is not trusted."""
+        try:
+            safety = self._safety(values)
+        except FileNotFoundError:
+            return False
+        return None if safety is None else bool(safety and safety["under_water"])
+
+    def _is_over(self, values: dict[str, Any]) -> bool:
+        """Whether a dive that nobody ended is over."""
+        try:
+            safety = self._safety(values)
+        except FileNotFoundError:  # somebody has cleared the folder
+            return True
+        if safety is None:
+            return False
+        idle = (RunState.WAITING, RunState.ENDED)
+        return not safety or (not safety["under_water"] and safety["run"]["state"] in idle)
