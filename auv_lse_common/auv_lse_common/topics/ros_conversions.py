@@ -62,7 +62,8 @@ def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
             continue
         if isinstance(value, list) and value and isinstance(value[0], Mapping):
             kind = _element_class(type(message), name)
-            value = [_filled(kind(), each) for each in value]
+            messages = {id(each): _filled(kind(), each) for each in value}  # ends of a line's segments come twice
+            value = [messages[id(each)] for each in value]
         elif isinstance(value, np.ndarray) and isinstance(current := getattr(message, name), array.array):
             value = array.array(current.typecode, value.astype(current.typecode).tobytes())  # without a Python loop
         elif isinstance(value, int) and isinstance(getattr(message, name), bytes):  # a field of type byte
