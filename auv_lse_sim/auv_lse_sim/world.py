@@ -18,6 +18,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
@@ -36,8 +37,7 @@ class VehicleOutput:
     """The output of one tick for one vehicle.
 
     Attributes:
-        soundings: Stamp (s), estimated north and east (m), measured water depth (m), dead-reckoned north and east (m),
-            shape (n, 6), by time.
+        soundings: Soundings completed in this tick, by time.
         odometry: The vehicle's own estimate at the tick's end.
         dead_reckoning: Its dead reckoning at the tick's end.
         fixes: Fixes completed in this tick, by time.
@@ -48,7 +48,7 @@ class VehicleOutput:
         truth: Its true state.
     """
 
-    soundings: Array
+    soundings: Soundings
     odometry: NavigationEstimate
     dead_reckoning: DeadReckoning
     fixes: list[Fix]
@@ -143,7 +143,7 @@ class World:
         for i, (number, vehicle) in enumerate(self.vehicles.items()):
             soundings = vehicle.sense(water[i * n : (i + 1) * n])
             output[number] = VehicleOutput(
-                soundings=soundings,
+                soundings=Soundings.from_rows(soundings),
                 odometry=vehicle.odometry(now_s),
                 dead_reckoning=vehicle.dead_reckoning(now_s),
                 fixes=vehicle.fixes,

@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.lake import SyntheticLake
 from auv_lse_sim.world import World
@@ -42,9 +43,9 @@ def fly(w: World, ticks: int, tick_s: float = 1.0):
 def test_ideal_soundings_are_the_ground():
     outputs = fly(world(ideal=True), 60)
     for k in (1, 2):
-        soundings = np.concatenate([o[k].soundings for o in outputs])
+        soundings = Soundings.join(o[k].soundings for o in outputs)
         assert len(soundings) == 60  # one a second
-        assert np.abs(soundings[:, 3] - SLOPE.depth_m(soundings[:, 1], soundings[:, 2])).max() < 1e-9
+        assert np.abs(soundings.depth_m - SLOPE.depth_m(soundings.north_m, soundings.east_m)).max() < 1e-9
         last = outputs[-1][k]
         assert last.altitude_m == pytest.approx(last.truth.water_m - last.truth.depth_m)
         assert last.pressure_depth_m == pytest.approx(2.0 + k)
@@ -55,11 +56,11 @@ def test_soundings_belong_to_the_true_place_but_carry_the_estimated_one():
         1, compass={"bias_deg": 8.0}, altimeter={"ideal": True}, pressure={"ideal": True}, dynamics={"ideal": True}
     )
     outputs = fly(w, 300)
-    soundings = np.concatenate([o[1].soundings for o in outputs])[10:]
+    soundings = Soundings.join(o[1].soundings for o in outputs)[10:]
     truth = np.array([[o[1].truth.stamp_s, o[1].truth.north_m, o[1].truth.east_m] for o in outputs])
-    north, east = (np.interp(soundings[:, 0], truth[:, 0], truth[:, i]) for i in (1, 2))
-    assert np.abs(soundings[:, 3] - SLOPE.depth_m(north, east)).max() < 0.01
-    assert np.hypot(soundings[:, 1] - north, soundings[:, 2] - east)[-1] > 2.0
+    north, east = (np.interp(soundings.stamp_s, truth[:, 0], truth[:, i]) for i in (1, 2))
+    assert np.abs(soundings.depth_m - SLOPE.depth_m(north, east)).max() < 0.01
+    assert np.hypot(soundings.north_m - north, soundings.east_m - east)[-1] > 2.0
     e = outputs[-1][1]
     assert e.odometry.north_m == pytest.approx(w.vehicles[1].state[0])
 
@@ -69,7 +70,7 @@ def test_stamps_are_within_their_tick_and_grow():
     for k in (1, 2, 3):
         last = 0.0
         for i, output in enumerate(outputs, 1):
-            stamps = output[k].soundings[:, 0]
+            stamps = output[k].soundings.stamp_s
             assert (stamps <= i).all()
             assert (stamps > last).all()
             last = max([last, *stamps])
@@ -196,7 +197,7 @@ def test_ticks_need_not_hold_whole_sub_steps(tick_s, rate_hz):
     leg = Leg(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, action_rad=0.0, radius_m=15.0, straight_m=500.0)
     w.command(1, leg)
     ticks = round(21.0 / tick_s)
-    stamps = [s for i in range(1, ticks + 1) for s in w.tick(i * tick_s)[1].soundings[:, 0]]
+    stamps = [s for i in range(1, ticks + 1) for s in w.tick(i * tick_s)[1].soundings.stamp_s]
     assert len(stamps) == 21.0 * rate_hz
     assert np.allclose(np.diff(stamps), 1.0 / rate_hz)
     assert w.positions()[1][0] == pytest.approx(21.0 * 1.5, abs=1e-6)

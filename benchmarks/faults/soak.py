@@ -56,8 +56,9 @@ def _loaded(
     output: VehicleOutput, fleet: Fleet, now_s: float, corners: NDArray[np.float64], rng: np.random.Generator
 ) -> VehicleOutput:
     """A tick's output with soundings at `SOUNDINGS_HZ`, and the packets of those that babble."""
-    rows = np.repeat(output.soundings, max(1, SOUNDINGS_HZ // max(1, len(output.soundings))), axis=0)
-    rows[:, 3] += 0.05 * rng.standard_normal(len(rows))
+    count = len(output.soundings)
+    repeated = output.soundings[np.repeat(np.arange(count), max(1, SOUNDINGS_HZ // max(1, count)))]
+    noisy_m = repeated.depth_m + 0.05 * rng.standard_normal(len(repeated))
     arrivals = list(output.arrivals)
     for number in range(BABBLERS * PACKETS_HZ if fleet.settings.mission.vehicles > BABBLERS else 0):
         places = rng.uniform(corners.min(axis=0), corners.max(axis=0), (15, 2))
@@ -77,7 +78,7 @@ def _loaded(
             why="",
         )
         arrivals.append(arrival)
-    return dataclasses.replace(output, soundings=rows, arrivals=arrivals)
+    return dataclasses.replace(output, soundings=dataclasses.replace(repeated, depth_m=noisy_m), arrivals=arrivals)
 
 
 def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[Sample], Fleet]:

@@ -144,8 +144,7 @@ def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Cloc
     def at(then_s: float) -> float:
         return then_s + mine(then_s)
 
-    soundings = output.soundings.copy()
-    soundings[:, 0] = [at(then_s) for then_s in soundings[:, 0]]
+    stamps_s = np.array([at(then_s) for then_s in output.soundings.stamp_s])
     arrivals = []
     for a in output.arrivals:
         ahead_s = senders(a.source)(a.sent_s)
@@ -157,7 +156,7 @@ def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Cloc
         )
     return dataclasses.replace(
         output,
-        soundings=soundings,
+        soundings=dataclasses.replace(output.soundings, stamp_s=stamps_s),
         arrivals=arrivals,
         odometry=dataclasses.replace(output.odometry, stamp_s=at(output.odometry.stamp_s)),
         dead_reckoning=dataclasses.replace(output.dead_reckoning, stamp_s=at(output.dead_reckoning.stamp_s)),

@@ -91,6 +91,11 @@ def record_decoder(kind: type) -> Decode:
 # Where vehicles are ------------------------------------------------------------------------------------------------
 
 
+#: From (heading, north, east) to (x east, y north, yaw = pi/2 - heading), and their rows in a pose's covariance.
+_TO_ENU = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+_ENU_ROWS = np.ix_([0, 1, 5], [0, 1, 5])
+
+
 def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
     """Odometry of anything with the attributes of `DeadReckoning`, and of `Odometry` as far as it has them."""
     x, y, z, w = quaternion_from_heading(float(value.heading_rad))
@@ -98,17 +103,17 @@ def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
         "position": {"x": float(value.east_m), "y": float(value.north_m), "z": -float(value.depth_m)},
         "orientation": {"x": x, "y": y, "z": z, "w": w},
     }
-    matrix = np.zeros((6, 6))
+    placed: Fields = {"pose": pose}
     if (covariance := getattr(value, "covariance", None)) is not None:
-        to_enu = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # x east, y north, yaw = pi/2 - heading
-        enu = np.array([0, 1, 5])
-        matrix[np.ix_(enu, enu)] = to_enu @ np.asarray(covariance) @ to_enu.T
+        matrix = np.zeros((6, 6))
+        matrix[_ENU_ROWS] = _TO_ENU @ np.asarray(covariance) @ _TO_ENU.T
+        placed["covariance"] = matrix.ravel()
     speed, yaw_rate = getattr(value, "speed_mps", 0.0), getattr(value, "yaw_rate_radps", 0.0)
     twist = {"linear": {"x": float(speed)}, "angular": {"z": 0.0 - float(yaw_rate)}}
     return {
         "header": header_fields(value.stamp_s),
         "child_frame_id": f"{frame}{vehicle}",
-        "pose": {"pose": pose, "covariance": matrix.ravel()},
+        "pose": placed,
         "twist": {"twist": twist},
     }
 

@@ -57,10 +57,10 @@ def _element_class(kind: Any, field: str) -> Any:
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
     for name, value in fields.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, dict):
             _filled(getattr(message, name), value)
             continue
-        if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        if isinstance(value, list) and value and isinstance(value[0], dict):
             kind = _element_class(type(message), name)
             messages = {id(each): _filled(kind(), each) for each in value}  # ends of a line's segments come twice
             value = [messages[id(each)] for each in value]

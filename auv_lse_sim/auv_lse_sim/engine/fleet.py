@@ -59,7 +59,7 @@ class _Log:
     dead_reckoning: list[tuple[float, float, float, float, float]] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
-    soundings: list[Array] = field(default_factory=list)
+    soundings: list[Soundings] = field(default_factory=list)
     received: list[Soundings] = field(default_factory=list)
     decisions: list[DecisionRecord] = field(default_factory=list)
 
@@ -344,7 +344,7 @@ class Fleet:
                     vehicle=cores.vehicle,
                     truth=np.array(cores.log.truth).reshape(-1, 4),
                     odometry=np.array(cores.log.odometry).reshape(-1, 4),
-                    soundings=Soundings.from_rows(np.concatenate([np.empty((0, 6)), *cores.log.soundings])),
+                    soundings=Soundings.join(cores.log.soundings),
                     dead_reckoning=np.array(cores.log.dead_reckoning).reshape(-1, 5),
                     fixes=cores.log.fixes,
                     mates=cores.log.mates,

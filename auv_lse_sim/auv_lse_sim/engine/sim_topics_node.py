@@ -11,7 +11,6 @@ from auv_lse_common.topics.quality import writer_quality
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.topics.ros_conversions import encoded, message_class
 from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name, reader_count
-from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_msgs.msg import MissionCommand
 from auv_lse_sim.engine.conversions import odometry_of, pressure_pa, reception_of
 from auv_lse_sim.engine.simulation import Simulation
@@ -52,8 +51,8 @@ class VehicleTopics:
     def publish(self, output: VehicleOutput) -> None:
         """Publishes the last tick's output for the vehicle's nodes, except what emulated hardware delivers."""
         k, now_s, links = self._vehicle, self._sim.now_s, self._sim.links
-        for row in output.soundings:
-            self._publish("sounding", Sounding(*row))
+        for sounding in output.soundings:
+            self._publish("sounding", sounding)
         if k not in links.modems:
             for arrival in output.arrivals:
                 self._publish("modem/rx", reception_of(arrival))
