@@ -1,4 +1,4 @@
-"""gp_node keeps a vehicle's map: soundings and team samples in; kernel centers, field, risk and isobath out."""
+"""gp_node: maintains a vehicle's map from soundings and team samples; publishes centers, field, risk and isobath."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ class GpNode(VehicleNode):
     """gp_node: the map of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Builds the map from the parameters and wires the topics."""
         super().__init__("gp_node")
         config = section(GpConfig, self.parameters, "gp", self.where)
         level_set = section(LevelSet, self.parameters, "level_set", self.where)
@@ -67,11 +66,11 @@ class GpNode(VehicleNode):
             self._intake.add_samples(float(packet.stamp_s[0]), int(packet.vehicle[0]), packet.points_m)
 
     def step(self, now_s: float) -> None:
-        """Takes new inputs and publishes what changed."""
+        """Applies new inputs and publishes changes."""
         began = time.perf_counter()
         waiting = self._intake.waiting() if self.journal.kept else {}
         taken = self._intake.step(now_s)
-        if waiting:  # only now: inputs that crash the map must not come back at every start
+        if waiting:  # written afterwards, so that inputs that crash the map are not repeated at every start
             self.journal.write("step", waiting, now_s)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1

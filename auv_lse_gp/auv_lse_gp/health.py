@@ -13,11 +13,10 @@ QUIET_S = 60.0
 
 
 def map_totals(depth_map: DepthMap, gated: Mapping[str, int]) -> dict[str, int]:
-    """Total numbers of problems by name: soundings refused or discarded, samples that do not fit.
+    """Total numbers of problems by name: rejected or discarded soundings, samples that do not fit.
 
     Args:
-        depth_map: The map.
-        gated: Own soundings that the gate has rejected, by kind.
+        gated: Number of own soundings rejected by the gate, by kind.
     """
     counts = depth_map.counts
     return {
@@ -37,15 +36,12 @@ def map_health(
     corrector: PositionCorrector | None = None,
     quiet_s: float = 0.0,
 ) -> Health:
-    """Health of a map: warns of recent problems, and lists total numbers.
+    """Health of a map: warns of recent problems and lists total numbers.
 
     Args:
-        depth_map: The map.
         update_s: Wall-clock time of its last update (s).
         field_s: Wall-clock time of the last field and isobath (s).
-        gated: Own soundings that the gate has rejected, by kind.
         recent: Recent increase of the `map_totals` (`Recent`).
-        corrector: The corrector of its soundings' positions, if any.
         quiet_s: Time without a sounding of this vehicle (s).
     """
     counts = depth_map.counts

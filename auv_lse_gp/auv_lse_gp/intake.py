@@ -1,4 +1,4 @@
-"""Inputs of a vehicle's map, which it takes once per tick."""
+"""Queues the inputs of a vehicle's map and applies them once per tick."""
 
 from __future__ import annotations
 
@@ -19,17 +19,14 @@ from auv_lse_gp.places.position_corrector import PositionCorrector
 
 
 class MapIntake:
-    """Queues soundings, samples and navigation for the map, and takes them in a fixed order.
+    """Queues soundings, samples and navigation for the map, and applies them in a fixed order.
 
     Attributes:
-        map: The map.
-        corrector: Corrects the positions of soundings; None: they stay at their estimated positions.
-        gate: The gate for own soundings.
-        sounded_s: Time of the last step with a sounding of this vehicle (s), at first of the first step.
+        corrector: Corrects the positions of soundings; None: uses their estimated positions.
+        sounded_s: Time (s) of the last step with a sounding of this vehicle, initially of the first step.
     """
 
     def __init__(self, depth_map: DepthMap, corrector: PositionCorrector | None = None) -> None:
-        """Starts without inputs."""
         self.map = depth_map
         self.corrector = corrector
         self.gate = SoundingGate()
@@ -41,7 +38,7 @@ class MapIntake:
         self._mates: list[MateNavigation] = []
 
     def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Queues own soundings, each with the fields of `Sounding` in order; the raw position may be left out."""
+        """Queues own soundings as rows of the fields of `Sounding` in order; the raw position is optional."""
         self._soundings.extend(Sounding(*row) for row in rows)  # type: ignore[arg-type]  # vehicle: a whole number
 
     def add_samples(self, stamp_s: float, source: int, samples: ArrayLike) -> None:
@@ -49,7 +46,7 @@ class MapIntake:
         self._samples.append((stamp_s, source, samples))
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """Queues the vehicle's raw position; without a corrector, navigation is ignored."""
+        """Queues the vehicle's raw position; ignored without a corrector, like all navigation."""
         if self.corrector is not None:
             self._tracks.append(place)
 
@@ -89,7 +86,7 @@ class MapIntake:
         With a corrector, navigation comes before the soundings that it positions, and the correction comes last.
 
         Returns:
-            False if there were no soundings or samples, and no position was corrected.
+            Whether there were soundings or samples, or positions were corrected.
         """
         waited = bool(self._soundings or self._samples)
         has_sounding = any(math.isfinite(sounding.depth_m) for sounding in self._soundings)

@@ -1,9 +1,8 @@
 """Reads soundings from tables (CSV) and npz grids.
 
-A table is a header, then rows, separated by comma, semicolon, tab or blanks. Lines that begin with # are skipped, and
-columns with other names ignored. Places are in metres (north_m, east_m, or northing, easting), in degrees (lat, lon),
-or both. Depths are depth_m, positive down, or elevation_m, positive up. `read_table` returns the columns unchanged,
-`local_places` the places in metres from a local origin.
+A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # and
+columns with other names are ignored. Places are in metres (north_m, east_m, or northing, easting), in degrees (lat,
+lon), or both. Depths are depth_m, positive down, or elevation_m, positive up.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 
 Array = NDArray[np.float64]
 
-#: Places that are all farther than this from the local origin are no local coordinates (UTM, a wrong origin).
+#: If all places are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong origin).
 FAR_M = 100_000.0
 
-#: Values that programs write, with either sign, for missing data.
+#: Values that commonly mark missing data, with either sign.
 NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 
 #: Accepted column names, in lower case.
@@ -43,7 +42,7 @@ _EXPECTED_COLUMNS = (
     "are positive up)"
 )
 
-#: Exceptions of numpy and zipfile for a file that is no npz file, or is damaged.
+#: Exceptions of numpy and zipfile for a file that is damaged or not an npz file.
 _BROKEN_NPZ = (
     ValueError, EOFError, OSError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError,
     MemoryError, OverflowError, SyntaxError, TypeError,
@@ -59,7 +58,6 @@ class SoundingsTable:
     """The columns of a table of soundings, unchanged. All arrays have shape (n,).
 
     Attributes:
-        path: The file.
         lines: Line number of each sounding.
         depth_name: Name of the column of depths or elevations.
         upward: Whether the values are elevations, positive up.
@@ -85,9 +83,9 @@ class LocalPlaces:
 
     Attributes:
         north_m, east_m: Places (m), shape (n,).
-        origin: WGS84 latitude and longitude (deg) of the local origin, None if unknown.
+        origin: WGS84 latitude and longitude (deg) of the local origin; None if unknown.
         from_degrees: Whether the places come from lat, lon rather than from metres.
-        notes: Remarks for the user on how they were found.
+        notes: Remarks for the user on how the places were computed.
     """
 
     north_m: Array
@@ -147,7 +145,7 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
         known = np.isfinite(grid.values) & ~is_no_data(grid.values)
         rows, columns = np.nonzero(known)
         if len(rows) == 0:
-            raise SoundingsError(f"{path}: holds no sounding")
+            raise SoundingsError(f"{path}: got no sounding; expected at least one")
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
@@ -170,11 +168,10 @@ def is_far(north_m: Array, east_m: Array) -> bool:
 def local_places(table: SoundingsTable, origin: tuple[float, float] | None = None) -> LocalPlaces:
     """A table's places in metres from a local origin.
 
-    Metres are used unchanged, and degrees, if also given, determine the origin. With degrees, metres far from any local
-    origin (projected coordinates) are ignored.
+    Metres are used unchanged; degrees, if also given, determine the origin. If degrees are given, metres far from any
+    local origin (projected coordinates) are ignored.
 
     Args:
-        table: The table.
         origin: WGS84 latitude and longitude (deg) of the local origin for a table with degrees only; by default the
             middle of the soundings.
     """
@@ -185,14 +182,14 @@ def local_places(table: SoundingsTable, origin: tuple[float, float] | None = Non
             return LocalPlaces(north_m=north, east_m=east, origin=origin)
         if not is_far(north, east):
             fitted = _origin_of(north, east, lat, lon)
-            notes = () if fitted is not None else ("lat, lon do not fit east_m, north_m and are not used",)
+            notes = () if fitted is not None else ("lat, lon ignored: they do not match east_m, north_m",)
             return LocalPlaces(north_m=north, east_m=east, origin=fitted, notes=notes)
-        notes = ("metres far from any local origin (projected?) are not used, but lat, lon",)
+        notes = ("metres ignored: far from any local origin (projected?); using lat, lon",)
     assert lat is not None
     assert lon is not None
     if origin is None:
         origin = (float((lat.min() + lat.max()) / 2.0), longitude_180(float((lon.min() + lon.max()) / 2.0)))
-        notes = (*notes, "origin put at the middle of the soundings")
+        notes = (*notes, "origin set to the middle of the soundings")
     north, east = local_from_geodetic(lat, lon, *origin)
     return LocalPlaces(north_m=north, east_m=east, origin=origin, from_degrees=True, notes=notes)
 
@@ -203,7 +200,7 @@ def longitude_180(lon_deg: float) -> float:
 
 
 def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float, float] | None:
-    """The origin for which the local coordinates are the azimuthal equidistant projection of the geodetic; or None."""
+    """The origin whose azimuthal equidistant projection maps lat, lon (deg) to north, east (m); None if none does."""
     design = np.stack([np.ones_like(north), north, east], axis=1)
     lat0 = float(np.linalg.lstsq(design, lat, rcond=None)[0][0])
     lon0 = float(np.linalg.lstsq(design, lon, rcond=None)[0][0])
@@ -234,7 +231,7 @@ def read_table(path: Path) -> SoundingsTable:
     try:
         return _parse_table(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        # Harmless in a comment; mentioned if the table cannot be read.
+        # Harmless in a comment; reported only if the table cannot be read.
         byte = f"byte {error.start} (0x{data[error.start]:02x}) is not UTF-8 text"
     try:
         return _parse_table(path, data.decode("utf-8-sig", errors="replace"))
@@ -278,7 +275,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     if len(marks):
         raise SoundingsError(
             f"{path}:{lines[marks[0]]}: {depth_name} is {arrays['depth'][marks[0]]:g}, as on {len(marks)} of "
-            f"{len(lines)} lines: a usual mark for no data; expected soundings only: take these lines out"
+            f"{len(lines)} lines: a common mark for missing data; expected soundings only. Remove these lines"
         )
     return SoundingsTable(
         path=path,
@@ -326,7 +323,7 @@ def read_npz_grid(path: Path) -> NpzGrid:
             arrays = {key: np.asarray(data[key]) for key in data.files} if hasattr(data, "files") else None
         except _BROKEN_NPZ as error:
             raise SoundingsError(
-                f"{path}: not a readable npz file, or a damaged one ({error}); expected arrays east_m, north_m, depth_m"
+                f"{path}: got a file that is damaged or not npz ({error}); expected arrays east_m, north_m, depth_m"
             ) from error
     if arrays is None:
         raise SoundingsError(

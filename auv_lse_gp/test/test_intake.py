@@ -34,7 +34,7 @@ def test_own_soundings_come_first_then_samples_by_stamp_and_source() -> None:
     assert len(own.map.centers) == 5
 
 
-def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
+def test_diagnostics_warn_of_rejected_soundings() -> None:
     own = intake()
     recent = Recent()
 
@@ -79,7 +79,7 @@ def test_diagnostics_warn_when_own_soundings_stop() -> None:
     assert health(200.0).text == "ok"
 
 
-def test_what_waits_goes_through_a_journal_to_the_last_bit() -> None:
+def test_queued_inputs_survive_the_journal_exactly() -> None:
     one, other = intake(), intake()
     one.add_soundings([(4.0, 50.1, 0.3, 11.7), (5.0, 100.0, 0.0, 12.0)])
     one.add_samples(2.0, 3, np.array([[250.0, 0.1, 15.0]]))

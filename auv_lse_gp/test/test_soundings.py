@@ -17,7 +17,7 @@ def test_tables_with_comments_and_other_separators(tmp_path, separator):
     assert read_soundings(path).tolist() == [[10.0, 20.0, 5.5], [11.0, 21.0, 6.0]]
 
 
-def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not_matter(tmp_path):
+def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
     path = tmp_path / "survey.csv"
     path.write_text("lat,lon,depth_m\n45.000,7.001,10\n45.002,7.001,11\n45.001,7.000,12\n45.001,7.002,13\n")
     soundings, origin = read_soundings_and_origin(path)
@@ -33,14 +33,14 @@ def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04 cut off", b"north_m,east_m,depth_m\n1,2,3\n"])
-def test_files_that_are_no_npz_are_named(tmp_path, data):
+def test_files_other_than_npz_are_named(tmp_path, data):
     path = tmp_path / "bad.npz"
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"bad\.npz: not a readable npz file, .*expected arrays east_m"):
+    with pytest.raises(ValueError, match=r"bad\.npz: got a file that is damaged or not npz.*expected arrays east_m"):
         read_soundings(path)
 
 
-def test_a_foreign_letter_is_named_where_the_table_cannot_be_read(tmp_path):
+def test_non_utf8_byte_is_named_if_the_table_cannot_be_read(tmp_path):
     path = tmp_path / "bad.csv"
     path.write_bytes("north_m,east_m,depth_m\n1,2,3 # Tiefe gemäß Lot\n".encode("latin-1"))
     with pytest.raises(SoundingsError, match=r"bad\.csv:2: depth_m is .*; byte 40 \(0xe4\) is not UTF-8 text"):
@@ -75,7 +75,7 @@ def test_grid_survey(tmp_path):
         ("", "0 lines; expected a header"),
     ],
 )
-def test_bad_files_are_named(tmp_path, text, message):
+def test_invalid_files_are_named(tmp_path, text, message):
     path = tmp_path / "bad.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
@@ -85,13 +85,13 @@ def test_bad_files_are_named(tmp_path, text, message):
 
 
 @pytest.mark.parametrize("names", [("northing", "easting"), ("Northing_m", "Easting_m"), ("y_m", "x_m")])
-def test_projected_metres_are_taken_as_they_are(tmp_path, names):
+def test_projected_metres_are_used_unchanged(tmp_path, names):
     path = tmp_path / "utm.csv"
     path.write_text(f"{names[0]},{names[1]},depth\n5262000,523000,7.5\n5262010,523020,8\n")
     assert read_soundings(path).tolist() == [[5262000.0, 523000.0, 7.5], [5262010.0, 523020.0, 8.0]]
 
 
-def test_degrees_place_what_is_projected(tmp_path):
+def test_degrees_replace_projected_metres(tmp_path):
     lat, lon = geodetic_from_local(np.array([-10.0, 10.0]), np.array([0.0, 30.0]), 47.5, 9.3)
     path = tmp_path / "utm.csv"
     rows = "".join(
@@ -108,7 +108,7 @@ def test_degrees_place_what_is_projected(tmp_path):
     )
 
 
-def test_metres_are_preferred_to_degrees_and_get_their_origin(tmp_path):
+def test_metres_are_preferred_and_degrees_give_their_origin(tmp_path):
     north, east = np.array([0.0, 50.0, 20.0, 80.0]), np.array([0.0, 10.0, 60.0, 90.0])
     lat, lon = geodetic_from_local(north, east, -33.0, 151.0)
     path = tmp_path / "both.csv"
@@ -118,11 +118,11 @@ def test_metres_are_preferred_to_degrees_and_get_their_origin(tmp_path):
     assert local_places(read_table(path)).origin == pytest.approx((-33.0, 151.0), abs=1e-7)
 
 
-def test_marks_for_no_data_are_refused_in_a_table_and_left_out_of_a_grid(tmp_path):
+def test_marks_for_missing_data_are_rejected_in_tables_and_ignored_in_grids(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("north_m,east_m,depth_m\n1,2,3\n1,2,-9999\n")
     with pytest.raises(
-        SoundingsError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a usual mark for no data"
+        SoundingsError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a common mark for missing data"
     ):
         read_soundings(path)
     np.savez(tmp_path / "g.npz", north_m=[0.0, 10.0], east_m=[0.0], elevation_m=[[-9999.0], [-4.0]])

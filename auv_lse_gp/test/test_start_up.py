@@ -14,7 +14,7 @@ assert ("numba" in sys.modules) is USE_NUMBA
 """
 
 
-def test_numba_is_imported_when_it_is_first_used():
+def test_numba_is_imported_on_first_use():
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,7 +1,7 @@
-"""Writes a run as a rosbag2 directory (MCAP, profile ros2) from raw CDR bytes, with its mission file inside.
+"""Writes a run as a rosbag2 directory (MCAP, profile ros2) from raw CDR bytes, including its mission file.
 
-The file is written in chunks that are closed at least every few seconds of messages, so that a power cut loses
-little; `close` adds the index and `metadata.yaml`, which make it playable by `ros2 bag play`.
+Chunks are closed every few seconds, so that little is lost in a power failure. `close` adds the index and
+`metadata.yaml`, so that `ros2 bag play` can play it.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from typing import Any
 
 from auv_lse_record.message_types import definitions, types_of
 
-#: Stands between the definitions of a type and of the types in it.
+#: Separator of the definitions of a type and of the types in it.
 _RULE = 80 * "=" + "\n"
 
 
 class RecorderError(ValueError):
-    """A recording cannot be made: the folder exists, the disk is full, or a type is unknown."""
+    """A recording cannot be written: the folder exists, the disk is full, or a type is unknown."""
 
 
 def message_types(folders: Sequence[Path]) -> Any:
-    """The type store of ROS 2 Jazzy with the messages found in `folders` (each ".../share/PACKAGE/msg") added.
+    """The type store of ROS 2 Jazzy with the messages in `folders` (each ".../share/PACKAGE/msg") added.
 
     Raises:
         RecorderError: if rosbags is not installed.
@@ -36,9 +36,9 @@ def message_types(folders: Sequence[Path]) -> Any:
 
 
 def message_texts(folders: Sequence[Path]) -> dict[str, str]:
-    """The definitions that `message_types` adds, by type, with their comments: units and meanings.
+    """The definitions that `message_types` adds, by type, with their comments (units and meanings).
 
-    Those of ROS itself are made from the store: the installed ones may be of another version.
+    Definitions of ROS itself come from the store, because the installed ones may be of another version.
     """
     known = types_of({}).fielddefs
     return {name: text for name, text in definitions(folders).items() if name not in known}
@@ -49,7 +49,7 @@ class BagWriter:
 
     Attributes:
         types: Type store with every type to record (`message_types`); may be replaced by a larger one.
-        texts: Definitions with their comments (`message_texts`); others are made from the store.
+        texts: Definitions with comments (`message_texts`); other definitions come from the store.
         count: Number of messages written.
     """
 
@@ -57,13 +57,11 @@ class BagWriter:
         """Starts the recording.
 
         Args:
-            folder: The rosbag2 directory to make.
-            types: Type store that knows every type (`message_types`).
-            snapshot: Texts kept inside the recording's metadata: the mission file, the seed.
-            flush_s: Messages of this many seconds (by their stamps) may wait in memory.
+            snapshot: Texts for the recording's metadata: the mission file, the seed.
+            flush_s: Longest time (s, by stamps) that messages wait in memory.
 
         Raises:
-            RecorderError: if the folder exists or cannot be made.
+            RecorderError: if the folder exists or cannot be created.
         """
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 
@@ -90,12 +88,10 @@ class BagWriter:
         """Adds a topic.
 
         Args:
-            topic: Full name.
-            kind: Message type, "std_msgs/msg/String".
-            latched: Whether its writers keep the last message for late readers; playback then does the same.
+            latched: Whether late readers receive the last message, also during playback.
 
         Raises:
-            RecorderError: if the type is not known.
+            RecorderError: if the type is unknown.
         """
         from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
         from rosbags.rosbag2 import WriterError
@@ -123,7 +119,7 @@ class BagWriter:
         self._connections[topic] = connection
 
     def _definition(self, kind: str) -> str:
-        """The definition of a type and of all types in it, with the comments of those whose text is known."""
+        """The definition of a type and of all types in it, with comments where the text is known."""
         first, *others = self.types.generate_msgdef(kind, ros_version=2)[0].split(_RULE)
         parts = [self.texts.get(kind, first)]
         for other in others:

@@ -1,4 +1,4 @@
-"""Ends a recording when the disk is nearly full or fails, so that the mission goes on without it."""
+"""Ends a recording when the disk is nearly full or fails, so that the mission continues without it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class GuardedWriter:
     """Writes messages to a recording until the disk is nearly full.
 
     Attributes:
-        problem: Why the recording has ended; "" while it goes on.
-        dropped: Number of messages since then.
+        problem: Why the recording has ended; "" while it runs.
+        dropped: Number of messages since its end.
     """
 
     def __init__(
@@ -30,10 +30,7 @@ class GuardedWriter:
         """Guards a recording.
 
         Args:
-            writer: A recording made by `make_writer`.
-            folder: Its folder.
             least_free_mb: Free space (MB) at which the recording ends.
-            free: Returns the free space (MB).
         """
         self.problem = ""
         self.dropped = 0
@@ -82,6 +79,6 @@ class GuardedWriter:
             self._writer.close()
 
     def _end(self, problem: str) -> None:
-        self.problem = f"the recording has ended, the mission goes on: {problem}"
+        self.problem = f"the recording has ended; the mission continues: {problem}"
         with suppress(OSError, ValueError, RuntimeError):  # a full disk may not even hold the index
             self._writer.close()

@@ -1,4 +1,4 @@
-"""The types of recorded messages (rosbags), and messages made of the fields that the topic table encodes."""
+"""The types of recorded messages (rosbags), and messages made from the fields that the topic table encodes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-#: NumPy types of the fields' basic types, where the names differ.
+#: NumPy names of basic types, where they differ from those of ROS.
 _DTYPES = {"octet": "uint8", "byte": "uint8", "char": "uint8"}
 
 
 def message_folder() -> Path | None:
-    """The folder with this project's `.msg` files: in the source tree or an installed ROS workspace; None: nowhere."""
+    """The folder with this project's `.msg` files (source tree or installed workspace); None if missing."""
     installed = (p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p)
     places = [
         Path(__file__).resolve().parents[2] / "auv_lse_msgs",
@@ -30,7 +30,7 @@ def definitions(folders: Sequence[Path], package: str = "") -> dict[str, str]:
 
 
 def types_of(texts: Mapping[str, str]) -> Any:
-    """The type store of ROS 2 Jazzy with the messages of `texts` added; those that ROS has stay as they are.
+    """The type store of ROS 2 Jazzy with the messages of `texts` added, except those that ROS has.
 
     Raises:
         ImportError: if rosbags is not installed.
@@ -47,13 +47,13 @@ def types_of(texts: Mapping[str, str]) -> Any:
 
 
 def project_types() -> Any:
-    """The types of ROS 2 Jazzy, with this project's where their definitions are found."""
+    """The types of ROS 2 Jazzy, and this project's if their definitions are found."""
     folder = message_folder()
     return types_of({} if folder is None else definitions([folder], "auv_lse_msgs"))
 
 
 def make_message(store: Any, kind: str, fields: Mapping[str, Any]) -> Any:
-    """A recorded message of a type; what `fields` leaves out is zero, false or empty.
+    """A recorded message of a type; fields missing in `fields` are zero, false or empty.
 
     Raises:
         ValueError: if the type lacks one of the fields.

@@ -28,9 +28,9 @@ from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
-#: In lockstep only stamps matter, so messages are taken this often (s): about once per tick.
+#: In lockstep only stamps matter, so messages are handled with this period (s): about once per tick.
 _GATHER_S = 0.02
-#: How often (s) the free space on the disk is checked.
+#: Period (s) of checks of the free space on the disk.
 _SPACE_PERIOD_S = 2.0
 
 
@@ -38,7 +38,6 @@ class RecorderNode(BaseNode):
     """recorder_node: writes every topic of the mission, and any other it discovers, to `record.folder`."""
 
     def __init__(self) -> None:
-        """Opens the recording and subscribes to every topic a mission has."""
         super().__init__("recorder_node")
         config = section(RecordConfig, self.parameters, "record", self.where)
         mission = section(MissionConfig, self.parameters, "mission", self.where)
@@ -69,7 +68,7 @@ class RecorderNode(BaseNode):
         self.get_logger().info(f"recording to {config.folder}")
 
     def _write_text(self, topic: str, text: str) -> None:
-        """Writes a text about the whole recording; no node publishes it."""
+        """Writes a text about the whole recording, which no node publishes."""
         self._bag.add_topic(topic, TEXT, latched=True)
         self._bag.write(topic, self.get_clock().now().nanoseconds, serialize_message(String(data=text)))
         self._topics.add(topic)
@@ -91,12 +90,12 @@ class RecorderNode(BaseNode):
             self._reliable[topic] = (subscription, message, latched)
 
     def _has_best_effort_writer(self, topic: str) -> bool:
-        """Whether a reliable subscription would miss one of the topic's writers (a best-effort one hears all)."""
+        """Whether a reliable subscription would miss one of the topic's writers."""
         writers = self.get_publishers_info_by_topic(topic)
         return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
 
     def _is_latched(self, topic: str) -> bool:
-        """Whether every writer of the topic keeps its last messages, so that earlier ones are recorded too."""
+        """Whether every writer of the topic is latched, so that earlier messages can be recorded."""
         writers = self.get_publishers_info_by_topic(topic)
         return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
 
@@ -109,7 +108,7 @@ class RecorderNode(BaseNode):
         return write
 
     def _discover(self) -> None:
-        """Records new topics; listens with best effort where a vehicle's driver publishes that way."""
+        """Records new topics; subscribes with best effort where a driver publishes that way."""
         for topic in [] if self.lockstep else list(self._reliable):
             if self._has_best_effort_writer(topic):
                 subscription, message, latched = self._reliable.pop(topic)
@@ -140,7 +139,7 @@ class RecorderNode(BaseNode):
         self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))
 
     def destroy_node(self) -> None:
-        """Closes the recording, so that it can be played, then ends the node."""
+        """Closes the recording, then ends the node."""
         self._bag.close()
         super().destroy_node()
 

@@ -1,8 +1,8 @@
-"""Reads a recording (rosbag2: MCAP or sqlite3), without ROS.
+"""Reads a recording (rosbag2: MCAP or sqlite3) without ROS.
 
-Messages are read by the definitions kept in the recording, so recordings made elsewhere or with older messages can be
-read as long as they have the fields in use. A recording without definitions (an old sqlite3 one) is read with those
-of ROS 2 Jazzy and of this project.
+Messages are read with the definitions in the recording, so that recordings of other systems or older versions can be
+read if they have the needed fields. A recording without definitions (an old sqlite3 file) is read with those of ROS 2
+Jazzy and of this project.
 """
 
 from __future__ import annotations
@@ -17,29 +17,28 @@ from auv_lse_common.topics.table import Topic, find_topic
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.message_types import project_types
 
-#: Latched texts that the recorder writes into every recording: the mission file as flown, the software's version.
+#: Latched texts that the recorder writes into every recording: the mission file, the software's version.
 MISSION_FILE, SOFTWARE = "/recorder/mission_file", "/recorder/software"
 TEXT = "std_msgs/msg/String"
 
-#: Files of messages, by their ending.
+#: Suffixes of files of messages.
 STORAGES = (".mcap", ".db3")
-#: Messages kept by a writer of unknown depth, as in `ros2 bag play`.
+#: Queue depth of a writer whose depth is unknown, as in `ros2 bag play`.
 _DEPTH = 10
 
 
 class RecordingError(ValueError):
-    """A recording is missing or damaged, or lacks what a mission records."""
+    """A recording is missing or damaged, or lacks data of a mission."""
 
 
 class RecordedValue(NamedTuple):
-    """What one message carries.
+    """The content of one message.
 
     Attributes:
         topic: Its row in the table of topics.
-        vehicle: Number of the vehicle.
-        log_ns: When the recorder received it (ns).
+        log_ns: Time of its reception by the recorder (ns).
         stamp_s: Stamp of its header (s).
-        value: As the row decodes it.
+        value: Its value, decoded by the row.
     """
 
     topic: Topic
@@ -54,12 +53,10 @@ class RecordedTopic:
     """One topic of a recording.
 
     Attributes:
-        name: Full name.
         kind: Message type, "std_msgs/msg/String".
-        count: Number of its messages.
         reliable: Whether all its writers were reliable.
-        latched: Whether its writers kept the last messages for late readers (transient local).
-        depth: How many messages its writers kept.
+        latched: Whether its writers were latched (transient local).
+        depth: Queue depth of its writers.
     """
 
     name: str
@@ -71,17 +68,17 @@ class RecordedTopic:
 
 
 def recording_in(path: Path) -> Path:
-    """The recording that a user names: a run folder, a rosbag2 directory, or one of its files.
+    """The recording at a path: a run folder, a rosbag2 directory, or one of its files.
 
     Returns:
-        The rosbag2 directory, or the file of messages where there is no `metadata.yaml` beside it.
+        The rosbag2 directory, or the file of messages if there is no `metadata.yaml`.
 
     Raises:
         RecordingError: if there is none.
     """
     try:
         there = path.exists()
-    except OSError as error:  # a name that is too long
+    except OSError as error:  # such as a name that is too long
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not there:
         raise RecordingError(
@@ -108,13 +105,12 @@ class Recording:
 
     Attributes:
         path: The rosbag2 directory, or its file of messages.
-        topics: Its topics, by name.
         start_ns: Stamp of its first message (ns).
         end_ns: Stamp of its last message (ns).
     """
 
     def __init__(self, path: Path) -> None:
-        """Args: path: as `recording_in` gives it."""
+        """Args: path: result of `recording_in`."""
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
         self.start_ns = self.end_ns = 0
@@ -151,12 +147,11 @@ class Recording:
     def raw(
         self, topics: Collection[str], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[tuple[str, int, bytes]]:
-        """The messages of some topics as they were serialized (CDR), in the order of their stamps.
+        """The serialized messages (CDR) of some topics, in the order of their stamps.
 
         Args:
-            topics: Their names.
-            start_ns: Stamp from which on (ns).
-            stop_ns: Stamp before which (ns).
+            start_ns: First stamp (ns).
+            stop_ns: End of the stamps (ns), exclusive.
 
         Yields:
             Topic, stamp (ns), bytes.
@@ -190,10 +185,10 @@ class Recording:
             yield topic, stamp_ns, message
 
     def values(self, topics: Collection[str]) -> Iterator[RecordedValue]:
-        """What the messages of some of the stack's topics carry, in the order of their stamps.
+        """The decoded messages of some of the stack's topics, in the order of their stamps.
 
         Args:
-            topics: Names in the table of topics ("plan", "truth/odometry"): of every vehicle recorded.
+            topics: Names in the table of topics ("plan", "truth/odometry"), for all recorded vehicles.
 
         Raises:
             RecordingError: where the recording is damaged, or a message cannot be decoded.

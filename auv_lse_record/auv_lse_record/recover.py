@@ -1,7 +1,7 @@
 """scripts/recover: repairs a recording that was cut off by a power failure or a killed recorder.
 
-Such an MCAP file ends in the middle of a record and has no index. Every complete record is copied into a new file with
-an index. The damaged file is kept as `.torn`.
+Such an MCAP file ends within a record and has no index. Every complete record is copied to a new file with an index.
+The damaged file is kept as `.torn`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ class Recovered:
 
     Attributes:
         file: The MCAP file, now complete.
-        messages: Number of its messages.
         lost_bytes: Bytes at the end of the damaged file without a complete record.
     """
 
@@ -44,7 +43,7 @@ def recover(path: Path) -> Recovered:
         path: A run folder, a rosbag2 directory, or its file of messages.
 
     Raises:
-        RecordingError: if there is none, it is not an MCAP file, it is complete, or nothing in it can be read.
+        RecordingError: if it is missing, complete, unreadable or not an MCAP file.
     """
     found = recording_in(path)
     if found.is_dir():
@@ -70,7 +69,7 @@ class _Complete(Exception):
 
 
 def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:
-    """Copies complete records; returns the number of messages and the offset at which the source breaks off."""
+    """Copies complete records; returns the number of messages and the offset of their end in the source."""
     try:
         from mcap.records import Channel, Message, Metadata, Schema
         from mcap.writer import Writer
@@ -103,7 +102,7 @@ def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:
 
 
 def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
-    """The records of a file, chunks unpacked, each with the offset behind it, up to where the file breaks off."""
+    """The complete records of a file, including those in chunks, each with the offset of its end."""
     from mcap.exceptions import McapError
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
@@ -113,7 +112,7 @@ def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
             for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]:
                 yield part, source.tell()
     except (McapError, EOFError, ValueError, struct.error, zlib.error, OverflowError, MemoryError):
-        return  # the file breaks off here
+        return  # the file is incomplete from here on
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""Writes a recording with rosbag2_py if ROS 2 provides it, else with `bag_writer.BagWriter`."""
+"""Writes a recording with rosbag2_py if it is installed, else with `bag_writer.BagWriter`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from auv_lse_record.bag_writer import RecorderError
 
-#: Settings of rosbag2's MCAP storage: small chunks, so that a power cut loses little.
+#: Settings of rosbag2's MCAP storage: small chunks, so that little is lost in a power failure.
 _STORAGE = 'chunkSize: 65536\ncompression: "Zstd"\n'
 
 _QOS = """\
@@ -36,12 +36,8 @@ class Rosbag2Writer:
     def __init__(self, folder: Path, snapshot: Mapping[str, str]) -> None:
         """Starts the recording.
 
-        Args:
-            folder: The rosbag2 directory to make.
-            snapshot: Texts kept inside the recording's metadata.
-
         Raises:
-            RecorderError: if the folder exists or cannot be made.
+            RecorderError: if the folder exists or cannot be created.
         """
         import rosbag2_py
 
@@ -71,7 +67,7 @@ class Rosbag2Writer:
         """Adds a topic; arguments are those of `BagWriter.add_topic`.
 
         Raises:
-            RecorderError: if the type is not known.
+            RecorderError: if the type is unknown.
         """
         qos = _QOS.format(depth=1 if latched else 1000, durability="transient_local" if latched else "volatile")
         metadata = self._rosbag2.TopicMetadata(
@@ -98,12 +94,10 @@ class Rosbag2Writer:
 
 
 def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping[str, str], flush_s: float) -> Any:
-    """Starts a recording with rosbag2's own writer if it is installed, else with `BagWriter`.
+    """Starts a recording with rosbag2_py if it is installed, else with `BagWriter`; arguments as there.
 
     Args:
-        folder: The rosbag2 directory to make.
         message_folders: Folders with message definitions (each ".../share/PACKAGE/msg").
-        snapshot: Texts kept inside the recording's metadata.
         flush_s: See `BagWriter`.
 
     Raises:
@@ -112,7 +106,7 @@ def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping
     try:
         return Rosbag2Writer(folder, snapshot)
     except ImportError:
-        pass  # no ROS 2 of the machine's own
+        pass  # ROS 2 from PyPI has no rosbag2_py
     from auv_lse_record.bag_writer import BagWriter, message_types
 
     writer = BagWriter(folder, message_types(message_folders), snapshot, flush_s)

@@ -1,8 +1,8 @@
-"""A mission's data in plain NumPy: everything that evaluation and report need.
+"""A mission's data in NumPy arrays: the input of evaluation and report.
 
-A `RunData` comes from the fleet engine or is read from a recording (`run_reader.py`); its users need not know which.
-Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
-the mission), headings rad clockwise from north, depths m of water, positive down.
+A `RunData` comes from the fleet engine or from a recording (`run_reader.py`). Positions are north, east (m) on the
+local tangent plane, times are mission time (s), headings are in rad, clockwise from north, and depths in m of water,
+positive down.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class DepthSource(Protocol):
-    """Anything with the true depth of water, as `ground.Ground`."""
+    """An object with the true depth of water, such as `ground.Ground`."""
 
     def depth_m(self, north_m: Any, east_m: Any) -> Any:
         """True depth of water (m, positive down) at north, east (m); NaN where unknown or land."""
@@ -32,19 +32,17 @@ class DepthSource(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionRecord:
-    """One decision of a vehicle's planner, as it was published.
+    """One published decision of a vehicle's planner.
 
     Attributes:
-        now_s: Mission time of the decision.
-        step: Step that the decided leg leads from (0 for the first).
-        plan: The plan that was published. A plan that is kept stays anchored where it began, so its step can be less
-            than `step`.
-        jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
-        reward_so_far: Reward of the legs travelled so far, by the planner (units of risk).
-        lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
+        step: Step at which the decided leg starts.
+        plan: The published plan; the step of a kept plan can be less than `step`.
+        jbar: Value Jbar (or J without a naive path) of the plan, in units of risk.
+        reward_so_far: Reward of the legs travelled so far, in units of risk.
+        lower_bound: The planner's time-varying lower bound.
         lower_bound_max: Running maximum of `lower_bound`.
-        wall_s: Wall-clock time that planning took, NaN if not recorded.
-        method: The method that planned ("augmented", "plain", ...).
+        wall_s: Wall-clock time of planning; NaN if not recorded.
+        method: The planning method ("augmented", "plain", ...).
     """
 
     now_s: float
@@ -63,9 +61,8 @@ class PacketSent:
     """A payload given to the modem.
 
     Attributes:
-        stamp_s: Time the transmission starts.
+        stamp_s: Start of the transmission.
         source: Number of the sending vehicle (1, 2, ...).
-        payload: The bytes sent.
     """
 
     stamp_s: float
@@ -83,14 +80,12 @@ class PacketReceived:
     """A payload that a modem received intact.
 
     Attributes:
-        stamp_s: Time the reception was complete.
-        receiver: Number of the receiving vehicle.
-        source: Number of the sending vehicle.
-        snr_db: Signal-to-noise ratio at the receiver (dB), NaN if unknown.
-        payload: The bytes received (empty if they were not kept).
-        sent_s: Start of transmission by the sender's clock, NaN if unknown.
-        arrival_s: Start of reception by the receiver's clock, NaN if unknown.
-        travel_s: One-way travel time as measured with both clocks (s), NaN if unknown.
+        stamp_s: End of the reception.
+        snr_db: Signal-to-noise ratio at the receiver; NaN if unknown.
+        payload: The received bytes; may be empty.
+        sent_s: Start of transmission by the sender's clock; NaN if unknown.
+        arrival_s: Start of reception by the receiver's clock; NaN if unknown.
+        travel_s: One-way travel time, measured with both clocks; NaN if unknown.
     """
 
     stamp_s: float
@@ -127,17 +122,16 @@ class VehicleRun:
     """Tracks, measurements, receptions and decisions of one vehicle.
 
     Attributes:
-        vehicle: Its number (1, 2, ...).
         truth: True track, rows (time s, north m, east m, heading rad).
         odometry: Estimated track (INS), rows (time s, north m, east m, heading rad).
         soundings: Own measurements, at estimated positions.
         received: Samples received from the team, stamped with their arrival, in order of time.
         decisions: Every decision of its planner, in time order.
-        place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
-            vehicle's own navigation; no rows if unknown.
+        place_std_m: Standard deviation (m) of the position in each row of `odometry`, columns (north, east); no rows if
+            unknown.
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
-        mates: What received packets reported of their senders' navigation, in order of time.
+        mates: Navigation data of received packets, in order of time.
     """
 
     vehicle: int
@@ -171,7 +165,7 @@ class VehicleRun:
             )
 
     def place_std_at(self, stamps_s: Array) -> Array:
-        """Standard deviation (m) of the vehicle's place at times (n,), columns (north, east); NaN if unknown."""
+        """Standard deviation (m) of the vehicle's position at times (n,), columns (north, east); NaN if unknown."""
         if len(self.place_std_m) == 0:
             return np.full((len(stamps_s), 2), np.nan)
         times = self.odometry[:, 0]
@@ -185,13 +179,13 @@ class VehicleRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundGrid:
-    """True depth on the grid on which the mission is judged.
+    """True depth on the evaluation grid.
 
     Attributes:
         north_m: North of the rows, shape (R,), ascending.
         east_m: East of the columns, shape (C,), ascending.
         depth_m: True depth (m), shape (R, C); NaN where unknown or land.
-        inside: True where the place belongs to the operating area, shape (R, C).
+        inside: Whether a place is in the operating area, shape (R, C).
     """
 
     north_m: Array
@@ -206,7 +200,7 @@ class GroundGrid:
 
     @property
     def scored(self) -> NDArray[np.bool_]:
-        """Cells that are judged: inside the area and of known depth, shape (R, C)."""
+        """Evaluated cells: inside the area and of known depth, shape (R, C)."""
         scored: NDArray[np.bool_] = self.inside & np.isfinite(self.depth_m)
         return scored
 
@@ -218,14 +212,14 @@ class GroundGrid:
 
     @classmethod
     def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: NDArray[np.bool_]) -> GroundGrid:
-        """The true ground on a grid; `inside` (R, C) marks the places that belong to the operating area."""
+        """The true ground on a grid; `inside` (R, C): whether a place is in the operating area."""
         north, east = np.meshgrid(north_m, east_m, indexing="ij")
         depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)
         return cls(north_m=np.asarray(north_m), east_m=np.asarray(east_m), depth_m=depth, inside=np.asarray(inside))
 
 
 def origin_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
-    """Latitude and longitude (deg, WGS84) of north = east = 0 by a mission file's `area`, None if it has none."""
+    """Latitude and longitude (deg, WGS84) of north = east = 0 in a mission file's `area`; None without them."""
     area = parameters_for(parameters, "/auv1/planner_node").get("area", {})
     latitude, longitude = area.get("origin_lat_deg"), area.get("origin_lon_deg")
     return None if latitude is None or longitude is None else (float(latitude), float(longitude))
@@ -240,10 +234,10 @@ class RunData:
         vehicles: One entry per vehicle, in order of number.
         sent: Every payload transmitted, in time order.
         received: Every payload received, in time order.
-        ground: True ground on the evaluation grid; None if the truth is not known (a mission at sea).
+        ground: True ground on the evaluation grid; None if unknown.
         sim_s: Mission time covered (s).
-        wall_s: Wall-clock time it took (s), NaN if not recorded.
-        origin: Latitude and longitude (deg, WGS84) of north = east = 0, or None.
+        wall_s: Wall-clock duration (s); NaN if not recorded.
+        origin: Latitude and longitude (deg, WGS84) of north = east = 0; None if unknown.
         notes: Remarks for the report (a start was moved, a deadline was hit, a node died).
     """
 

@@ -1,4 +1,4 @@
-"""A mission's recording as `RunData`, without ROS."""
+"""Reads a mission's recording as `RunData`, without ROS."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from auv_lse_record.run_data import (
 Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
 
-#: Topics that the run data is made of, by their name in the table.
+#: Topics of the run data, by their name in the table.
 _TOPICS = {
     "truth/odometry",
     "sounding",
@@ -43,7 +43,7 @@ _TOPICS = {
     "team/samples",
     "team/navigation",
 }
-#: Values of a decision that its bound reports.
+#: Values of a decision in its bound report.
 _VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
 
 
@@ -54,23 +54,22 @@ def read_run(
 
     Args:
         path: The run folder, the rosbag2 directory, or its file of messages.
-        mission: The mission file that was flown, for a recording that does not hold it.
-        ground: True ground on the evaluation grid, None if there is none.
-        wall_s: Wall-clock time the mission took (s), NaN if not known.
+        mission: The mission file, if the recording does not contain it.
+        ground: True ground on the evaluation grid; None if unknown.
+        wall_s: Wall-clock duration of the mission (s); NaN if unknown.
 
     Raises:
-        RecordingError: naming the recording and what is missing or broken in it.
+        RecordingError: naming the recording and the missing or damaged part.
         ParameterError: if the mission file is not a parameter file.
     """
     return read_bag(recording_in(path), flown_parameters(path, mission), ground=ground, wall_s=wall_s)
 
 
 def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
-    """The mission file as flown: the one given, else the recording's own, else `mission.yaml` beside it.
+    """The mission file of a recording: `mission` if given, else the recording's own, else `mission.yaml` beside it.
 
     Args:
-        path: The run folder, the rosbag2 directory, or its file of messages.
-        mission: A mission file that stands in for the recording's.
+        mission: A mission file that replaces the recording's.
 
     Raises:
         RecordingError: if there is no recording, or none of the three.
@@ -86,8 +85,8 @@ def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
         if (folder / "mission.yaml").is_file():
             return read_parameter_file(folder / "mission.yaml")
     raise RecordingError(
-        f"{path}: holds no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it; expected the "
-        f"mission file that was flown: --mission FILE"
+        f"{path}: got no mission file (topic {MISSION_FILE}), and no mission.yaml beside it; expected the mission's "
+        f"file: --mission FILE"
     )
 
 
@@ -98,16 +97,13 @@ def read_bag(
     ground: GroundGrid | None = None,
     wall_s: float = math.nan,
 ) -> RunData:
-    """Reads a rosbag2 directory.
+    """Reads a rosbag2 directory; other arguments as in `read_run`.
 
     Args:
-        bag: The directory with `metadata.yaml`.
-        parameters: The mission file, as `read_parameter_file` gives it.
-        ground: True ground on the evaluation grid, None if there is none.
-        wall_s: Wall-clock time the mission took (s), NaN if not known.
+        parameters: The mission file, from `read_parameter_file`.
 
     Raises:
-        RecordingError: naming the bag and what is wrong.
+        RecordingError: naming the bag and the error.
     """
     logs: dict[int, dict[str, list[Any]]] = {}
     last_s = 0.0
@@ -116,7 +112,7 @@ def read_bag(
             logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
             last_s = max(last_s, stamp_s)
     if not logs:
-        raise RecordingError(f"{bag}: holds no topic /auvN/...; expected the recording of a mission")
+        raise RecordingError(f"{bag}: got no topic /auvN/...; expected the recording of a mission")
     sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
     received = [
         PacketReceived.of(packet, number)
@@ -167,8 +163,7 @@ def _track(places: Sequence[Odometry | DeadReckoning]) -> Array:
 def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], method: str) -> list[DecisionRecord]:
     """Decisions in order of time; a plan without its bound gets NaN values.
 
-    A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept stays
-    anchored where it began.
+    A decision publishes both with one stamp. The step of a kept plan may be less than the decision's.
     """
     bound_at = {bound.stamp_s: bound for bound in bounds}
     decisions = []

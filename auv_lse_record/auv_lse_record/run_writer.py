@@ -1,4 +1,4 @@
-"""Writes a mission of the fleet engine as a recording that `read_run` reads and `ros2 bag play` plays, without ROS."""
+"""Writes a mission of the fleet engine as a recording for `read_run` and `ros2 bag play`, without ROS."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingErro
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.software import version
 
-#: A message to write: its time (s), topic, type, fields, and whether late readers get the last one.
+#: A message to write: time (s), topic, type, fields, latched.
 Record = tuple[float, str, str, Fields, bool]
 
 
 def write_mission_file(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
-    """Writes a mission's parameters as the ROS 2 parameter file they were read from."""
+    """Writes a mission's parameters as a ROS 2 parameter file."""
     path.write_text(_mission_text(parameters))
 
 
@@ -36,13 +36,12 @@ def write_run(run: RunData, folder: Path) -> None:
     """Writes `mission.yaml` and `bag/` of a run.
 
     Args:
-        run: The mission.
-        folder: Run folder; made if needed. It must hold no `bag` yet.
+        folder: Run folder without `bag`; created if needed.
 
     Raises:
-        RecordingError: if there is a recording already, or this project's message definitions are not found.
+        RecordingError: if there is a recording, or this project's message definitions are missing.
     """
-    from auv_lse_record.bag_writer import BagWriter  # needs rosbags, which reading names if it is missing
+    from auv_lse_record.bag_writer import BagWriter  # needs rosbags
 
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / "bag").exists():
@@ -86,7 +85,7 @@ def _record(topic: Topic, stamp_s: float, value: Any, vehicle: int) -> Record:
 
 
 def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
-    """What one vehicle's messages carry: topic, stamp (s), value."""
+    """The contents of one vehicle's messages: topic, stamp (s), value."""
     topics = VEHICLE_TOPICS
     stds = run.place_std_m.tolist() if len(run.place_std_m) else [(0.0, 0.0)] * len(run.odometry)
     for row, (north_std_m, east_std_m) in zip(run.odometry.tolist(), stds, strict=True):
@@ -114,7 +113,7 @@ def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
             lower_bound=d.lower_bound,
             lower_bound_max=d.lower_bound_max,
             planning_s=d.wall_s,
-        )  # nothing taken is reported: ticks settle what was at hand
+        )  # without the used inputs, which ticks determine
         yield topics["planner/bound"], d.now_s, bound
 
 

@@ -1,4 +1,4 @@
-"""The origin of a recording: the mission file as flown, and the version of the software."""
+"""The origin of a recording: the mission file, and the version of the software."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file
 
 @functools.cache
 def version() -> str:
-    """Version of the running code: its commit ("-dirty": changed since), or the package's version."""
+    """Version of the running code: its commit ("-dirty": with changes), or the package's version."""
     here = Path(__file__).resolve().parent
     command = ["git", "-C", str(here), "describe", "--always", "--dirty"]
     try:
@@ -28,11 +28,11 @@ def version() -> str:
 
 
 def mission_text(arguments: Sequence[str], parameters: Mapping[str, Any]) -> str:
-    """Text of the mission file that a node was started with.
+    """Text of a node's mission file.
 
     Args:
         arguments: The node's command line: the first --params-file with a section `mission` is the mission file.
-        parameters: The node's own parameters, used if no file was given.
+        parameters: The node's parameters, used without such a file.
 
     Raises:
         ParameterError: if a file cannot be read.

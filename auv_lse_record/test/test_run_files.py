@@ -159,7 +159,7 @@ def test_a_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin
     run = synthetic_run(steps=3)
     write_run(run, tmp_path / "run")
     other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
-    with pytest.raises(RecordingError, match=r"holds no mission file .* --mission FILE"):
+    with pytest.raises(RecordingError, match=r"got no mission file .* --mission FILE"):
         read_run(tmp_path / "other")
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
@@ -193,5 +193,5 @@ def test_a_recording_of_something_else_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     run.vehicles, run.sent, run.received = [], [], []
     write_run(run, tmp_path)
-    with pytest.raises(RecordingError, match="holds no topic"):
+    with pytest.raises(RecordingError, match="got no topic"):
         read_bag(tmp_path / "bag", run.parameters)

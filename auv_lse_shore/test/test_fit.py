@@ -101,9 +101,9 @@ def test_warns_of_what_the_data_do_not_determine():
     ("places", "depths", "options", "message"),
     [
         (np.zeros((5, 2)), np.zeros(5), {}, "soundings: got 5; expected at least 10"),
-        (np.zeros((20, 2)), np.arange(20.0), {}, "all at one place"),
+        (np.zeros((20, 2)), np.arange(20.0), {}, "got one place for all"),
         (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"got the depth 1\.0 m for all"),
-        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "all on one plane; expected depths that vary"),
+        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "depths on one plane; expected depths"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
     ],
@@ -152,7 +152,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     ("arguments", "message"),
     [
         (["absent.csv"], "absent.csv"),
-        (["empty.npz"], "fit: empty.npz: not a readable npz file"),
+        (["empty.npz"], "fit: empty.npz: got a file that is damaged or not npz"),
         (["."], "holds no recording; expected a run folder"),
         (["few.csv"], "fit: few.csv: soundings: got 3; expected at least 10"),
     ],

@@ -1,4 +1,4 @@
-"""The SROS 2 policy of one vehicle: what its nodes may publish, read and serve, from the table of topics.
+"""The SROS 2 policy of one vehicle, generated from the table of topics: what its nodes may publish, read and serve.
 
 python -m auv_lse_common.commands.security_policy auv2 > auv2.policy.xml
 """

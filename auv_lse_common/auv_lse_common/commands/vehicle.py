@@ -39,7 +39,8 @@ from auv_lse_common.process.processes import RECORDER, LaunchError, Process, veh
 from auv_lse_common.support.project_folder import project_folder
 
 _TICK_S = 0.2
-#: A node that refuses its parameters this soon (s) after its first start ends the command: a restart cannot help.
+#: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
+#: help.
 _FIRST_START_S = 30.0
 
 
@@ -48,12 +49,9 @@ class Crew:
     """The processes of one vehicle.
 
     Attributes:
-        vehicle: Its number.
-        file: The nodes' parameter file.
-        processes: Its nodes.
         recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
-        lockstep: Whether a simulator leads the nodes tick by tick.
+        lockstep: Whether a simulator drives the nodes tick by tick.
     """
 
     vehicle: int
@@ -97,17 +95,14 @@ def vehicle_number(name: str) -> int:
 
 
 def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> Crew:
-    """The processes of the vehicle `name`, as its parameter file asks for them.
+    """The processes of the vehicle `name` ("auv2"), according to the mission file.
 
     Args:
-        name: The vehicle, "auv2".
-        file: The mission's parameter file.
-        out: The folder for logs and recording.
         simulated: Whether to follow a simulator even if the file has no section `sim`.
-        record: Whether to record; None: if the file sets record.folder and no simulator records.
+        record: Whether to record; None: only if the file sets record.folder and no simulator records.
 
     Raises:
-        ParameterError: naming the error in the file, or the vehicle that the mission does not have.
+        ParameterError: naming the error in the file, or a vehicle that the mission does not have.
     """
     vehicle = vehicle_number(name)
     patterns = read_parameter_file(file)
@@ -280,14 +275,14 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
     silent_s = math.inf if crew.lockstep else SILENT_S
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
-        stack.callback(_say, f"auv{crew.vehicle}: every node has ended")
+        stack.callback(_say, f"auv{crew.vehicle}: all nodes have ended")
         stack.callback(keeper.stop)
         mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
         while not interrupt.came:
             for name, code in keeper.tick(time.monotonic()):
                 early = keeper.loaded_for_s < _FIRST_START_S
                 if code == REFUSED and early and keeper.starts[name] == 1:
-                    _say(f"error: {name} refuses its parameters: {keeper.log(name)}")
+                    _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
                 if crew.lockstep:
                     _say(f"error: {name} died; a lockstep mission cannot continue")
@@ -300,8 +295,10 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
 
 
 def _mission_end(environment: dict[str, str]) -> Any:
-    """A context whose value is a function: how the simulated mission has ended, None until then."""
-    from auv_lse_common.node.sim_status_node import SimStatusWatch  # imports ROS, which other vehicles do without
+    """A context that provides a function: it returns how the simulated mission has ended, None until then."""
+    from auv_lse_common.node.sim_status_node import (
+        SimStatusWatch,  # imports ROS, which a real vehicle does not need here
+    )
 
     return SimStatusWatch(environment)
 

@@ -12,7 +12,7 @@ from auv_lse_common.process.processes import vehicle_nodes
 
 
 def main() -> int:
-    """Imports the vehicle's nodes and calls the `prepare()` of those that have it."""
+    """Imports the vehicle's nodes and calls `prepare()` where a node's module has it."""
     for package, executable in vehicle_nodes(modem=False, link=False):
         module = importlib.import_module(f"{package}.{executable}")
         getattr(module, "prepare", lambda: None)()

@@ -1,4 +1,4 @@
-"""A node that inspects others: names, endpoints, messages, parameters."""
+"""A node that inspects other nodes: names, endpoints, messages, parameters."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ANSWER_S = 5.0
 
 
 class GraphError(RuntimeError):
-    """A node, topic or parameter that does not exist or answer."""
+    """A node, topic or parameter does not exist, or does not answer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,9 +33,7 @@ class Endpoint:
 
     Attributes:
         node: Name of its node, "" if not known.
-        namespace: The node's namespace.
         kind: "PUBLISHER" or "SUBSCRIPTION".
-        type: Message type.
         type_hash: Hash of the message type, "" if not known.
         gid: Its address in DDS, bytes in hexadecimal.
         qos: Lines of its quality of service.
@@ -65,7 +63,7 @@ class Graph:
         self._spin_s = spin_s
 
     def __enter__(self) -> Graph:
-        """Joins, and discovers the nodes; the caller keeps handling Ctrl-C."""
+        """Joins the domain and discovers the nodes; the caller keeps handling Ctrl-C."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         # A name that begins with an underscore is hidden from `list`.
         self.node = rclpy.create_node(f"_auv_lse_inspect_{os.getpid()}", start_parameter_services=False)
@@ -77,7 +75,7 @@ class Graph:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leaves."""
+        """Leaves the domain."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
@@ -125,7 +123,7 @@ class Graph:
         if wanted is None:
             kinds = self.topics(hidden=True).get(topic, ())
             if len(kinds) > 1:
-                raise GraphError(f"{topic}: has the types {', '.join(kinds)}; expected one; name it after the topic")
+                raise GraphError(f"{topic}: got the types {', '.join(kinds)}; expected one. Add it after the topic")
             if not kinds:
                 return None
             wanted = kinds[0]
@@ -138,13 +136,11 @@ class Graph:
             ) from error
 
     def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Subscribes with a quality of service that matches every publisher, and gets latched messages.
+        """Subscribes with a quality of service that matches every publisher; receives latched messages.
 
         Args:
-            topic: Full name.
-            kind: Message type.
-            take: Takes a message; with `raw` its bytes.
-            raw: Messages are counted, not read; latched ones are left out.
+            take: Called with each message, or with its bytes if `raw`.
+            raw: Whether messages are not deserialized; latched ones are then omitted.
         """
         profiles = [endpoint.profile for endpoint in self.endpoints(topic)[0]]
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
@@ -165,7 +161,7 @@ class Graph:
         return sorted(names)
 
     def node_topics(self, name: str) -> dict[str, list[tuple[str, tuple[str, ...]]]]:
-        """Topics and services of a node: {heading: (name, types)}.
+        """Topics and services of a node: {heading: [(name, types)]}.
 
         Raises:
             GraphError: if the node does not exist.
@@ -238,9 +234,9 @@ def mismatches(publishers: Sequence[Endpoint], subscriptions: Sequence[Endpoint]
     found = []
     for publisher in publishers:
         for subscription in subscriptions:
-            pair = f"{publisher.full_name} publishes, but {subscription.full_name} does not get it"
+            pair = f"{subscription.full_name} does not receive {publisher.full_name}"
             if publisher.type != subscription.type:
-                found.append(f"{pair}: type {publisher.type} against {subscription.type}")
+                found.append(f"{pair}: it publishes {publisher.type}; the reader expects {subscription.type}")
                 continue
             result, reason = qos_check_compatible(publisher.profile, subscription.profile)
             if result == QoSCompatibility.ERROR:
@@ -252,14 +248,14 @@ def _explained(publisher: Endpoint, subscription: Endpoint) -> str:
     p, s = publisher.profile, subscription.profile
     reasons = []
     if p.reliability == ReliabilityPolicy.BEST_EFFORT and s.reliability == ReliabilityPolicy.RELIABLE:
-        reasons.append("it asks for RELIABLE and is offered BEST_EFFORT (fix: the reader asks for BEST_EFFORT)")
+        reasons.append("it requests RELIABLE and is offered BEST_EFFORT (fix: request BEST_EFFORT)")
     if p.durability == DurabilityPolicy.VOLATILE and s.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        reasons.append("it asks for TRANSIENT_LOCAL and is offered VOLATILE (fix: the writer offers TRANSIENT_LOCAL)")
+        reasons.append("it requests TRANSIENT_LOCAL and is offered VOLATILE (fix: publish with TRANSIENT_LOCAL)")
     return "; ".join(reasons)
 
 
 def parameter_type(code: int) -> str:
-    """The name of a parameter's type, as `ros2 param describe` says it."""
+    """The name of a parameter's type, as in `ros2 param describe`."""
     names = {
         getattr(ParameterType, f"PARAMETER_{name.upper().replace(' ', '_')}"): name
         for name in (

@@ -1,4 +1,4 @@
-"""Messages as text, as `ros2 topic echo` prints them; uses only the fields that a message names."""
+"""Messages as text, as `ros2 topic echo` prints them; needs only a message's list of fields."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-#: Longer sequences and texts are cut to this many elements.
+#: Default length to which sequences and texts are cut.
 TRUNCATE = 128
 
 _PART = re.compile(r"(\w+)|\[(-?\d+)\]")
@@ -24,14 +24,14 @@ def plain(value: Any, truncate: int | None = TRUNCATE, arrays: bool = True) -> A
 
     Args:
         value: A message (anything with `get_fields_and_field_types`), a sequence or a scalar.
-        truncate: Longer sequences and texts are cut to this many elements; None: none is.
-        arrays: Whether sequences are written out; if not, their length stands in their place.
+        truncate: Length to which sequences and texts are cut; None: not cut.
+        arrays: Whether sequences are written out; otherwise only their length.
     """
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name), truncate, arrays) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
         value = list(value)
-    elif hasattr(value, "tolist"):  # numpy's arrays, of fixed length, and Python's, of any
+    elif hasattr(value, "tolist"):  # arrays of numpy or the standard library
         value = value.tolist()
     if isinstance(value, str):
         return value if truncate is None or len(value) <= truncate else value[:truncate] + "..."
@@ -45,7 +45,7 @@ def plain(value: Any, truncate: int | None = TRUNCATE, arrays: bool = True) -> A
 
 
 def yaml_text(content: Any, flow: bool = False) -> str:
-    """What `plain` gives, as YAML; a scalar as it is."""
+    """The result of `plain` as YAML; scalars are unchanged."""
     if not isinstance(content, Mapping | list):
         return f"{content}\n"
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=2**31)
@@ -53,7 +53,7 @@ def yaml_text(content: Any, flow: bool = False) -> str:
 
 
 def csv_text(content: Any) -> str:
-    """What `plain` gives, as one line of comma-separated values."""
+    """The result of `plain` as one line of comma-separated values."""
     return ",".join(str(v) for v in _leaves(content)) + "\n"
 
 
@@ -66,10 +66,10 @@ def _leaves(content: Any) -> list[Any]:
 
 
 def field_of(message: Any, path: str) -> Any:
-    """The part of a message that `path` names: "pose.pose.position.x", "status[0].values[1].key".
+    """The part of a message at `path`: "pose.pose.position.x", "status[0].values[1].key".
 
     Raises:
-        FieldError: naming the part that is not there, and what is.
+        FieldError: naming the missing part, and the existing ones.
     """
     value, done = message, ""
     for part in _PART.finditer(path):

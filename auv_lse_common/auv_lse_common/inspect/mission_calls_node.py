@@ -1,4 +1,4 @@
-"""Commands to the missions of running vehicles, and their states, over a `Graph`."""
+"""Sends commands to the missions of running vehicles, and receives their states."""
 
 from __future__ import annotations
 
@@ -12,17 +12,13 @@ from auv_lse_msgs.srv import RunMission
 
 
 def tell(graph: Graph, vehicle: str, command: Command, source: str, team: bool) -> tuple[bool, str]:
-    """Sends a command to a vehicle's mission.
+    """Sends a command of operator `source` to the mission of `vehicle` ("auv2").
 
     Args:
-        graph: The graph.
-        vehicle: The vehicle, "auv2".
-        command: The command.
-        source: Who sends it.
         team: With ABORT: whether to send it to the team mates by acoustic packet.
 
     Returns:
-        Whether it is accepted, and the result or the reason.
+        Whether it is accepted, and the result or the reason of the refusal.
 
     Raises:
         GraphError: if the vehicle does not answer.

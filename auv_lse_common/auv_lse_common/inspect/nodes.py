@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("-a", "--all", action="store_true", help="also those with a leading underscore")
     c.add_argument("-c", "--count-nodes", action="store_true", help="only their number")
     c.set_defaults(run=run_list)
-    c = commands.add_parser("info", help="what a node subscribes to, publishes, serves and calls")
+    c = commands.add_parser("info", help="subscriptions, publications, services and clients of a node")
     add_graph_options(c)
     c.add_argument("node", metavar="NODE", help="full name, as /auv1/planner_node")
     c.set_defaults(run=run_info)
@@ -78,7 +78,7 @@ def known_node(name: str, graph: Any) -> str:
     full, there = name if name.startswith("/") else f"/{name}", graph.nodes(hidden=True)
     if full not in there:
         near = difflib.get_close_matches(full, there, n=1, cutoff=0.6)
-        hint = f"did you mean {near[0]}?" if near else "scripts/nodes list names those that are there"
+        hint = f"did you mean {near[0]}?" if near else "list the running nodes: scripts/nodes list"
         raise GraphError(f"node {full}: not found; {hint}")
     return full
 

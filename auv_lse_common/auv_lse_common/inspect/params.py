@@ -14,7 +14,7 @@ from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options
 from auv_lse_common.inspect.nodes import known_node
 from auv_lse_common.mission_file.parameter_file import nest
 
-#: How `ros2 param get` names the type of a value.
+#: Names of the types of values in `ros2 param get`.
 _KINDS = {bool: "Boolean", int: "Integer", float: "Double", str: "String"}
 
 
@@ -23,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/params",
         description="Inspects and sets the parameters of running nodes, as `ros2 param` does, on machines without "
-        "that command. Which ones may change while a node runs: docs/guide/tuning.md.",
+        "that command. docs/guide/tuning.md lists those that may change while a node runs.",
         epilog="Exit codes: 0; 1 a node or parameter does not exist, or a value is refused; 2 a wrong command line; "
         "130 Ctrl-C.",
     )
@@ -77,14 +77,14 @@ def run_list(options: argparse.Namespace, graph: Any) -> int:
 
 
 def _known_parameter(name: str, node: str, graph: Any) -> None:
-    """Raises GraphError if the node has no such parameter, with the name of one like it."""
+    """Raises GraphError if the node has no such parameter, with the name of a similar one."""
     from auv_lse_common.inspect.graph_node import GraphError
 
     names = graph.parameter_names(node)
     if name not in names:
         near = difflib.get_close_matches(name, names, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"scripts/params list {node} names those that it has"
-        raise GraphError(f"parameter {name}: {node} has none of that name; {hint}")
+        hint = f"did you mean {near[0]}?" if near else f"list its parameters: scripts/params list {node}"
+        raise GraphError(f"parameter {name}: not found on {node}; {hint}")
 
 
 def run_get(options: argparse.Namespace, graph: Any) -> int:
@@ -113,7 +113,7 @@ def run_set(options: argparse.Namespace, graph: Any) -> int:
         value = options.value
     now = graph.parameters(node, [options.name]).get(options.name)
     if isinstance(now, float) and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)  # 12 is meant for 12.0
+        value = float(value)  # 12 means 12.0
     if isinstance(now, str):
         value = options.value
     refused = graph.set_parameter(node, options.name, value)

@@ -11,18 +11,18 @@ class Rate:
     """The rate of a topic over its last messages."""
 
     def __init__(self, window: int) -> None:
-        """Args: window: how many intervals between messages count."""
+        """Args: window: number of intervals between messages."""
         self._times: deque[float] = deque(maxlen=window + 1)
         self._reported_count = 0
         self._count = 0
 
     def note(self, now_s: float) -> None:
-        """A message has come at `now_s` (s)."""
+        """Takes a message received at `now_s` (s)."""
         self._times.append(now_s)
         self._count += 1
 
     def text(self) -> str:
-        """The rate in two lines; "" if no message has come since the last call, or only one ever."""
+        """The rate in two lines; "" without a message since the last call, or before the second message."""
         if self._count == self._reported_count or len(self._times) < 2:
             return ""
         self._reported_count = self._count
@@ -41,11 +41,11 @@ class Bandwidth:
     """The bandwidth of a topic over its last messages."""
 
     def __init__(self, window: int) -> None:
-        """Args: window: how many messages count."""
+        """Args: window: number of messages."""
         self._messages: deque[tuple[float, int]] = deque(maxlen=window)
 
     def note(self, now_s: float, size: int) -> None:
-        """A message of `size` bytes has come at `now_s` (s)."""
+        """Takes a message of `size` bytes received at `now_s` (s)."""
         self._messages.append((now_s, size))
 
     def text(self, now_s: float) -> str:

@@ -16,7 +16,7 @@ _COMMANDS = {
     "go": (Command.GO, "start the mission, or continue after a hold"),
     "hold": (Command.HOLD, "hold the position until go"),
     "surface": (Command.SURFACE, "hold at the surface until go"),
-    "abort": (Command.ABORT, "end the mission; the vehicle then does what safety.abort says"),
+    "abort": (Command.ABORT, "end the mission; safety.abort sets what the vehicle does then"),
     "reset": (Command.RESET, "clear tripped limits and an abort; the mission then holds until go"),
 }
 #: Time (s) to wait for the states of missions.
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/run",
         description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or "
         "shows their states. The table of states: docs/guide/during-the-dive.md.",
-        epilog="Exit codes: 0 every vehicle has accepted the command; 1 one has refused it, or does not answer; 2 a "
+        epilog="Exit codes: 0 every vehicle has accepted the command; 1 a vehicle has refused it or does not answer; 2 "
         "wrong command line; 130 Ctrl-C.",
     )
     commands = add_commands(p)
@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _vehicles(graph: Any) -> list[str]:
-    """The running vehicles, by their safety_node."""
+    """The vehicles with a running safety_node."""
     found = [re.fullmatch(r"/(auv\d+)/safety_node", name) for name in graph.nodes()]
     return sorted({match[1] for match in found if match}, key=lambda name: int(name[3:]))
 
@@ -67,7 +67,7 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             if name not in there:
                 raise GraphError(f"{name}: not found; running: {', '.join(there) or 'no vehicle'}")
             taken, text = tell(graph, name, options.what, getpass.getuser(), getattr(options, "team", False))
-        except GraphError as error:  # the other vehicles still get it
+        except GraphError as error:  # the other vehicles still receive the command
             print(f"{name}: error: {error}", file=sys.stderr)
             failed = True
             continue

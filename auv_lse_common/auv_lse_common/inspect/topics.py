@@ -63,9 +63,9 @@ def parser() -> argparse.ArgumentParser:
             metavar="N",
             help=f"averaging window ({window})",
         )
-        c.add_argument("--duration", type=float, metavar="S", help="exit after so many seconds (default: Ctrl-C)")
+        c.add_argument("--duration", type=float, metavar="S", help="exit after this many seconds (default: on Ctrl-C)")
 
-    c = command("info", run_info, "type, publishers and subscribers of a topic, and pairs that do not match")
+    c = command("info", run_info, "type, publishers and subscribers of a topic, and incompatible pairs")
     c.add_argument("topic", metavar="TOPIC")
     c.add_argument("-v", "--verbose", action="store_true", help="with nodes and quality of service")
     return p
@@ -152,14 +152,14 @@ def _measure(options: argparse.Namespace, graph: Any, take: Callable[[Any], None
     if options.command == "bw":
         print(f"Subscribed to [{topic}]", flush=True)
     until = None if options.duration is None else time.monotonic() + options.duration
-    told = False
+    warned = False
     while until is None or time.monotonic() < until:
         graph.spin(1.0 if until is None else max(min(1.0, until - time.monotonic()), 0.0))
         if found := text():
             print(found, flush=True)
-        elif not told:
+        elif not warned:
             print("no two messages yet; waiting", file=sys.stderr)
-        told = True
+        warned = True
     return 0
 
 
@@ -171,7 +171,7 @@ def run_info(options: argparse.Namespace, graph: Any) -> int:
     kinds = graph.topics(hidden=True).get(topic)
     if kinds is None:
         near = difflib.get_close_matches(topic, graph.topics(), n=1, cutoff=0.7)
-        hint = f"; did you mean {near[0]}?" if near else "; scripts/topics list names those that are there"
+        hint = f"; did you mean {near[0]}?" if near else "; list the topics: scripts/topics list"
         print(f"error: topic {topic}: not found{hint}", file=sys.stderr)
         return 1
     publishers, subscriptions = graph.endpoints(topic)

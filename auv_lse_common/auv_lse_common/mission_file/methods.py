@@ -1,8 +1,7 @@
-"""Planning methods by name, and the families whose plans come about in the same way.
+"""Planning methods by name, and their families.
 
-`METHODS` names the values of `planner.method`: the parameters that each sets where the mission file leaves them out,
-and whether it is the paper's. It lists only what differs from the paper's augmented method, whose values are declared
-with the parameters (`sections.planner.from_method`). `FAMILIES` states what other packages need to know of a method.
+`METHODS` lists the values of `planner.method`, each with its default parameters where they differ from those of the
+paper's augmented method (`sections.planner.from_method`). `FAMILIES` holds the properties that other packages need.
 `auv_lse_planner.methods.families` has a class for each family. docs/design/adding-a-method.md shows how to add one.
 """
 
@@ -14,20 +13,20 @@ from typing import Any
 
 from auv_lse_common.vocabulary.naive_ids import FITTED
 
-#: Least number of places on each leg for the map's reward: with one, risk left by turning paths is overestimated twice
-#: as much as that left by straight lanes (docs/design/planner.md).
+#: Least number of places on each leg for the map's reward. With one place, the remaining risk is overestimated twice as
+#: much for turning paths as for straight lanes (docs/design/planner.md).
 MAP_PLACES_PER_LEG = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """Properties of all methods whose plans come about in the same way.
+    """Properties of a family of methods, whose plans are made in the same way.
 
     Attributes:
-        bound_of: Where reward and bound count the drop of risk: on the whole "map", or at the places of the own "path".
+        bound_of: Places at which reward and bound count the drop of risk: the whole "map", or this vehicle's "path".
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
-        all_mates: Whether the plans of all team mates count, not only of those before in `planner.team_order`.
-        places_per_leg: Least number of places on each leg at which own paths are evaluated.
+        all_mates: Whether the plans of all team mates count; otherwise only of those before it in `planner.team_order`.
+        places_per_leg: Least number of places on each leg at which this vehicle's paths are evaluated.
         sends_tours: Whether plans are sent as tours or as long sequences of actions.
     """
 
@@ -44,8 +43,8 @@ class MethodEntry:
 
     Attributes:
         parameters: Planner parameters that differ from the paper's augmented method.
-        of_paper: Whether it is the paper's. It then maximizes the paper's reward, which says little about the others.
-        risk_integral: The value of `level_set.method` that it uses instead of the mission file's; None: the file's.
+        of_paper: Whether it is the paper's, and so maximizes the paper's reward.
+        risk_integral: Value that replaces `level_set.method`; None: uses the mission file's.
     """
 
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -96,7 +95,7 @@ PAPER_METHODS = tuple(name for name, entry in METHODS.items() if entry.of_paper)
 
 
 def unless_paper_method(given: bool | None, parameters: Mapping[str, Any]) -> bool:
-    """Resolves a switch whose default is true, but false with the paper's methods.
+    """Resolves a switch whose default is true, except with the paper's methods.
 
     Args:
         given: The mission file's value; None if it is left out.

@@ -1,4 +1,4 @@
-"""The operating area: a polygon less its no-go areas, with the distance to their borders, and grids over it."""
+"""The operating area: a polygon without its no-go areas, distances to their borders, and grids over it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, corners
 
 Array = NDArray[np.float64]
 
-#: Maximum number of raster nodes; more is a mistake in the mission file.
+#: Maximum number of raster nodes, to detect mistakes in a mission file.
 MAX_NODES = 20_000_000
-#: Maximum number of cells of a grid, for the same reason.
+#: Maximum number of cells of a grid, likewise.
 MAX_CELLS = 2_000_000
 
 
@@ -27,7 +27,6 @@ class Grid:
         north_m: North of the rows (ny,), ascending.
         east_m: East of the columns (nx,), ascending.
         inside: Whether a cell's center is in the area (ny, nx).
-        resolution_m: Cell size.
     """
 
     north_m: Array
@@ -49,10 +48,9 @@ class Grid:
 
 
 class OperatingArea:
-    """The operating area, with fast and conservative lookups of the distance to its border.
+    """The operating area, with fast and conservative distances to its border.
 
     Attributes:
-        config: The configuration.
         polygon: Corners (n, 2): north, east (m).
         no_go: Corners (n, 2) of each no-go area by name.
         margin_m: Distance that vehicles keep from the border.
@@ -77,7 +75,7 @@ class OperatingArea:
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
     def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
-        """Mask (P,) of the places (P, 2) in the polygon and in no no-go area, exact up to rounding."""
+        """Mask (P,) of the places (P, 2) inside the polygon and outside all no-go areas."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         inside = _in_polygon(self.polygon, places)
         for polygon in self.no_go.values():
@@ -88,15 +86,15 @@ class OperatingArea:
         """Distance (m) of places (P, 2) to the nearest border, (P,); negative outside the area and in no-go areas.
 
         It is zero on the border; the planner's `FreeSpace.clearance_m` is zero at `margin_m` from it. The value comes
-        from a raster and is rounded down: the true distance is never less, and at most 2 raster_m more (within the
-        polygon's extent). So `clearance_m(p) >= margin_m` never accepts a place that is too close.
+        from a raster: within the polygon's extent, the true distance is 0 to 2 raster_m more. So `clearance_m(p) >=
+        margin_m` never accepts a place that is too close.
         """
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         step = self.config.raster_m
         row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
         column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
         off = np.hypot(places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step))
-        # The signed distance changes by no more than the distance between the two places.
+        # The signed distance changes by at most the distance between the two places.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
     def grid(self, resolution_m: float) -> Grid:
@@ -146,15 +144,15 @@ class OperatingArea:
         self._nodes = np.where(inside, distance, -distance)
         if not np.any(self._nodes > 0.0):
             raise ParameterError(
-                "area.no_go: got areas that cover the whole polygon; expected some free area. If there is some, choose "
-                f"a smaller area.raster_m than {step!r}."
+                "area.no_go: got areas that cover the whole polygon; expected some free area. If there is "
+                f"some, decrease area.raster_m (now {step!r})."
             )
 
 
 def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
     """Mask (P,) by the even-odd rule, exact up to rounding.
 
-    Not by shapely, whose places on the border are outside: grids and rasters have centers there.
+    Shapely is unsuitable: it puts places on the border outside, and grids and rasters have centers there.
     """
     inside = np.zeros(len(places), dtype=bool)
     north, east = places[:, 0], places[:, 1]
@@ -188,8 +186,8 @@ def _edge_distance_2(n: Array, e: Array, dn: float, de: float) -> Array:
 def _border_distance_2(polygons: tuple[Array, ...], north: Array, east: Array) -> Array:
     """Squared distance (R, C) of a raster's nodes to the nearest border; four to ten times as fast as shapely.
 
-    Nodes are grouped in blocks. An edge that is farther from a block's middle than the nearest edge by more than the
-    block's width is nearest to none of its nodes, so each block compares a few edges only.
+    Nodes are grouped in blocks. If an edge is farther from a block's middle than the nearest edge by more than the
+    block's diagonal, it is nearest to none of its nodes. So each block compares only a few edges.
     """
     width = 8
     rows, columns = (math.ceil(len(axis) / width) for axis in (north, east))

@@ -1,4 +1,4 @@
-"""Reads ROS 2 parameter files: strict YAML, node patterns, and the parameters that a node gets from them."""
+"""Reads ROS 2 parameter files: strict YAML, node patterns, and the parameters of a node."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
-    """As `read_parameter_file`, from the file's text; `where` names it in messages."""
+    """As `read_parameter_file`, from the file's text; `where` names the file in messages."""
     data = _parse_yaml(text, where)
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
@@ -74,14 +74,14 @@ def read_yaml(path: Path) -> Any:
     return _parse_yaml(_read_text(path), str(path))
 
 
-#: What the wildcards of a node pattern match.
+#: Regular expressions for the wildcards of a node pattern.
 _WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 
 
 def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
     """The nested parameters of a node, later patterns over earlier ones.
 
-    Follows rcl, which matches full names: `/*` stands for one name, `/**` for any number of names.
+    As in rcl, `/*` matches one name, and `/**` any number of names.
 
     Args:
         patterns: As `read_parameter_file` returns them.
@@ -105,7 +105,7 @@ def _read_text(path: Path) -> str:
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
-    """Refuses duplicate keys: PyYAML keeps the last one, so a repeated section would lose its first half."""
+    """Rejects duplicate keys; PyYAML would silently keep only the last one."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[tuple[str, str]] = set()

@@ -1,8 +1,8 @@
 """Parameters: dataclass fields with unit, range and meaning, and the strict loader that fills them.
 
 A configuration is a frozen dataclass whose fields are declared with `parameter(...)`. `from_mapping` builds it from a
-nested mapping (from YAML, or from a node's ROS parameters). It refuses unknown and missing keys, values of another
-type and values out of range with a `ParameterError` that names the key, the value and what was expected.
+nested mapping (from YAML, or from a node's ROS parameters). It rejects unknown and missing keys, and values of the
+wrong type or out of range, with a `ParameterError`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", 
 
 
 class ParameterError(ValueError):
-    """A parameter that cannot be used: unknown, missing, of the wrong type or out of range."""
+    """An unusable parameter: unknown, missing, of the wrong type or out of range."""
 
 
 def parameter(
@@ -40,13 +40,12 @@ def parameter(
     """A dataclass field with unit, range and meaning.
 
     Args:
-        default: Default value (a dict is copied); leave it out for a required parameter.
+        default: Default value (a dict is copied); omitted for a required parameter.
         help: Its meaning, with the paper's symbol if there is one.
         unit: SI unit as text, "" for none.
         low: Smallest allowed value (of each element of a sequence), inclusive.
         high: Largest allowed value, inclusive.
         above: Exclusive lower limit.
-        choices: Allowed texts.
     """
     metadata = {"help": help, "unit": unit, "low": low, "high": high, "above": above, "choices": choices}
     if isinstance(default, dict):
@@ -61,7 +60,6 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
     Args:
         cls: A dataclass; nested dataclass fields are built from nested mappings.
-        mapping: Nested mapping of plain values.
         where: Where the mapping came from, for messages ("config/missions/default.yaml: gp").
 
     Raises:
@@ -82,7 +80,7 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
             values[name] = from_mapping(typing.cast(type, hints[name]), {}, key)
     try:
         return cls(**values)
-    except ValueError as error:  # a condition between several parameters; its text starts with their names
+    except ValueError as error:  # parameters contradict each other; the text starts with their names
         file, separator, name = where.rpartition(": ")
         full = str(error) if str(error).startswith(f"{name}.") else f"{name}.{error}"
         raise ParameterError(f"{file}{separator}{full}") from error
@@ -101,22 +99,21 @@ def is_given(parameters: Mapping[str, Any], name: str) -> bool:
 
 
 def problems(cls: type, mapping: Any, where: str) -> list[str]:
-    """All errors in a mapping for dataclass `cls`, where `from_mapping` stops at the first.
+    """All errors in a mapping for dataclass `cls`; `from_mapping` stops at the first.
 
-    Conditions between several parameters are left to `from_mapping`.
+    Only `from_mapping` checks for parameters that contradict each other.
     """
     return [text for _, text in split_refused(cls, mapping, where)[1]]
 
 
 def split_refused(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Separates the usable values of a mapping for dataclass `cls` from the refused ones, each key on its own.
+    """Separates the valid values of a mapping for dataclass `cls` from the invalid ones.
 
-    Conditions between several parameters are left to `from_mapping`.
+    Only `from_mapping` checks for parameters that contradict each other.
 
     Returns:
-        The usable values, and an error for each refused one: its dotted name in the mapping and the message. An
-        unknown key has the name of the parameter that it probably stands for, or else of its section, where it may
-        stand for any parameter; "" is `cls` itself.
+        The valid values, and for each invalid one its dotted name and the message. The name of an unknown key is that
+        of the most similar parameter, or else of its section; "" is `cls` itself.
     """
     try:
         hints, fields = _declared(cls, mapping, where)
@@ -149,8 +146,8 @@ def split_refused(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], 
 def to_mapping(config: Any) -> dict[str, Any]:
     """The nested mapping that `from_mapping` turns into an equal configuration.
 
-    Tuples become lists. None and empty values are left out: a ROS 2 parameter file holds neither null nor an empty
-    list.
+    Tuples become lists. None and empty values are omitted, because a ROS 2 parameter file can hold neither null nor an
+    empty list.
     """
     result: dict[str, Any] = {}
     for field in dataclasses.fields(config):
@@ -188,7 +185,7 @@ def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict
     """Types and fields of a dataclass, by name.
 
     Raises:
-        ParameterError: if `mapping` is no mapping.
+        ParameterError: if `mapping` is not a mapping.
     """
     if not isinstance(mapping, Mapping):
         raise ParameterError(f"{where}: got {mapping!r}; expected a mapping of parameters")
@@ -196,7 +193,7 @@ def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict
 
 
 def _nearest(key: Any, known: Iterable[str]) -> str:
-    """The known name that an unknown key probably stands for, "" if none is similar."""
+    """The known name most similar to an unknown key; "" if none is similar."""
     return next(iter(difflib.get_close_matches(str(key), known, n=1)), "")
 
 
@@ -207,7 +204,7 @@ def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> Paramete
 
 
 def _expected(hint: Any, field: dataclasses.Field[Any]) -> str:
-    """What a field takes, in words: "a number from 0 to 1", "a list of numbers in m"."""
+    """Text for the values of a field: "a number from 0 to 1", "a list of numbers in m"."""
     meta = field.metadata
     if meta.get("choices"):
         return "one of " + ", ".join(map(repr, meta["choices"]))

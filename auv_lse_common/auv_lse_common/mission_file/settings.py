@@ -1,8 +1,8 @@
 """A whole mission file: every section for every vehicle, checked.
 
-The file is an ordinary ROS 2 parameter file. `/**:` holds for all vehicles, `/auv2/**:` for one. Only the sections of
-`VehicleSections` may stand under one vehicle: with different motion primitives or slots, vehicles could neither
-reconstruct each other's plans nor keep to their own slots.
+The file is a ROS 2 parameter file. `/**:` applies to all vehicles, `/auv2/**:` to one. Only the sections of
+`VehicleSections` may be set for one vehicle: with different motion primitives or slots, vehicles could neither rebuild
+each other's plans nor keep their slots.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from auv_lse_common.mission_file.sections.table import (
 )
 from auv_lse_common.mission_file.sections.vehicle import with_depth
 
-#: A mission is stopped after this many times the duration expected from its legs.
+#: A mission is stopped after this multiple of the expected duration of its legs.
 PATIENCE = 3.0
 
-#: Patterns that match every node, as rcl reads them.
+#: Patterns that match every node in rcl.
 _ALL_NODES = ("/**", "**")
 _ONE_VEHICLE = re.compile(r"/?auv(0|[1-9]\d*)/\*\*")
 _VEHICLE_NAME = re.compile(r"auv(0|[1-9]\d*)")
@@ -46,7 +46,6 @@ class Settings(TeamSections):
     """A mission: the sections of the whole team, and those of each vehicle.
 
     Attributes:
-        where: The file, for messages.
         common: The sections of a vehicle without parameters of its own.
         vehicles: Each vehicle's sections, in order of their numbers from 1.
     """
@@ -57,12 +56,11 @@ class Settings(TeamSections):
 
     @classmethod
     def load(cls, path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
-        """Reads a mission file, or takes the defaults if there is none.
+        """Reads a mission file; without one, uses the defaults.
 
         Args:
-            path: A ROS 2 parameter file.
-            overrides: Values that replace the file's, for all vehicles: dotted names ("mission.seed") or nested
-                mappings. A name that begins with a vehicle ("auv2.vehicle.depth_m") is for that vehicle only.
+            overrides: Values that replace the file's: dotted names ("mission.seed") or nested mappings. A name that
+                begins with a vehicle ("auv2.vehicle.depth_m") applies to that vehicle only.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and the file.
@@ -74,7 +72,7 @@ class Settings(TeamSections):
     def from_patterns(
         cls, patterns: Mapping[str, Mapping[str, Any]], where: str, overrides: Mapping[str, Any] | None = None
     ) -> Settings:
-        """The settings from the result of `read_parameter_file`; the other arguments are those of `load`."""
+        """The settings from the result of `read_parameter_file`; other arguments as in `load`."""
         on_top = _by_pattern(overrides or {})
         for_all = parameters_for({k: v for k, v in patterns.items() if k in _ALL_NODES}, "/settings")
         for_all = _overridden(for_all, on_top, None)
@@ -90,7 +88,7 @@ class Settings(TeamSections):
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:
-        """These settings with other values, given as for `load`."""
+        """These settings with `overrides` as in `load`."""
         return Settings.from_patterns(self.to_patterns(), self.where, overrides)
 
     def vehicle(self, number: int) -> VehicleSections:
@@ -127,7 +125,7 @@ class Settings(TeamSections):
         """The complete mission file as nested mappings, with every default filled in."""
         for_all = {name: to_mapping(getattr(self, name)) for name in TEAM_SECTIONS}
         common = {name: to_mapping(getattr(self.common, name)) for name in VEHICLE_SECTIONS}
-        del common["vehicle"]["depth_m"]  # differs by vehicle, also for vehicles that a larger team adds
+        del common["vehicle"]["depth_m"]  # differs by vehicle, also in a larger team
         patterns: Patterns = {"/**": {**for_all, **common}}
         for number, own in enumerate(self.vehicles, 1):
             different: dict[str, Any] = {}
@@ -141,7 +139,7 @@ class Settings(TeamSections):
         return patterns
 
     def to_parameter_file(self) -> str:
-        """The complete mission file as text; it loads to equal settings."""
+        """The complete mission file as text, from which `load` makes equal settings."""
         lines = [
             "# A complete mission: every parameter with its value, defaults included.",
             "# Accepted by ros2 run --ros-args --params-file, the launch files and scripts/mission.",
@@ -152,7 +150,7 @@ class Settings(TeamSections):
 
 
 class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types
-    """Writes floats so that YAML 1.1, and so ROS, reads them as floats: 1.0e-05, never 1e-05."""
+    """Writes floats that YAML 1.1, and so ROS, reads as floats: 1.0e-05 instead of 1e-05."""
 
 
 def _float(dumper: yaml.SafeDumper, value: float) -> Any:
@@ -170,7 +168,7 @@ def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
 
 _Dumper.add_representer(float, _float)
 _Dumper.add_representer(list, _list)
-_Dumper.ignore_aliases = lambda self, data: True  # ROS reads no YAML aliases
+_Dumper.ignore_aliases = lambda self, data: True  # ROS does not read YAML aliases
 
 
 def _plain(value: Any) -> Any:
@@ -193,9 +191,9 @@ def _vehicle_of(pattern: str) -> int | None:
 
 
 def check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles: int) -> int | None:
-    """Refuses a pattern that matches no node of a mission, and sections that do not belong under it.
+    """Rejects a pattern that matches no node of a mission, and sections that are invalid for it.
 
-    A vehicle beyond `vehicles` is allowed: a smaller team may fly the file of a larger one.
+    A vehicle beyond `vehicles` is allowed, so that a smaller team can use the file of a larger one.
 
     Returns:
         The pattern's vehicle; None for all vehicles.
@@ -235,14 +233,14 @@ def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]
         elif isinstance(values, Mapping):
             found.append((f"/{name}/**", dict(values)))
         else:
-            raise ParameterError(f"{name}: got {values!r}; expected its parameters, as {name}.vehicle.depth_m")
+            raise ParameterError(f"{name}: got {values!r}; expected parameters, such as {name}.vehicle.depth_m")
     return found
 
 
 def _overridden(
     parameters: Mapping[str, Any], on_top: Sequence[tuple[str, Mapping[str, Any]]], number: int | None
 ) -> dict[str, Any]:
-    """Parameters with the overrides for all vehicles, and those of vehicle `number`; later ones replace earlier."""
+    """Parameters with the overrides for all vehicles and for vehicle `number`; later ones replace earlier ones."""
     result = dict(parameters)
     for pattern, values in on_top:
         if pattern in _ALL_NODES or (number is not None and _vehicle_of(pattern) == number):

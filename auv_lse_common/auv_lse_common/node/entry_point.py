@@ -103,11 +103,7 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Main:
-    """A node's entry point, to be called.
-
-    Attributes:
-        make: Makes the node.
-    """
+    """A node's entry point, to be called."""
 
     make: Callable[[], Node]
 

@@ -102,9 +102,6 @@ class StateFile:
     def write(self, values: Mapping[str, Any]) -> bool:
         """Replaces the state, and waits until the disk has it. An unchanged state is not written again.
 
-        Args:
-            values: JSON values.
-
         Returns:
             Whether the disk has it, or no state is kept; else `problem` says why not.
         """

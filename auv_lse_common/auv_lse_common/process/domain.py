@@ -301,12 +301,7 @@ def simulator_of(run: Path) -> str | None:
 
 
 def local_environment(root: Path, domain: int) -> dict[str, str]:
-    """This process's environment, with DDS kept to this machine and to `domain`.
-
-    Args:
-        root: The project's folder, which holds config/.
-        domain: ROS domain.
-    """
+    """This process's environment, with DDS kept to this machine and to `domain`."""
     environment = node_environment(domain)
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
     environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(root / "config" / "fastdds_localhost.xml")
@@ -314,12 +309,7 @@ def local_environment(root: Path, domain: int) -> dict[str, str]:
 
 
 def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
-    """This process's environment for a vehicle's nodes: DDS kept to this machine, unless a variable sets its range.
-
-    Args:
-        root: The project's folder, which holds config/.
-        domain: ROS domain.
-    """
+    """This process's environment for a vehicle's nodes: DDS kept to this machine, unless a variable sets its range."""
     if any(os.environ.get(name) for name in RANGE_VARIABLES):
         return node_environment(domain)
     environment = local_environment(root, domain)

@@ -116,7 +116,6 @@ class ForkServer:
         Args:
             processes: The processes to be started later.
             log: File for errors of the server itself.
-            environment: The processes' environment.
             in_turn: Whether the receiver of a message waits for the sender to finish its work (Linux: SCHED_BATCH).
                 In lockstep that saves a fifth of the processor time; otherwise it delays answers.
         """

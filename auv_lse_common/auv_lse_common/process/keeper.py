@@ -81,8 +81,6 @@ def node_task(process: Process, parameter_file: Path, *arguments: str) -> Task:
     """The task of a node with the mission's parameters.
 
     Args:
-        process: The node, or the nodes that share a process.
-        parameter_file: The mission file.
         arguments: Further arguments after --ros-args.
 
     Raises:
@@ -132,7 +130,6 @@ class ProcessKeeper:
         """Starts nothing yet.
 
         Args:
-            tasks: What to run.
             logs: Folder of the log files, one for each task; restarts append.
             environment: Environment of the processes.
             say: Called with a line for each start and death (with `restart`), and for long loading.

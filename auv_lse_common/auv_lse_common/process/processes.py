@@ -28,7 +28,6 @@ class Process:
     """One process of a mission: what `ros2 run` would start, or several such nodes in one process.
 
     Attributes:
-        package: ROS 2 package.
         executable: Its entry point, which is also the node's name.
         namespace: Node namespace, "/auv1" or "/".
         beside: Package and executable of further nodes in the same process.

@@ -7,11 +7,7 @@ from collections.abc import Sequence
 
 
 class Fence:
-    """A polygon with a margin that vehicles and waypoints must not leave.
-
-    Attributes:
-        margin_m: The margin.
-    """
+    """A polygon with a margin that vehicles and waypoints must not leave."""
 
     def __init__(self, polygon_m: Sequence[float], margin_m: float) -> None:
         """Takes corners in order: north, east (m), north, east, ...; a last corner equal to the first is dropped.

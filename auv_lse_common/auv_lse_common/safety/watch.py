@@ -95,9 +95,6 @@ class SafetyWatch:
         """Starts without reports.
 
         Args:
-            config: The limits.
-            fence: Where the vehicle may be.
-            deepest_m: Largest allowed depth (m).
             has_autopilot: Whether there is an autopilot; the mission then waits for it.
         """
         self.warnings: dict[str, str] = {}
@@ -198,7 +195,6 @@ class SafetyWatch:
         """Checks every limit.
 
         Args:
-            now_s: Time (s).
             run: The vehicle's mission: takes the tripped limits, and whether the autopilot is ready.
         """
         passed_s = self._pass_time(now_s)

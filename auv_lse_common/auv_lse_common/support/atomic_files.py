@@ -1,4 +1,4 @@
-"""Atomic writing of files: completely or not at all."""
+"""Writes files atomically: completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def written_whole(folder: Path) -> Iterator[Path]:
-    """A context whose value is an empty folder; its files are moved into `folder` at the end.
+    """A context that provides an empty folder; at the end its files are moved into `folder`, created if needed.
 
-    After an error `folder` is as before. It is created if needed.
+    After an error `folder` is unchanged.
 
     Raises:
-        OSError: naming `folder`, or the file that the system names.
+        OSError: naming `folder` or the file.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -25,7 +25,7 @@ def written_whole(folder: Path) -> Iterator[Path]:
             for path in sorted(part.iterdir()):
                 path.replace(folder / path.name)
     except OSError as error:
-        if error.filename is None:  # a failed write does not name its file
+        if error.filename is None:  # as after a failed write
             raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
         raise
 

@@ -1,8 +1,8 @@
 """Runs a module as `python -m` does; the scripts run their modules this way.
 
-`python -m auv_lse_common.support.command MODULE ARGUMENTS` ends on Ctrl-C with the word "interrupted" and exit code
-130, even while modules are being imported. A command that has to end processes in order handles the signal itself.
-A package of the stack that is not installed is named, with exit code 2: a vehicle has no simulator.
+`python -m auv_lse_common.support.command MODULE ARGUMENTS` prints "interrupted" on Ctrl-C and exits with code 130, even
+during imports. A command that has to end processes in order handles the signal itself. If a package of the stack is not
+installed (a vehicle has no simulator), the command names it and exits with code 2.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import os
 import runpy
 import sys
 
-#: Packages that are needed by the commands of a package, if not only that package itself.
+#: Packages that the commands of a package need, if not only that package.
 _NEEDS = {"auv_lse_shore": ("auv_lse_sim", "auv_lse_shore"), "benchmarks": ("auv_lse_sim", "auv_lse_shore")}
 
 
 def main() -> int:
-    """Runs the module named first on the command line; returns the exit code if the module does not exit itself."""
+    """Runs the first argument as a module; returns the exit code if the module does not exit itself."""
     _, module, *arguments = sys.argv
     package = module.split(".")[0]
     missing = [name for name in _NEEDS.get(package, ()) if not _is_installed(name)]
@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def _is_installed(package: str) -> bool:
-    """Whether a package can be imported; its folder in the working directory would be found without being one."""
+    """Whether a package can be imported; a folder of its name in the working directory does not count."""
     spec = importlib.util.find_spec(package)
     return spec is not None and spec.origin is not None
 

@@ -1,10 +1,10 @@
-"""Compilation of inner loops with numba if it is installed; otherwise they run as plain Python or NumPy.
+"""Compiles inner loops with numba if it is installed; otherwise they run as plain Python or NumPy.
 
-The plain functions are the reference; tests call both (`plain(function)`) and compare them. The environment variable
+The plain functions are the reference, with which tests compare the compiled ones. The environment variable
 AUV_LSE_NUMBA=0, set before the import, forces the plain ones.
 
-Numba's cache notices changes of a function's own file, but not of the functions that it calls in other files. So the
-cache's folder is named after a hash of all files of the package with compiled functions.
+Numba's cache detects changes of a function's own file, but not of functions that it calls in other files. So the name
+of the cache folder contains a hash of all files of the package with compiled functions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 #: Whether compiled code is used. `compiled` reads it when a function is decorated; auv_lse_gp reads it at every call,
-#: so that its tests can switch it and compare both.
+#: so that tests can switch it.
 USE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0" and importlib.util.find_spec("numba") is not None
 
 
@@ -38,7 +38,7 @@ if USE_NUMBA:
 
 @cache
 def cache_folder(package: Path) -> str:
-    """Numba's cache folder for the present files of `package` (its folder)."""
+    """Numba's cache folder for the current files of `package` (its folder)."""
     import numba
 
     digest = hashlib.sha256()
@@ -59,17 +59,17 @@ def _package_of(file: Path) -> Path:
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function` compiled by numba (strict IEEE arithmetic, kept in numba's cache), or itself without numba."""
+    """`function` compiled by numba (strict IEEE arithmetic, cached), or `function` itself without numba."""
     if not USE_NUMBA:
         return function
-    import numba  # here, so that auv_lse_gp can be imported without numba
+    import numba  # here, because numba is optional
 
     before = numba.config.CACHE_DIR
     folder = cache_folder(_package_of(Path(function.__code__.co_filename).resolve()))
-    numba.config.CACHE_DIR = folder  # read when a function is decorated; unwritable: numba looks elsewhere
+    numba.config.CACHE_DIR = folder  # read when a function is decorated; if it is not writable, numba looks elsewhere
     try:
         result: Callable[..., Any] = numba.njit(cache=True, fastmath=False)(function)
-    except RuntimeError:  # numba found no place it may write its cache to
+    except RuntimeError:  # numba found no writable cache folder
         result = numba.njit(fastmath=False)(function)
     finally:
         numba.config.CACHE_DIR = before
@@ -77,6 +77,6 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def plain(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The uncompiled function behind a compiled one (the reference of the tests)."""
+    """The plain function of a compiled one."""
     result: Callable[..., Any] = getattr(function, "py_func", function)
     return result

@@ -1,4 +1,4 @@
-"""A table of numbers that grows at its end: its memory doubles when it is full."""
+"""A table of numbers that grows at its end; its memory doubles when it is full."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ class GrowingRows:
     """Rows of numbers.
 
     Attributes:
-        buffer: The rows, then spare ones, (capacity, width); replaced when it is full.
+        buffer: The rows, then spare rows, (capacity, width); replaced when it is full.
     """
 
     def __init__(self, width: int, capacity: int = 64) -> None:
         """Makes an empty table of `width` columns with room for `capacity` rows."""
-        # Memory that is not touched costs nothing; growing does.
         self.buffer: Array = np.zeros((capacity, width))
         self._size = 0
 
@@ -27,18 +26,18 @@ class GrowingRows:
 
     @property
     def rows(self) -> Array:
-        """The rows (n, width): a view, to be written to, until the table grows."""
+        """The rows (n, width): a writable view, valid until the table grows."""
         return self.buffer[: self._size]
 
     def reserve(self, size: int) -> None:
-        """Makes room for `size` rows in all."""
+        """Makes room for a total of `size` rows."""
         if size > len(self.buffer):
             grown = np.zeros((max(size, 2 * len(self.buffer)), self.buffer.shape[1]))
             grown[: self._size] = self.rows
             self.buffer = grown
 
     def resize(self, size: int) -> None:
-        """Drops the rows from number `size` on, or adds rows, whose values the caller writes, up to that number."""
+        """Sets the number of rows: drops rows from the end, or adds rows whose values the caller writes."""
         self.reserve(size)
         self._size = size
 

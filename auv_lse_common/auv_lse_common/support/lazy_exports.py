@@ -1,6 +1,6 @@
-"""Lazy package exports: each public name of a package is imported when it is first used.
+"""Lazy package exports: each public name of a package is imported on first use.
 
-A node that needs one class would otherwise import the whole package, and SciPy with it.
+Otherwise a node that needs one class would import the whole package and SciPy.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ def lazy_exports(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable
 
     Args:
         package: The package's `__name__`.
-        homes: Exported names by defining module: relative to the package, or a full name that starts with auv_lse_.
+        homes: Exported names by defining module: relative to the package, or with its full name (auv_lse_...).
     """
     module_of = {
         name: home if home.startswith("auv_lse_") else f"{package}.{home}"

@@ -22,7 +22,7 @@ COMMANDS = {
 
 
 class MissingPackageError(ImportError):
-    """A package is not installed: its name, what needs it, and the install command."""
+    """A package is not installed; names the package, its use and the install command."""
 
 
 def missing(error: ImportError, purpose: str) -> MissingPackageError:
@@ -30,7 +30,7 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
 
     Args:
         error: The error of the import.
-        purpose: What needs the package, as the subject of a sentence: "figures".
+        purpose: Subject of the sentence "... need the Python package": "figures".
     """
     name = (error.name or str(error)).split(".")[0]
     command = COMMANDS.get(name, f"pip install {name}")

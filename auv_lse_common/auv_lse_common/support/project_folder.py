@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def project_folder() -> Path:
-    """The folder in AUV_LSE_ROOT, which the scripts set, else the source tree, else the working directory."""
+    """The folder in AUV_LSE_ROOT (set by the scripts), else the source tree, else the working directory."""
     named = os.environ.get("AUV_LSE_ROOT")
     if named:
         return Path(named)

@@ -1,9 +1,8 @@
 """Encodes values as the fields of messages, and decodes messages.
 
-*Encode* returns a message's fields as nested dicts, which `ros_conversions.to_message` turns into a ROS message and
-`auv_lse_record.message_types.make_message` into a recorded one. *Decode* reads any object with the attributes of the
-message's type, so it takes both. Only here north, east, heading become x, y, yaw (ENU, docs/reference/frames.md), and
-back.
+Encoders return a message's fields as nested dicts, from which `ros_conversions.to_message` makes a ROS message and
+`auv_lse_record.message_types.make_message` a recorded one. Decoders accept both. Only this package converts between
+north, east, heading and x, y, yaw (ENU, docs/reference/frames.md).
 """
 
 from __future__ import annotations
@@ -68,13 +67,13 @@ _TO_MESSAGE: dict[str, Callable[[Any], Any]] = {
 
 
 def encode_record(record: Any, vehicle: int = 0) -> Fields:
-    """Fields of a message that has those of a dataclass; `stamp_s` goes into the header."""
+    """Fields of a message with those of a dataclass; `stamp_s` becomes the header's stamp."""
     values = {f.name: _TO_MESSAGE[str(f.type)](getattr(record, f.name)) for f in fields(record) if f.name != "stamp_s"}
     return {"header": header_fields(record.stamp_s), **values}
 
 
 def record_decoder(kind: type) -> Decode:
-    """What decodes messages that have the fields of the dataclass `kind`."""
+    """A decoder of messages with the fields of the dataclass `kind`."""
     columns = [(f.name, _FROM_MESSAGE[str(f.type)], f.default) for f in fields(kind) if f.name != "stamp_s"]
     stamped = any(f.name == "stamp_s" for f in fields(kind))
 
@@ -88,7 +87,7 @@ def record_decoder(kind: type) -> Decode:
     return decode
 
 
-# Where vehicles are ------------------------------------------------------------------------------------------------
+# Positions of vehicles ------------------------------------------------------------------------------------------------
 
 
 #: From (heading, north, east) to (x east, y north, yaw = pi/2 - heading), and their rows in a pose's covariance.
@@ -97,7 +96,7 @@ _ENU_ROWS = np.ix_([0, 1, 5], [0, 1, 5])
 
 
 def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
-    """Odometry of anything with the attributes of `DeadReckoning`, and of `Odometry` as far as it has them."""
+    """Odometry of a `DeadReckoning` or `Odometry`, or of an object with the same attributes."""
     x, y, z, w = quaternion_from_heading(float(value.heading_rad))
     pose = {
         "position": {"x": float(value.east_m), "y": float(value.north_m), "z": -float(value.depth_m)},
@@ -119,12 +118,12 @@ def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
 
 
 def encode_truth(value: Any, vehicle: int) -> Fields:
-    """Odometry of where a simulated vehicle really is."""
+    """Odometry of the true position of a simulated vehicle."""
     return encode_odometry(value, vehicle, "truth/auv")
 
 
 def decode_dead_reckoning(message: Any) -> DeadReckoning:
-    """The place in an Odometry."""
+    """The position in an Odometry."""
     position, q = message.pose.pose.position, message.pose.pose.orientation
     return DeadReckoning(
         stamp_s=seconds(message.header.stamp),
@@ -136,7 +135,7 @@ def decode_dead_reckoning(message: Any) -> DeadReckoning:
 
 
 def decode_odometry(message: Any) -> Odometry:
-    """Place, motion and covariance in an Odometry."""
+    """Position, motion and covariance in an Odometry."""
     position, q, c = message.pose.pose.position, message.pose.pose.orientation, message.pose.covariance
     east, north, heading = float(c[0]), float(c[7]), float(c[35])
     north_east, heading_north, heading_east = float(c[1]), -float(c[11]), -float(c[5])
@@ -165,7 +164,7 @@ _decode_mate = record_decoder(MateNavigation)
 
 
 def decode_mate_navigation(message: Any) -> MateNavigation:
-    """Navigation that a packet reported; without `has_fix` the fix is NaN whatever the fields hold."""
+    """Navigation data of a packet; without `has_fix` the fix is NaN, whatever the fields contain."""
     mate: MateNavigation = _decode_mate(message)
     if message.has_fix or not mate.has_fix:
         return mate
@@ -173,7 +172,7 @@ def decode_mate_navigation(message: Any) -> MateNavigation:
     return replace(mate, fix_raw_north_m=nan, fix_raw_east_m=nan, fix_north_m=nan, fix_east_m=nan)
 
 
-# What they measure -------------------------------------------------------------------------------------------------
+# Measurements -------------------------------------------------------------------------------------------------
 
 
 def encode_sounding(sounding: Sounding, vehicle: int) -> Fields:
@@ -184,13 +183,13 @@ def encode_sounding(sounding: Sounding, vehicle: int) -> Fields:
 
 
 def decode_sounding(message: Any) -> Sounding:
-    """The sounding of a message; older recordings hold no raw place."""
+    """The sounding of a message; older recordings have no raw position."""
     raw = raw_place(getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
     return Sounding(seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m, *raw)
 
 
 def encode_altitude(altitude: Any, vehicle: int) -> Fields:
-    """Range; no ground in reach (NaN) is +inf (REP 117)."""
+    """Range; without an echo (NaN) it is +inf (REP 117)."""
     return {
         "header": header_fields(altitude.stamp_s, f"auv{vehicle}/dvl"),
         "radiation_type": 0,  # ultrasound
@@ -223,7 +222,7 @@ def decode_pressure(message: Any) -> Pressure:
 
 
 def encode_autopilot(state: Any, vehicle: int) -> Fields:
-    """AutopilotStatus of anything with `stamp_s`, `report` (an AutopilotReport) and `battery_v`."""
+    """AutopilotStatus of an object with `stamp_s`, `report` (an AutopilotReport) and `battery_v`."""
     report: AutopilotReport = state.report
     values = {f.name: getattr(report, f.name) for f in fields(report)}
     return {"header": header_fields(state.stamp_s), **values, "battery_v": float(state.battery_v)}
@@ -272,7 +271,7 @@ decode_order = record_decoder(MissionOrder)
 
 
 def packet_decoder(kind: type[Transmission] | type[Reception]) -> Decode:
-    """What decodes ModemTx or ModemRx; in older recordings an empty payload marks a ping."""
+    """A decoder of ModemTx or ModemRx; in older recordings an empty payload marks a ping."""
     decode = record_decoder(kind)
 
     def decode_packet(message: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Encodes and decodes maps: kernel centers, the field on its grid, and what viewers show of it."""
+"""Encodes and decodes maps: kernel centers, the field on its grid, and messages for viewers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def encode_centers(report: CentersReport, vehicle: int) -> Fields:
 
 
 def decode_centers(message: Any) -> CentersReport:
-    """Kernel centers; older recordings hold no effects of place errors.
+    """Kernel centers; older recordings have no effects of position errors.
 
     Raises:
         ValueError: if the message's fields differ in length.
@@ -73,7 +73,7 @@ def encode_field(report: FieldReport, vehicle: int) -> Fields:
 
 
 def decode_field(message: Any) -> FieldReport:
-    """A map; older recordings hold no `variance_scale`, which counts as 1."""
+    """A map; in older recordings without `variance_scale` it is 1."""
     shape = (int(message.rows), int(message.columns))
     names = ("mean_m", "std_m", "risk", "p_safe")
     layers = {name: np.asarray(getattr(message, name), dtype=np.float32).reshape(shape) for name in names}
@@ -88,7 +88,7 @@ def decode_field(message: Any) -> FieldReport:
 
 
 def encode_risk_map(value: tuple[FieldReport, float], vehicle: int) -> Fields:
-    """OccupancyGrid of a map's risk and the largest risk possible: 0 no risk, 100 the largest, -1 outside."""
+    """OccupancyGrid of (a map, the largest possible risk): 0 no risk, 100 the largest risk, -1 outside the area."""
     field, largest_risk = value
     resolution = _resolution(field.north_m, field.east_m)
     percent = np.clip(np.round(100.0 * np.nan_to_num(field.risk) / largest_risk), 0, 100)
@@ -106,12 +106,12 @@ def encode_risk_map(value: tuple[FieldReport, float], vehicle: int) -> Fields:
     }
 
 
-#: Lines of an isobath's markers: attribute of the isobath, color (red, green, blue).
+#: Markers of an isobath: attribute of the isobath, color (red, green, blue).
 MARKERS = (("lines", (0.0, 0.0, 0.0)), ("shallow_edge", (0.9, 0.6, 0.0)), ("deep_edge", (0.0, 0.45, 0.7)))
 
 
 def encode_isobath(value: tuple[float, int, Any, float], vehicle: int) -> Fields:
-    """Marker (LINE_LIST at z = -level) of stamp (s), index in `MARKERS`, an isobath with those lines, level (m)."""
+    """Marker (LINE_LIST at z = -level) of (stamp (s), index in `MARKERS`, isobath, level (m))."""
     stamp_s, index, isobath, level_m = value
     name, (red, green, blue) = MARKERS[index]
     points: list[Fields] = []

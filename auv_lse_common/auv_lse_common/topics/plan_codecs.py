@@ -36,7 +36,7 @@ def encode_plan(report: PlanReport, vehicle: int) -> Fields:
 
 
 def decode_plan(message: Any) -> PlanReport:
-    """A plan; older recordings call its naive path "heuristic" and hold no tour."""
+    """A plan; older recordings call its naive path "heuristic" and have no tour."""
     bearings = tuple(map(int, getattr(message, "bearings", ())))
     plan = Plan(
         step=int(message.step),
@@ -51,7 +51,7 @@ def decode_plan(message: Any) -> PlanReport:
 
 
 def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -> Fields:
-    """Path through states (heading, north, east), shape (n, 3), at a depth (m): (stamp s, states, depth)."""
+    """Path of (stamp (s), states (n, 3): heading, north, east, depth (m))."""
     stamp_s, states, depth_m = value
     header, poses = header_fields(stamp_s), []
     for heading, north, east in states:
@@ -63,10 +63,10 @@ def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -
 
 
 def stop_of(action: int, north_m: float, east_m: float) -> Stop | None:
-    """The stop of a message's action (one of MissionState's) and place; None: the vehicle travels.
+    """The stop of a message's action (of MissionState) and place; None: the vehicle travels.
 
     Raises:
-        ValueError: if there is no such action, or no place to go to.
+        ValueError: for an unknown action, or GO_TO without a place.
     """
     known = Action(action)
     return None if known is Action.TRAVEL else Stop(action=known, place_m=(north_m, east_m))
@@ -77,7 +77,7 @@ def stop_fields(stop: Stop | None) -> tuple[int, float, float]:
     return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.place_m)
 
 
-#: Fields of a Waypoint that hold its leg, and the leg's own names for them.
+#: Fields of a Waypoint that contain its leg, and the corresponding fields of `Leg`.
 _LEG_FIELDS = {
     "start_heading_rad": "heading_rad",
     "start_north_m": "north_m",
@@ -114,7 +114,7 @@ def decode_waypoint(message: Any) -> Waypoint:
     """The next leg; older recordings have neither `surface` nor `then`.
 
     Raises:
-        ValueError: if what is to follow it is none of MissionState's actions.
+        ValueError: if the action after the leg is not one of MissionState.
     """
     values = {name: float(getattr(message, field)) for field, name in _LEG_FIELDS.items()}
     leg = Leg(step=int(message.step), surface=bool(getattr(message, "surface", False)), **values)
@@ -151,7 +151,7 @@ def decode_run(message: Any) -> RunReport:
     """The state of a vehicle's mission.
 
     Raises:
-        ValueError: if a number in it has no meaning.
+        ValueError: if it contains an unknown number.
     """
     status = RunStatus(
         state=RunState(int(message.state)),

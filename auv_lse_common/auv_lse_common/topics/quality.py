@@ -8,17 +8,17 @@ from auv_lse_common.topics.table import Topic
 
 #: Every message counts: reliable, with room for a burst.
 EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-#: For a state that is soon replaced: also hears drivers that publish with ROS's sensor QoS (best effort).
+#: For frequently updated states: also receives from drivers that publish with ROS's sensor QoS (best effort).
 NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-#: The last message also reaches readers that come later (latched).
+#: Late readers also receive the last message (latched).
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def writer_quality(topic: Topic) -> QoSProfile:
-    """Quality of service of one of the stack's topics for its writer, and for a reader that may miss nothing."""
+    """Quality of service of one of the stack's topics for its writer, and for a reader that must not miss a message."""
     return LATCHED if topic.latched else EVERY
 
 
 def reader_quality(topic: Topic) -> QoSProfile:
-    """Quality of service for a reader outside of lockstep."""
+    """Quality of service for a reader without lockstep."""
     return NEWEST if topic.delivery == "newest" else writer_quality(topic)

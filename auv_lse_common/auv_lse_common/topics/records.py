@@ -1,8 +1,8 @@
-"""What messages carry, as plain values. `codecs.py` puts them into messages and takes them out.
+"""The contents of messages as plain values; `codecs.py` encodes and decodes them.
 
-Places are north, east (m) in the local tangent plane, depths m positive down, headings rad clockwise from north, and
-`stamp_s` is the stamp of the message's header (s). A default applies to a message that lacks the field: recordings of
-older versions.
+Positions are north, east (m) in the local tangent plane. Depths are in m, positive down, headings in rad, clockwise
+from north. `stamp_s` is the stamp of the message's header (s). Defaults apply to recordings of older versions that lack
+the field.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from auv_lse_common.vocabulary.mission_run import RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan
 
 Array = NDArray[np.float64]
-#: Seconds that a message holds as a time of its own, beside its header.
+#: Time (s) in a message's own field, in addition to its header.
 Time = float
 #: Covariance of heading (rad), north and east (m).
 Covariance = Sequence[Sequence[float]] | Array
@@ -29,11 +29,11 @@ _UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Odometry:
-    """Where a vehicle is.
+    """Position and motion of a vehicle.
 
     Attributes:
-        covariance: Rows and columns are heading, north, east; all zeros if unknown, as in nav_msgs.
-        yaw_rate_radps: Positive to starboard.
+        covariance: Rows and columns: heading, north, east; all zeros if unknown, as in nav_msgs.
+        yaw_rate_radps: Yaw rate, positive to starboard.
     """
 
     stamp_s: float
@@ -82,7 +82,7 @@ class MissionOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunReport:
-    """The state of a vehicle's mission, the `revision`-th, and limits that are exceeded but only warn."""
+    """The state of a vehicle's mission with its revision, and the exceeded limits that only warn."""
 
     stamp_s: float
     revision: int
@@ -92,7 +92,7 @@ class RunReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentersReport:
-    """Kernel centers of a map: places (n, 2), depths and noise (n,), effects of place errors (n, r) or None."""
+    """Kernel centers of a map: positions (n, 2), depths and noise (n,), effects of position errors (n, r) or None."""
 
     stamp_s: float
     revision: int
@@ -134,10 +134,9 @@ class Waypoint:
     """The next leg to travel.
 
     Attributes:
-        speed_mps: Speed commanded.
-        depth_m: Depth at which to travel.
-        end: Heading, north, east where the leg ends.
-        then: What follows the mission's last leg; None if others follow.
+        depth_m: Commanded depth.
+        end: Heading (rad), north, east (m) at the leg's end.
+        then: Action after the mission's last leg; None for other legs.
     """
 
     stamp_s: float
@@ -181,7 +180,7 @@ class Transmission:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reception:
-    """A packet received, or a ping answered; the fields are those of ModemRx.msg."""
+    """A received packet, or an answered ping; the fields are those of ModemRx.msg."""
 
     stamp_s: float
     source: int

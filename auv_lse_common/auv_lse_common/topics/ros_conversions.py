@@ -1,4 +1,4 @@
-"""Makes ROS messages of the fields that `codecs.py` encodes."""
+"""Makes ROS messages from the fields that `codecs.py` encodes."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def message_class(kind: str) -> Any:
 
 
 def to_message(kind: str, fields: Mapping[str, Any]) -> Any:
-    """A message of a type; what `fields` leaves out stays as ROS makes it."""
+    """A message of a type; fields missing in `fields` have ROS's defaults."""
     return _filled(message_class(kind)(), fields)
 
 
 def encoded(topic: Topic, value: Any, vehicle: int) -> Any:
-    """The message of one of the stack's topics that carries a value of this vehicle."""
+    """The message of one of the stack's topics with a value of this vehicle."""
     assert topic.encode is not None, f"{topic.name}: its messages are not encoded by the table"
     return to_message(topic.kind, topic.encode(value, vehicle))
 

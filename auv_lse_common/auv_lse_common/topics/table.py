@@ -1,7 +1,7 @@
 """The topics of a mission in one table: name, type, delivery, readers, writer, lockstep phases, encoding.
 
-Nodes, recorder, replay, live page, lockstep and the reference of topics follow from it. A new topic, or a new reader of
-one, is a row or an entry here (docs/design/adding-a-topic.md).
+Nodes, recorder, replay, live page, lockstep and the reference of topics derive from it. To add a topic or a reader, add
+a row or an entry here (docs/design/adding-a-topic.md).
 """
 
 from __future__ import annotations
@@ -17,19 +17,18 @@ from auv_lse_common.topics.codecs import Decode, Encode, encode_record, packet_d
 from auv_lse_common.topics.records import BoundReport, Reception, SimReport, TdmaReport, Transmission
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 
-#: How messages are delivered. "every": reliable, none is lost. "newest": only the newest counts, so readers accept
-#: best-effort writers, as ROS drivers are (in lockstep as "every"). "latched": late readers get the last message.
+#: How messages are delivered. "every": reliably. "newest": only the newest one matters, so readers accept best-effort
+#: writers such as ROS drivers (in lockstep as "every"). "latched": late readers receive the last message.
 Delivery = Literal["every", "newest", "latched"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phase:
-    """What one node does in every tick of lockstep.
+    """A node's work in every tick of lockstep.
 
     Attributes:
-        node: The node.
-        ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
-        counts: What `LockstepDone.totals` counts after the phase's topics (`announces`).
+        ends_tick: Whether the simulator waits for it before the next tick.
+        counts: Further counts in `LockstepDone.totals`, after those of the phase's topics (`announces`).
     """
 
     node: str
@@ -37,9 +36,9 @@ class Phase:
     counts: tuple[str, ...] = ()
 
 
-#: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run. "targets"
-#: counts what the driver has sent to the autopilot, for which it has taken as many waypoints as its "waypoint" says.
-#: "micromodem_lost" comes as often as a packet never reached the water.
+#: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" only where these drivers run.
+#: "targets" counts the targets sent to the autopilot, and "waypoint" the waypoints taken for them. "micromodem_lost"
+#: follows each packet that was not transmitted.
 PHASES = {
     "modem": Phase(node="modem_node"),
     "gp": Phase(node="gp_node"),
@@ -60,18 +59,19 @@ class Topic:
     Attributes:
         name: Its name below the vehicle's namespace; a topic of the whole mission has its full name.
         kind: Its ROS type.
-        about: What it carries, for the reference.
-        writer: The node that writes it; "a|b": b only where a does not run; "" if several nodes or operators do.
-        readers: The nodes of the stack that read it, without the recorder as it records; "a|b" as above.
+        about: Its content, for the reference.
+        writer: The node that writes it. "a|b": b only where a does not run; "": several nodes, or operators.
+        readers: The nodes of the stack that read it, except the recorder; "a|b" as above.
         delivery: See `Delivery`.
         recorded: Whether the recorder subscribes to it from the start.
         command: Whether hardware acts on it, so that a replay leaves it out.
-        phase: Lockstep: the phase after which its writer announces how many messages it has published.
-        tick_count: Lockstep: the field of LockstepTick in which the simulator announces that, if it writes the topic.
-        awaited_by: Lockstep: phases that begin only when its announced messages have arrived.
-        total: Lockstep: how many messages a message stands for, where later ones replace earlier ones; None: itself.
-        encode: Makes a message's fields of a value and the vehicle's number; None: its nodes do it themselves.
-        decode: Makes a value of a message, received or recorded.
+        phase: Lockstep: the phase after which its writer announces the number of published messages.
+        tick_count: Lockstep: the field of LockstepTick with that number, if the simulator writes the topic.
+        awaited_by: Lockstep: phases that begin only when all announced messages have arrived.
+        total: Lockstep: returns the number of messages up to a given one, where later ones replace earlier ones; None:
+            counts messages.
+        encode: Returns a message's fields for a value and the vehicle's number; None: its nodes make the messages.
+        decode: Returns the value of a message, received or recorded.
     """
 
     name: str = ""
@@ -91,7 +91,7 @@ class Topic:
 
     @property
     def latched(self) -> bool:
-        """Whether late readers get the last message."""
+        """Whether late readers receive the last message."""
         return self.delivery == "latched"
 
     @property
@@ -111,19 +111,19 @@ _ROWS = (
         encode=codecs.encode_sounding, decode=codecs.decode_sounding,
     ),
     Topic(
-        name="odometry", kind="nav_msgs/msg/Odometry", about="the vehicle's estimate of where it is",
+        name="odometry", kind="nav_msgs/msg/Odometry", about="the vehicle's estimated position",
         writer="vehicle_link_node|sim_node", readers=("planner_node", "safety_node"), delivery="newest",
         tick_count="odometries", awaited_by=("safety", "planner", "vehicle_link"),
         encode=codecs.encode_odometry, decode=codecs.decode_odometry,
     ),
     Topic(
-        name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the raw place: dead-reckoned, no fix taken",
+        name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the raw position: dead-reckoned, without fixes",
         writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
         tick_count="dead_reckonings", awaited_by=("modem", "gp"),
         encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
     ),
     Topic(
-        name="fix", kind="auv_lse_msgs/msg/Fix", about="a place by GPS, taken at the surface",
+        name="fix", kind="auv_lse_msgs/msg/Fix", about="a GPS position, taken at the surface",
         writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
         tick_count="fixes", awaited_by=("modem", "gp"), encode=encode_record, decode=record_decoder(Fix),
     ),
@@ -148,19 +148,19 @@ _ROWS = (
         total=lambda message: int(message.number), encode=encode_record, decode=codecs.decode_order,
     ),
     Topic(
-        name="mission/state", kind="auv_lse_msgs/msg/MissionState", about="state of the mission, and what to do now",
+        name="mission/state", kind="auv_lse_msgs/msg/MissionState", about="state of the mission, and the action",
         writer="safety_node", readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
         delivery="latched", command=True, phase="safety", awaited_by=("planner", "modem_sent", "vehicle_link"),
         total=lambda message: int(message.revision), encode=plan_codecs.encode_run, decode=plan_codecs.decode_run,
     ),
     Topic(
-        name="kernel_centers", kind="auv_lse_msgs/msg/KernelCenters", about="the whole map in few numbers",
+        name="kernel_centers", kind="auv_lse_msgs/msg/KernelCenters", about="the whole map as kernel centers",
         writer="gp_node", readers=("planner_node",), delivery="latched", phase="gp", awaited_by=("planner",),
         total=lambda message: int(message.revision) + 1,  # revisions count from 0
         encode=map_codecs.encode_centers, decode=map_codecs.decode_centers,
     ),
     Topic(
-        name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's place, corrected by its map",
+        name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's position, corrected by its map",
         writer="gp_node", readers=("planner_node",), delivery="newest", phase="gp", awaited_by=("planner",),
         encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
     ),
@@ -223,7 +223,7 @@ _ROWS = (
         encode=codecs.encode_samples, decode=codecs.decode_samples,
     ),
     Topic(
-        name="team/navigation", kind="auv_lse_msgs/msg/MateNavigation", about="the sender's place by a packet",
+        name="team/navigation", kind="auv_lse_msgs/msg/MateNavigation", about="navigation data of a received packet",
         writer="modem_node", readers=("gp_node",), phase="modem", awaited_by=("gp",),
         encode=codecs.encode_mate_navigation, decode=codecs.decode_mate_navigation,
     ),
@@ -233,7 +233,7 @@ _ROWS = (
         encode=encode_record, decode=codecs.decode_order,
     ),
     Topic(
-        name="tdma", kind="auv_lse_msgs/msg/TdmaStatus", about="slots and packets, counted", writer="modem_node",
+        name="tdma", kind="auv_lse_msgs/msg/TdmaStatus", about="slots, and counts of packets", writer="modem_node",
         encode=encode_record, decode=record_decoder(TdmaReport),
     ),
     Topic(
@@ -259,7 +259,7 @@ _MISSION_ROWS = (
 
 
 def announces(phase: str) -> tuple[str, ...]:
-    """What `LockstepDone.totals` counts after a phase, in this order: messages published so far, by topic."""
+    """The counts in `LockstepDone.totals` after a phase, in this order: published messages by topic."""
     return (*(row.name for row in _ROWS if row.phase == phase), *PHASES[phase].counts)
 
 
@@ -269,7 +269,7 @@ def waits_for(phase: str) -> tuple[str, ...]:
 
 
 def _phase_row(phase: str) -> Topic | None:
-    """The topic on which a phase's end is told to the vehicle's other nodes; None if none of them waits for it."""
+    """The topic that announces a phase's end to the vehicle's other nodes; None if no node waits for it."""
     awaiting = {by for row in _ROWS if row.name in announces(phase) for by in row.awaited_by}
     readers = tuple(dict.fromkeys(PHASES[by].node for by in PHASES if by in awaiting))
     if not readers:
@@ -281,13 +281,13 @@ def _phase_row(phase: str) -> Topic | None:
     )  # fmt: skip
 
 
-#: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE" tells the nodes that wait for the phase.
+#: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE" announces a phase's end.
 VEHICLE_TOPICS = {row.name: row for row in (*_ROWS, *map(_phase_row, PHASES)) if row is not None}
-#: Topics of the whole mission. Each vehicle's nodes count once among the readers.
+#: Topics of the whole mission; the nodes of all vehicles are readers.
 MISSION_TOPICS = {row.name: row for row in _MISSION_ROWS}
-#: Where a simulated vehicle really is, on /truth/auvN/odometry.
+#: True position of a simulated vehicle, on /truth/auvN/odometry.
 TRUTH_TOPIC = Topic(
-    name="truth/odometry", kind="nav_msgs/msg/Odometry", about="where a simulated vehicle really is", writer="sim_node",
+    name="truth/odometry", kind="nav_msgs/msg/Odometry", about="a simulated vehicle's true position", writer="sim_node",
     encode=codecs.encode_truth, decode=codecs.decode_odometry,
 )  # fmt: skip
 
@@ -300,7 +300,7 @@ class Found(NamedTuple):
 
 
 def find_topic(full_name: str) -> Found | None:
-    """The row of a topic by its full name, "/auv2/plan"; None for topics that are not of the stack."""
+    """The row of a topic by its full name, "/auv2/plan"; None for topics outside the stack."""
     if full_name in MISSION_TOPICS:
         return Found(MISSION_TOPICS[full_name], 0)
     match = re.fullmatch(r"(/truth)?/[^/]*?(\d+)/(.+)", full_name)
@@ -320,11 +320,10 @@ def full_name(topic: Topic, vehicle: int) -> str:
 
 
 def reader_count(topic: Topic, nodes: Sequence[str]) -> int:
-    """How many of the running `nodes` read the topic.
+    """Number of running nodes that read the topic.
 
     Args:
-        topic: The topic.
-        nodes: Names of the nodes that run: of one vehicle (and "sim_node") for a vehicle's topic, else of all.
+        nodes: Names of the running nodes: of one vehicle (and "sim_node") for a vehicle's topic, else of all.
     """
     present = [next((name for name in reader.split("|") if name in nodes), "") for reader in topic.readers]
     return sum(nodes.count(name) for name in present)

@@ -1,9 +1,9 @@
 """Dead-reckoned positions, and the measurements that can correct them afterwards.
 
-A navigation filter that takes a fix loses the drift of dead reckoning, and with it the displacement of the soundings
-before the fix. So each vehicle also keeps its *raw* position: dead-reckoned from its start, without any fix under way.
-Vehicles send raw positions and measurements, never estimates, which receivers would count twice. All positions are
-north, east (m) in the local tangent plane.
+After a fix, a navigation filter no longer contains the drift of dead reckoning, which displaced the earlier soundings.
+So each vehicle also keeps its *raw* position: dead-reckoned from its start, without any fix under way. Vehicles send
+raw positions and measurements, not estimates, which receivers would count twice. All positions are north, east (m) in
+the local tangent plane.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 
 def raw_place(north_m: float, east_m: float) -> tuple[float, float]:
-    """The raw position (m) of a message; NaN, NaN if it has none: a driver may leave both fields at exactly 0."""
+    """The raw position (m) of a message; NaN, NaN if both fields are exactly 0, as drivers without it leave them."""
     return (math.nan, math.nan) if north_m == 0.0 and east_m == 0.0 else (north_m, east_m)
 
 
@@ -22,11 +22,8 @@ class DeadReckoning:
     """The raw position of a vehicle: dead-reckoned from its start, without any fix under way.
 
     Attributes:
-        stamp_s: Time (s).
-        heading_rad: Heading (rad, clockwise from north).
-        north_m: North of the raw place.
-        east_m: East of the raw place.
-        depth_m: Depth of the vehicle below the surface (m).
+        north_m, east_m: Raw position.
+        depth_m: Depth of the vehicle below the surface.
     """
 
     stamp_s: float
@@ -41,12 +38,9 @@ class Fix:
     """A GPS position, taken at the surface under way.
 
     Attributes:
-        stamp_s: When it was taken (s).
-        north_m: North by GPS.
-        east_m: East by GPS.
-        raw_north_m: North of the raw place at that time.
-        raw_east_m: East of the raw place at that time.
-        std_m: Standard deviation of the place by GPS, each axis (m).
+        north_m, east_m: GPS position.
+        raw_north_m, raw_east_m: Raw position at the same time.
+        std_m: Standard deviation of the GPS position, each axis.
     """
 
     stamp_s: float
@@ -68,12 +62,9 @@ class MateNavigation:
         stamp_s: Start of reception by the receiver's clock (s); for a ping the time of the range.
         source: Number of the sender.
         sent_s: Start of transmission, by the sender's clock (s); NaN if unknown.
-        raw_north_m: North of the sender's raw place at transmission; NaN of a ping.
-        raw_east_m: East of it; likewise.
-        fix_raw_north_m: North of the sender's raw place at its last fix under way; NaN if it has taken none.
-        fix_raw_east_m: East of it; likewise.
-        fix_north_m: North of the same place by GPS; likewise.
-        fix_east_m: East of it; likewise.
+        raw_north_m, raw_east_m: The sender's raw position at transmission; NaN for a ping.
+        fix_raw_north_m, fix_raw_east_m: Its raw position at its last fix under way; NaN without a fix.
+        fix_north_m, fix_east_m: The GPS position of that fix; NaN without a fix.
         travel_s: One-way travel time (s), measured with both clocks or by a ping; NaN if unknown.
     """
 

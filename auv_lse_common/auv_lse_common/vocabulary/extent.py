@@ -20,7 +20,7 @@ class Extent:
     east_max_m: float
 
     def __post_init__(self) -> None:
-        """Refuses an empty rectangle."""
+        """Rejects an empty rectangle."""
         if not (self.north_min_m < self.north_max_m and self.east_min_m < self.east_max_m):
             raise ValueError(f"extent: {self} is empty; expected min < max in north and in east")
 
@@ -40,7 +40,7 @@ class Extent:
         return (self.north_min_m + self.north_max_m) / 2.0, (self.east_min_m + self.east_max_m) / 2.0
 
     def axes(self, spacing_m: float) -> tuple[Array, Array]:
-        """North (ny,) and east (nx,) coordinates of the middles of cells about `spacing_m` wide that tile it."""
+        """North (ny,) and east (nx,) of the centers of cells about `spacing_m` wide that tile it."""
         ny = max(1, round(self.height_m / spacing_m))
         nx = max(1, round(self.width_m / spacing_m))
         north = self.north_min_m + (np.arange(ny) + 0.5) * self.height_m / ny
@@ -48,7 +48,7 @@ class Extent:
         return north, east
 
     def grown(self, by_m: float) -> Extent:
-        """The rectangle with `by_m` more on every side."""
+        """The rectangle extended by `by_m` on every side."""
         return Extent(
             north_min_m=self.north_min_m - by_m,
             north_max_m=self.north_max_m + by_m,

@@ -1,7 +1,7 @@
 """Conversions between angles and frames (see docs/reference/frames.md).
 
-Inside: north, east in metres on the local tangent plane, heading in radians clockwise from north.
-At the ROS boundary: map frame ENU (REP 103): x east, y north, z up, yaw counter-clockwise from east.
+The stack uses north, east (m) on the local tangent plane, and headings (rad) clockwise from north. ROS messages use the
+ENU map frame (REP 103): x east, y north, z up, yaw counter-clockwise from east.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def wrap_pi(angle_rad: Any) -> Any:
 
 def is_possible(heading_rad: float, north_m: float, east_m: float) -> bool:
     """Whether a state is plausible: finite, heading within a turn, position within `FARTHEST_M` of the origin."""
-    turn = 2.0 * math.pi * (1.0 + 1e-6)  # float32's 2 pi is a little more than 2 pi
+    turn = 2.0 * math.pi * (1.0 + 1e-6)  # 2 pi in float32 is slightly larger
     return abs(heading_rad) <= turn and abs(north_m) <= FARTHEST_M and abs(east_m) <= FARTHEST_M
 
 

@@ -1,7 +1,7 @@
-"""Detects a frozen sensor: one that repeats its value to the last digit while the vehicle moves on.
+"""Detects a frozen sensor: one that repeats its value to the last digit while the vehicle moves.
 
-A sensor's resolution is estimated from the smallest difference of two values in a row, `COARSEST_M` until there is
-one. A repeated value is plausible as long as a sensor of that resolution can repeat itself.
+The sensor's resolution is estimated as the smallest difference of two consecutive values, initially `COARSEST_M`. A
+repeated value is plausible as long as a sensor of that resolution can repeat itself.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ class FrozenSensor:
     """The values (m) of one sensor, in order of time.
 
     Attributes:
-        moved_m: How far (m) the vehicle has moved since the present value first came.
-        has_varied: Whether there have been two different values.
+        moved_m: Distance (m) the vehicle has moved since the current value first arrived.
+        has_varied: Whether two different values have arrived.
     """
 
     def __init__(self, flattest: float, least_m: float = MOVED_M) -> None:
         """Starts without a value.
 
         Args:
-            flattest: The measured quantity changes by at least this much (m per m of way).
-            least_m: The vehicle has to move at least this far (m), however fine the resolution.
+            flattest: Least change of the measured quantity (m per m travelled).
+            least_m: Distance (m) the vehicle has to move in any case.
         """
         self.moved_m = 0.0
         self.has_varied = False
         self._flattest, self._least_m = flattest, least_m
-        self._first: tuple[float, float, float] | None = None  # the value, and north, east (m) where it first came
+        self._first: tuple[float, float, float] | None = None  # the value, and north, east (m) where it first arrived
         self._repeats = 0
         self._step_m = COARSEST_M
 

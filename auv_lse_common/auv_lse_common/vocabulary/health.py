@@ -1,4 +1,4 @@
-"""Health of a node: its diagnostics, and which problems are new."""
+"""Health of a node: its diagnostics, and the detection of new problems."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: Age (s) up to which a counted event is a present problem.
+#: Age (s) up to which a counted event is a current problem.
 RECENT_S = 120.0
 
 
@@ -25,8 +25,7 @@ class Health:
     """The state of a node or device in one status.
 
     Attributes:
-        level: Severity.
-        text: One line for people.
+        text: One line for operators.
         values: Numbers and texts by name.
     """
 
@@ -36,18 +35,17 @@ class Health:
 
 
 class NewProblems:
-    """Finds new problems, so that each is logged once while it lasts."""
+    """Finds new problems, so that each one is logged once."""
 
     def __init__(self) -> None:
-        """Starts without problems."""
         self._known: frozenset[str] = frozenset()
 
     def of(self, problems: Mapping[str, str]) -> list[str]:
         """The texts of the problems that did not exist at the last call.
 
         Args:
-            problems: All present problems, {key: text}. A lasting problem keeps its key, its text may change
-                ("heard 12 s ago").
+            problems: All current problems, {key: text}. A lasting problem keeps its key; its text may change ("heard 12
+                s ago").
         """
         new = [text for key, text in problems.items() if key not in self._known]
         self._known = frozenset(problems)
@@ -58,7 +56,6 @@ class Recent:
     """Recent growth of counters, so that a single event does not warn for the whole dive."""
 
     def __init__(self) -> None:
-        """Starts with all counters at 0."""
         self._last: dict[str, int] = {}
         self._grown: deque[tuple[float, str, int]] = deque()
 
@@ -66,7 +63,7 @@ class Recent:
         """Growth of each counter in the last `RECENT_S`, without counters that have not grown.
 
         Args:
-            now_s: Time (s); when the clock is set back, earlier growth is forgotten.
+            now_s: Time (s); when the clock is set back, earlier growth is dropped.
             totals: The counters; one that has decreased was reset to 0.
         """
         if self._grown and now_s < self._grown[-1][0]:

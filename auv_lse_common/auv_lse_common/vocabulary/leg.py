@@ -17,11 +17,11 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
     Args:
         action_rad: Heading change (rad, positive clockwise).
         radius_m: Turning radius of the arc.
-        along_m: Distance along the leg: on the arc, then on the straight, which does not end here. Negative values
-            lead straight back from the start.
+        along_m: Distance along the leg: on the arc, then on the straight, which is infinite here. Negative values lead
+            straight back from the start.
 
     Returns:
-        Heading change until there (rad, positive clockwise), distance ahead and to starboard (m).
+        Heading change up to the point (rad, positive clockwise), distance ahead and to starboard (m).
     """
     on_arc = min(max(along_m, 0.0), abs(action_rad) * radius_m)
     on_straight = along_m - on_arc
@@ -39,8 +39,7 @@ class Leg:
     Attributes:
         step: Mission step of its start.
         heading_rad: Heading at its start (rad, clockwise from north).
-        north_m: North of its start.
-        east_m: East of its start.
+        north_m, east_m: Position of its start.
         action_rad: Heading change (rad, positive clockwise).
         radius_m: Turning radius of the arc.
         straight_m: Length of the straight.
@@ -67,7 +66,7 @@ class Leg:
         return self.arc_m + self.straight_m
 
     def state_at(self, along_m: float) -> Array:
-        """Heading, north, east after `along_m` metres; beyond the end, straight on."""
+        """Heading (rad), north, east (m) after `along_m` metres; straight on beyond the end."""
         turned, ahead, starboard = leg_point(self.action_rad, self.radius_m, along_m)
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         heading = self.heading_rad + turned
@@ -81,7 +80,7 @@ class Leg:
 
     @property
     def end_state(self) -> Array:
-        """Heading, north, east at the end."""
+        """Heading (rad), north, east (m) at the end."""
         return self.state_at(self.length_m)
 
     def progress_m(self, north_m: float, east_m: float) -> float:
@@ -113,6 +112,6 @@ class Leg:
         return min(candidates)[1]
 
     def distance_off_m(self, north_m: float, east_m: float) -> float:
-        """Distance (m) of a place from the leg (from its continuation, after its end)."""
+        """Distance (m) of a place from the leg and its straight continuation."""
         at = self.state_at(self.progress_m(north_m, east_m))
         return math.hypot(north_m - at[1], east_m - at[2])

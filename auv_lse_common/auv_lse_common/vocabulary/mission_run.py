@@ -1,11 +1,8 @@
 """The state machine of one vehicle's mission: waiting, running, holding, aborted, ended. No ROS, no clock.
 
-Theory of operation
--------------------
-Operators and team mates send commands, limits of the safety watch trip, and the autopilot may not be ready (disarmed,
-or in a mode in which it ignores targets). `TRANSITIONS` has the next state for each command and state. A tripped limit
-acts like the command HOLD, SURFACE or ABORT, and is remembered until RESET: GO is refused until then.
-`MissionRun.status` is the result for the vehicle.
+The inputs are commands of operators and team mates, tripped limits of the safety watch, and whether the autopilot is
+ready (armed, in a mode in which it follows targets). `TRANSITIONS` lists the next state for each command and state. A
+tripped limit acts like the command HOLD, SURFACE or ABORT, and is latched: GO is refused until RESET.
 
 In state RUNNING, while the autopilot is not ready, the status is WAITING if the vehicle has not moved yet, else
 HOLDING; the mission continues by itself when the autopilot is ready again. Commands can only strengthen the response
@@ -54,7 +51,7 @@ class Command(enum.IntEnum):
     END = 6
 
 
-#: Next state by command and state. A state that is missing stays as it is; None: the command is refused.
+#: Next state by command and state. A missing state does not change; None: the command is refused.
 TRANSITIONS: dict[Command, dict[RunState, RunState | None]] = {
     Command.GO: {
         RunState.WAITING: RunState.RUNNING,
@@ -87,7 +84,7 @@ STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
-    """What a vehicle does instead of travelling.
+    """A vehicle's action when it does not travel.
 
     Attributes:
         action: HOLD, SURFACE or GO_TO.
@@ -98,7 +95,7 @@ class Stop:
     place_m: tuple[float, float] = (math.nan, math.nan)
 
     def __post_init__(self) -> None:
-        """Refuses TRAVEL, and GO_TO without a place.
+        """Rejects TRAVEL, and GO_TO without a place.
 
         Raises:
             ValueError: naming the action or the place.
@@ -121,13 +118,13 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunStatus:
-    """The status of a vehicle's mission, and what the vehicle does.
+    """The status of a vehicle's mission, and the vehicle's action.
 
     Attributes:
         state: State of the mission.
-        stop: What the vehicle does instead of travelling; None: it follows its waypoints.
+        stop: The vehicle's action when it does not travel; None: it follows its waypoints.
         team_abort: Whether the abort is sent to the team mates by acoustic packet.
-        reason: Why the mission is in this state, for people.
+        reason: Why the mission is in this state, as a text for operators.
         limits: Tripped limits, each with the reason.
     """
 
@@ -139,7 +136,7 @@ class RunStatus:
 
     @property
     def blocked_reason(self) -> str:
-        """Why the planner must not plan now; "" if the mission runs, or has ended."""
+        """Why the planner must not plan; "" if the mission runs or has ended."""
         if self.state in (RunState.RUNNING, RunState.ENDED):
             return ""
         return f"the mission is {self.state.name}: {self.reason}"
@@ -156,11 +153,11 @@ class MissionRun:
     """
 
     def __init__(self, at_once: bool, on_abort: Stop) -> None:
-        """Before the mission.
+        """Sets up the mission.
 
         Args:
             at_once: Whether it starts without a GO, as soon as the autopilot is ready.
-            on_abort: What the vehicle does after an abort.
+            on_abort: The vehicle's action after an abort.
         """
         self.limits: dict[str, str] = {}
         self._on_abort = on_abort
@@ -175,12 +172,11 @@ class MissionRun:
         """Executes a command.
 
         Args:
-            command: The command.
-            source: Who sent it, for people.
+            source: Sender, as a text for operators.
             team: With ABORT: whether to send it to the team mates.
 
         Returns:
-            Why it is refused; "" if it is accepted.
+            Reason of the refusal; "" if it is accepted.
         """
         if refusal := self._refusal(command):
             return f"{command.name}: {refusal}"
@@ -193,12 +189,11 @@ class MissionRun:
         return ""
 
     def trip(self, limit: str, stop: Stop | None, reason: str) -> None:
-        """Responds to a limit of the safety watch; one that has already tripped is ignored.
+        """Responds to a tripped limit of the safety watch; ignored if it has already tripped.
 
         Args:
-            limit: Its name.
             stop: HOLD or SURFACE; None: the mission is aborted.
-            reason: What has happened, with values, for people.
+            reason: What has happened, with values, as a text for operators.
         """
         if limit in self.limits:
             return
@@ -208,7 +203,7 @@ class MissionRun:
         self.limits[limit] = reason
 
     def snapshot(self) -> dict[str, Any]:
-        """The state for a journal; the autopilot reports again whether it is ready."""
+        """The state for a journal, without the autopilot's readiness."""
         stop = None if self._stop is None else [int(self._stop.action), *self._stop.place_m]
         return {
             "state": int(self._state),
@@ -230,7 +225,7 @@ class MissionRun:
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
 
     def set_ready(self, problem: str) -> None:
-        """Takes why the autopilot does not follow targets; "" if it does."""
+        """Sets the reason why the autopilot does not follow targets; "" if it does."""
         self._not_ready = problem
         if not problem and self._state is RunState.RUNNING:
             self._travelled = True
@@ -262,7 +257,7 @@ class MissionRun:
 
     @property
     def status(self) -> RunStatus:
-        """The present status."""
+        """The current status."""
         state, stop, reason = self._state, self._stop, self._reason
         if state is RunState.RUNNING and (self._not_ready or self._paused):
             state = RunState.HOLDING if self._travelled or self._paused else RunState.WAITING
@@ -280,13 +275,13 @@ class MissionRun:
         if TRANSITIONS[command].get(self._state, self._state) is None:
             if self._state is RunState.ABORTED:
                 return f"the mission is aborted ({self._reason}); expected RESET first"
-            return "the mission has ended; expected a new one (the nodes started again)"
+            return "the mission has ended; restart the nodes for a new one"
         if command is Command.GO and self.limits:
             return f"limits have tripped: {'; '.join(self.limits.values())}; expected RESET first"
         return ""
 
     def _apply(self, command: Command, reason: str, keep_surface: bool = False) -> None:
-        """Enters the next state of a command that is not refused."""
+        """Changes the state according to an accepted command."""
         state = TRANSITIONS[command].get(self._state)
         if state is None:
             return

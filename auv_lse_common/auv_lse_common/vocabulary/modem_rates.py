@@ -1,18 +1,18 @@
-"""Packet rates of the WHOI Micromodem-2: what one packet holds and how long it takes."""
+"""Packet rates of the WHOI Micromodem-2: capacity and duration of a packet."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-#: Destination address of a packet for every modem.
+#: Destination address of a broadcast packet.
 BROADCAST = 0
 
 
 class PacketRate(NamedTuple):
-    """What one packet rate of the Micromodem carries.
+    """A packet rate of the Micromodem.
 
     Attributes:
-        frames: Most frames in one packet.
+        frames: Largest number of frames in one packet.
         frame_bytes: Bytes in one frame.
         bit_rate: Nominal bits per second.
     """

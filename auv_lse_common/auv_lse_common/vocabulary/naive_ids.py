@@ -1,4 +1,4 @@
-"""Ids of the naive paths, as plans and packets carry them; what each path is, `naive.py` says. 0xFF is `plan.NONE`."""
+"""Ids of the naive paths in plans and packets; `naive.py` describes the paths. 0xFF is `plan.NONE`."""
 
 #: Lawnmowers with lanes at the configured spacing, and at the spacing that just covers the area.
 LAWNMOWERS = (0xF0, 0xF1, 0xF2, 0xF3)

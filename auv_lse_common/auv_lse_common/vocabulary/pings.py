@@ -1,10 +1,8 @@
-"""Pings become soundings: the rule that the simulated vehicle and the real vehicle's link share.
+"""Combines pings to soundings, for simulated and real vehicles.
 
-A ping is the height over ground at a moment. The vehicle's depth is added to it, and its estimated place: stamp (s),
-north and east (m), depth of water (m, positive down), one row (4,), or (6,) with its raw north and east (m) behind,
-dead-reckoned without any fix. A ping without an echo gives no row. Time is cut
-into periods of `every_s`, counted from 0 s; the pings of a period give one sounding, at their mean time and place, of
-their median depth, so that a wrong echo does no harm.
+A ping is a row of stamp (s), north, east (m) and water depth (m, positive down), optionally followed by the raw north
+and east (m). Pings without an echo have no row. The pings of each period of `every_s` (from 0 s) give one sounding:
+their mean time and position, and their median depth, which is robust against wrong echoes.
 """
 
 from __future__ import annotations
@@ -16,12 +14,12 @@ Array = NDArray[np.float64]
 
 
 def period_of(stamp_s: ArrayLike, every_s: float) -> Array:
-    """Number of the period that a time (s) lies in, any shape: period n is ((n - 1) every_s, n every_s]."""
+    """Number of the period of a time (s) of any shape: period n is ((n - 1) every_s, n every_s]."""
     return np.ceil(np.asarray(stamp_s, float) / every_s - 1e-6)
 
 
 def by_period(pings: Array, every_s: float) -> list[Array]:
-    """Pings (n, 4 or 6) in order of time, cut into those of each period: arrays of k > 0 rows."""
+    """Pings (n, 4 or 6) in order of time, split by period into arrays of at least one row."""
     if not len(pings):
         return []
     periods = period_of(pings[:, 0], every_s)
@@ -29,7 +27,7 @@ def by_period(pings: Array, every_s: float) -> list[Array]:
 
 
 def sounding_of(pings: Array) -> Array:
-    """The sounding (4 or 6,) of a period's pings (n, 4 or 6), n > 0: means, but of the depth the median."""
+    """The sounding (4 or 6,) of a period's pings (n, 4 or 6), n > 0: the median depth, and means of the rest."""
     count = len(pings)
     sounding: Array = pings.sum(axis=0) / count
     depths = np.sort(pings[:, 3])

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: `Plan.naive_path` of a plan that ends with its actions: no naive path continues it.
+#: `Plan.naive_path` of a plan without a naive path.
 NONE = 0xFF
-#: Actions that a set can have at most: in a packet a byte below this is an action.
+#: Largest number of actions in a set: in a packet, a byte below this is an action.
 MAX_ACTION_SET = 0xE0
-#: Directions that a tour's segment can have: multiples of 1/256 of a turn, one byte each.
+#: Number of directions of a tour's segment: multiples of 1/256 of a turn, one byte each.
 BEARINGS = 256
-#: Segments that a tour can have at most.
+#: Largest number of segments of a tour.
 MAX_SEGMENTS = 64
-#: Legs that a tour's segment can be long at most.
+#: Largest length of a tour's segment, in legs.
 MAX_SEGMENT_LEGS = 255
 
-# Rounded to float32: mathematical libraries that differ in the last bit of a double give the same table.
+# Rounded to float32, so that the table does not depend on the mathematical library.
 _AHEAD = [(float(np.float32(math.cos(a))), float(np.float32(math.sin(a)))) for a in np.arange(256) * (math.pi / 128)]
-# Part of a segment by which a place may be too near and still be its end: what the table's rounding makes of a length.
+# Relative tolerance of a segment's length, for the table's rounding.
 _ROUNDED = 1e-6
 
 
@@ -34,18 +34,18 @@ _ROUNDED = 1e-6
 class Tour:
     """The rest of a mission as straight segments of equal length, one byte each.
 
-    A tour holds only directions; it begins where the plan's actions end.
+    A tour consists of directions only; it begins where the plan's actions end.
 
     Attributes:
-        segment_legs: Legs that a segment is long, 1 to `MAX_SEGMENT_LEGS`.
-        bearings: Direction of each segment (1/256 of a turn, clockwise from north), 1 to `MAX_SEGMENTS` of them.
+        segment_legs: Length of a segment in legs, 1 to `MAX_SEGMENT_LEGS`.
+        bearings: Directions of the 1 to `MAX_SEGMENTS` segments (1/256 of a turn, clockwise from north).
     """
 
     segment_legs: int
     bearings: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        """Takes the numbers as they come: a received tour may be one that `is_sound` refuses.
+        """Converts the numbers to integers without checking their ranges (`is_sound`).
 
         Raises:
             TypeError: if a number is not an integer.
@@ -55,7 +55,7 @@ class Tour:
 
     @classmethod
     def from_fields(cls, segment_legs: int, bearings: Sequence[int]) -> Tour | None:
-        """The tour of a message's two fields; None where they say that there is none: 0 and no bearings."""
+        """The tour of a message's two fields; None for 0 and no bearings."""
         if segment_legs == 0 and len(bearings) == 0:
             return None
         return cls(segment_legs=segment_legs, bearings=tuple(bearings))
@@ -77,11 +77,10 @@ class Tour:
     def waypoints_m(self, start_m: Array, leg_m: float) -> Array:
         """Waypoints, shape (segments + 1, 2): north, east (m); the first one is the start.
 
-        Scalar arithmetic in a fixed order: the same bytes, start and leg give the same waypoints to the last bit.
+        All arithmetic is scalar, so that all receivers compute identical waypoints.
 
         Args:
             start_m: North, east (m) of the tour's start, shape (2,).
-            leg_m: Length of a leg (m).
 
         Raises:
             ValueError: if the tour is not sound.
@@ -104,16 +103,15 @@ class Tour:
     def through(cls, waypoints_m: Array, segment_legs: int, leg_m: float) -> Tour:
         """The tour along a polyline.
 
-        Each segment leads from where the rounded ones before it have led to the place where the polyline first gets a
-        segment's length away from there. So the rounding of bearings does not add up: every waypoint of the tour but
-        the last is within pi / 256 of a segment's length (0.6 m for segments of 47 m) of the polyline. Segments cut
-        corners, so the tour is shorter than the polyline. A rest of at least half a segment at the end becomes a
-        whole one. A polyline that never gets a segment's length away becomes one segment, towards its farthest corner.
+        Each segment leads from the end of the previous rounded one to the place where the polyline first is a segment's
+        length away. So rounding errors of bearings do not accumulate: every waypoint except the last is within pi / 256
+        of a segment's length (0.6 m for 47 m) of the polyline. Segments cut corners, so the tour is shorter than the
+        polyline. A rest of at least half a segment becomes a whole one. A polyline that never is a segment's length
+        away becomes one segment, towards its farthest corner.
 
         Args:
-            waypoints_m: Corners of the polyline, the tour's start first, north, east (m), shape (n, 2).
-            segment_legs: Legs that a segment is long.
-            leg_m: Length of a leg (m).
+            waypoints_m: Corners of the polyline, including the tour's start: north, east (m), shape (n, 2).
+            segment_legs: Length of a segment, in legs.
 
         Raises:
             ValueError: if the polyline is not of that shape, not finite, a single place, or too long for
@@ -133,7 +131,7 @@ class Tour:
                 on_line = ahead.pop(0)
             if ahead:
                 on_line = _leaving(on_line, ahead[0], (north, east), segment_m)
-            if not ahead and not bearings:  # it stays near its start, and may end there: the tour goes its farthest way
+            if not ahead and not bearings:  # the polyline stays near its start: towards its farthest corner
                 on_line = max(map(tuple, corners.tolist()), key=lambda c: math.hypot(c[0] - north, c[1] - east))
             rest_m = math.hypot(on_line[0] - north, on_line[1] - east)
             if not ahead and (rest_m < 0.5 * segment_m if bearings else rest_m == 0.0):
@@ -157,7 +155,7 @@ class Tour:
 def _leaving(
     inside_m: tuple[float, float], outside_m: tuple[float, float], center_m: tuple[float, float], radius_m: float
 ) -> tuple[float, float]:
-    """Where the way from a place inside a circle to one on or outside it leaves the circle: north, east (m)."""
+    """North, east (m) where the line from a place inside a circle to one on or outside it leaves the circle."""
     to_n, to_e = outside_m[0] - inside_m[0], outside_m[1] - inside_m[1]
     off_n, off_e = inside_m[0] - center_m[0], inside_m[1] - center_m[1]
     a, b = to_n * to_n + to_e * to_e, off_n * to_n + off_e * to_e
@@ -174,17 +172,16 @@ def _length_m(corners_m: Array) -> float:
 class Plan:
     """A vehicle's path to the end of its mission, as a packet carries it.
 
-    The state is rounded to float32 (what the packet holds), so that sender and receivers build the path from the
-    same numbers. A plan does not say whose it is: the packet's header does, and functions take the vehicle beside it.
+    The state is rounded to float32, as in the packet, so that sender and receivers build the path from the same
+    numbers. The vehicle is not part of the plan; the packet's header contains it.
 
     Attributes:
         step: Mission step of the state; step i is reached after i actions.
         heading_rad: Heading of the state (rad, clockwise from north).
-        north_m: North of the state.
-        east_m: East of the state.
+        north_m, east_m: Position of the state.
         actions: Indices into the action set.
-        naive_path: Id of the naive path that continues after the actions and the tour, or `NONE`.
-        tour: The tour that the vehicle follows after the actions; None for none.
+        naive_path: Id of the naive path after the actions and the tour, or `NONE`.
+        tour: The tour after the actions; None: no tour.
     """
 
     step: int
@@ -196,7 +193,7 @@ class Plan:
     tour: Tour | None = None
 
     def __post_init__(self) -> None:
-        """Rounds the state to float32; a number beyond its range becomes infinite, which no packet holds.
+        """Rounds the state to float32; numbers beyond its range become infinite, and cannot be encoded.
 
         Raises:
             TypeError: if an action is not an integer.
@@ -222,13 +219,13 @@ class Plan:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Plan:
-        """The plan that `dataclasses.asdict` gives as a mapping, also after a way through JSON."""
+        """The plan from the result of `dataclasses.asdict`, also after conversion to and from JSON."""
         tour = values["tour"]
         return cls(**{**values, "tour": None if tour is None else Tour(**tour)})
 
     @property
     def tour_fields(self) -> tuple[int, tuple[int, ...]]:
-        """The tour as a message's two fields, `segment_legs` and `bearings`; 0 and none without a tour."""
+        """The tour as a message's two fields, `segment_legs` and `bearings`; 0 and () without a tour."""
         return (0, ()) if self.tour is None else (self.tour.segment_legs, self.tour.bearings)
 
     @property

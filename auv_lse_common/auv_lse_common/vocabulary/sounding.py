@@ -1,4 +1,4 @@
-"""Soundings: measurements of water depth, one by one or many in arrays of named columns."""
+"""Soundings: measurements of water depth, single or as arrays of named columns."""
 
 from __future__ import annotations
 
@@ -15,15 +15,13 @@ Array = NDArray[np.float64]
 
 
 class Sounding(NamedTuple):
-    """One measurement of water depth. Places are north, east (m) in the local tangent plane.
+    """One measurement of water depth. Positions are in the local tangent plane.
 
     Attributes:
-        stamp_s: When it was measured (s); of a mate's sample, when its packet had arrived.
-        north_m: North of the place that navigation estimated.
-        east_m: East of it.
-        depth_m: Water depth (m, positive down).
-        raw_north_m: North of the raw place (see `dead_reckoning`); NaN if unknown.
-        raw_east_m: East of it; NaN if unknown.
+        stamp_s: Time of the measurement; for a mate's sample, of its packet's arrival.
+        north_m, east_m: Estimated position.
+        depth_m: Water depth, positive down.
+        raw_north_m, raw_east_m: Raw position (see `dead_reckoning`); NaN if unknown.
         vehicle: Number of the vehicle that measured it; 0 if unknown.
     """
 
@@ -38,10 +36,7 @@ class Sounding(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Soundings:
-    """Soundings in arrays of one length (n,); the columns mean what the fields of `Sounding` mean.
-
-    A single number given for a column applies to every sounding.
-    """
+    """Soundings as arrays (n,), with the fields of `Sounding` as columns; a single number applies to every sounding."""
 
     stamp_s: Array
     north_m: Array
@@ -67,7 +62,7 @@ class Soundings:
 
     @classmethod
     def from_rows(cls, rows: ArrayLike | Sequence[Sounding]) -> Soundings:
-        """Soundings of rows whose columns are the first 4, 6 or 7 fields of `Sounding`; no rows give none.
+        """Soundings from rows with the first 4, 6 or 7 fields of `Sounding` as columns; there may be no rows.
 
         Raises:
             ValueError: if the rows have another number of columns.
@@ -85,8 +80,8 @@ class Soundings:
         """The samples of one packet.
 
         Args:
-            stamp_s: When it had arrived (s).
-            vehicle: Number of the vehicle that sent it.
+            stamp_s: Time of its arrival (s).
+            vehicle: Number of the sender.
             points_m: North, east, depth of each sample, shape (n, 3).
         """
         north_m, east_m, depth_m = np.asarray(points_m, dtype=float).reshape(-1, 3).T
@@ -112,15 +107,15 @@ class Soundings:
         return Soundings(**{column.name: getattr(self, column.name)[index] for column in fields(self)})
 
     def __iter__(self) -> Iterator[Sounding]:
-        """One by one."""
+        """Iterates over single soundings."""
         return map(Sounding._make, zip(*(getattr(self, name).tolist() for name in Sounding._fields), strict=True))
 
     def in_order(self) -> Soundings:
-        """The soundings in order of their stamps; those of equal stamps keep their order."""
+        """The soundings in order of their stamps (stable)."""
         return self[np.argsort(self.stamp_s, kind="stable")]
 
     def packets(self) -> list[Soundings]:
-        """The samples of one packet after another: neighbors with one stamp and vehicle."""
+        """The samples of each packet: consecutive soundings with equal stamp and vehicle."""
         new = (self.stamp_s[1:] != self.stamp_s[:-1]) | (self.vehicle[1:] != self.vehicle[:-1])
         edges = [0, *(np.flatnonzero(new) + 1).tolist(), len(self)]
         return [self[start:stop] for start, stop in pairwise(edges) if stop > start]

@@ -1,12 +1,12 @@
-"""Rejects soundings of this vehicle that its sensor cannot have measured, judging by earlier soundings only.
+"""Rejects implausible soundings of this vehicle by comparison with earlier soundings.
 
-The gate knows no map, because a map with a wrong prior would reject the truth. It compares each sounding with the
-last one that passed:
+The gate does not use the map, because a map with a wrong prior would reject correct soundings. It compares each
+sounding with the last one that passed:
 
 - *jump*: the depth differs by more than `SLOPE` times the distance, plus `SPREAD_M`. After `AGREEING` jumps in a row
-  that agree with each other, they pass: the ground, or the sensor's bias, has changed for good.
-- *frozen*: the same depth to the last digit over more ground than can be flat (`frozen_sensor.py`, with `FLATTEST`).
-  A sounder with a resolution of 0.1 m can repeat itself over 50 m.
+  that agree with each other, they pass: the ground or the sensor's bias has changed permanently.
+- *frozen*: the same depth to the last digit over more ground than can be flat (`frozen_sensor.py` with `FLATTEST`). A
+  sounder with a resolution of 0.1 m can repeat itself over 50 m.
 - *late*: a stamp before the last one. After `AGREEING` in a row the clock has been set, and they pass.
 
 Soundings that are not finite pass: their readers count them.
@@ -23,7 +23,7 @@ from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 #: Steepest ground (m per m) along a track, and the margin (m) for noise and position errors.
 SLOPE = 1.0
 SPREAD_M = 2.0
-#: This many rejected soundings in a row that agree with each other are accepted.
+#: After this many rejected soundings in a row that agree with each other, they are accepted.
 AGREEING = 4
 #: Flattest plausible ground (m per m).
 FLATTEST = 0.002
@@ -37,7 +37,6 @@ class SoundingGate:
     """
 
     def __init__(self) -> None:
-        """Starts without a sounding."""
         self.counts: Counter[str] = Counter()
         self._last: Sequence[float] | None = None
         self._rejected: Sequence[float] | None = None  # the last rejected one

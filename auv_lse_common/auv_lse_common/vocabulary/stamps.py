@@ -1,4 +1,4 @@
-"""Times with the resolution of ROS stamps, for equal numbers with and without ROS."""
+"""Times with the resolution of ROS stamps, so that numbers are equal with and without ROS."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ def stamped(time_s: float) -> float:
 
 
 def seconds(stamp: Any) -> float:
-    """Seconds of a recorded stamp (any object with `sec` and `nanosec`), as the nodes reckon them."""
+    """Seconds of a stamp (an object with `sec` and `nanosec`)."""
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9

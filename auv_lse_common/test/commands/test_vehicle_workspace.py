@@ -102,7 +102,7 @@ def test_every_node_of_a_vehicle_runs(vehicle_workspace: dict[str, str], tmp_pat
     text = (tmp_path / "out.txt").read_text()
     assert [name for name in NODES if f"auv1.{name} started" not in text] == [], text
     assert "died" not in text
-    assert "auv1: every node has ended" in text
+    assert "auv1: all nodes have ended" in text
     assert (tmp_path / "dive" / "bag").is_dir()
 
 

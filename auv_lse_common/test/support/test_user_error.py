@@ -19,7 +19,7 @@ def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
     file.write_text("")
     with pytest.raises(FileExistsError) as caught:
         file.mkdir()
-    assert error_text(caught.value) == f"{file}: is a file; expected a folder, or a name that is free"
+    assert error_text(caught.value) == f"{file}: got a file; expected a folder, or an unused name"
     assert error_text(FileExistsError("there already")) == "there already"
 
 

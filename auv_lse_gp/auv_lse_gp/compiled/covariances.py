@@ -10,9 +10,9 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 _LOG2E = math.log2(math.e)
-_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, so that x - n ln 2 is exact to the last bit
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, so that x - n ln 2 has no rounding error
 _LN2_LOW = 1.90821492927058770002e-10
-_MAGIC = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer, which is then in the low bits
+_MAGIC = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer in the low bits
 _SQRT3 = math.sqrt(3.0)
 _SQRT5 = math.sqrt(5.0)
 
@@ -42,7 +42,7 @@ def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interfa
     """Lets the calling function use 512-bit vectors if the processor has them: 25 % faster."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        # llvmlite checks the names of attributes against a list without this one; the set itself takes it.
+        # llvmlite rejects this attribute by name, so add it to the underlying set.
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 
@@ -51,7 +51,7 @@ def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interfa
 
 @njit(inline="always", fastmath={"contract"})
 def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
-    """exp(x) for x <= 0, 0 below -700, to 1.5 units of the last place; no branch, no call: loops vectorize."""
+    """exp(x) for x <= 0, and 0 below -700, within 1.5 units in the last place; has no branch, so loops vectorize."""
     y = max(x, -700.0)
     t = y * _LOG2E + _MAGIC
     n = t - _MAGIC
@@ -143,7 +143,7 @@ def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # n
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1])", cache=True)
 def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance (A, A) among scaled places (A, 2), into the upper triangle of `out`; below, `out` is unchanged."""
+    """Covariance (A, A) among scaled places (A, 2), into the upper triangle of `out`; the rest is unchanged."""
     ax, ay = a[:, 0].copy(), a[:, 1].copy()
     for i in range(len(a)):
         covariance_row(index, variance, ax[i:], ay[i:], ax[i], ay[i], out[i, i:])
@@ -151,7 +151,7 @@ def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True, fastmath={"contract"})
 def subtract_weighted(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
-    """out (m, B) -= weights (A, m)^T k(a, b), a few hundred columns of k(a, b) at a time, to stay in cache."""
+    """out (m, B) -= weights (A, m)^T k(a, b), in blocks of columns that fit in the cache."""
     size = 512
     values = np.empty(size)
     bx, by = b[:, 0].copy(), b[:, 1].copy()
@@ -169,7 +169,7 @@ def subtract_weighted(index, variance, a, weights, b, out):  # type: ignore[no-u
 
 @njit("void(f8[:, ::1], f8[::1], f8[::1], f8[::1])", cache=True, fastmath={"contract"})
 def add_whitened(whitened, residuals, mean, variance):  # type: ignore[no-untyped-def]  # numba's types
-    """mean += residuals^T w and variance -= sum of w^2 over its rows, for w (n, P), in one pass."""
+    """mean (P,) += residuals^T w and variance (P,) -= sum of w^2 over its rows, for w (n, P), in one pass."""
     for i in range(whitened.shape[0]):
         weight = residuals[i]
         row = whitened[i]
@@ -180,10 +180,7 @@ def add_whitened(whitened, residuals, mean, variance):  # type: ignore[no-untype
 
 @njit("f8[::1](f8[:, ::1], i8, i8, f8[::1])", cache=True, fastmath={"reassoc", "contract"})
 def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba's types
-    """Solves L x = right for rows begin..size, row by row: one pass over L, no copy of it.
-
-    `right[:begin]` already holds that part of x.
-    """
+    """Solves L x = right for rows begin to size - 1 in one pass over L; `right[:begin]` already holds x there."""
     x = right.copy()
     for i in range(begin, size):
         total = 0.0
@@ -270,9 +267,9 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
 
 
 @njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)
-def take_spaced(kept, size, spacing, places, most_new, near):  # type: ignore[no-untyped-def]  # numba's types
+def take_spaced(kept, size, spacing, places, max_new, near):  # type: ignore[no-untyped-def]  # numba's types
     """`spacing.take_spaced_numpy` compiled; same arguments."""
-    full = size + most_new
+    full = size + max_new
     for i in range(len(places)):
         x, y = places[i, 0], places[i, 1]
         nearest, best = -1, math.inf

@@ -1,4 +1,4 @@
-"""Loads the modules of compiled (numba) code when they are first used: numba takes a second to load."""
+"""Loads the modules of compiled code on first use, since numba takes a second to load."""
 
 from __future__ import annotations
 

@@ -11,8 +11,9 @@ _SQRT_HALF = math.sqrt(0.5)
 _INV_TWO_PI = 0.5 / math.pi
 
 # Owen's T(h, a) = 1 / (2 pi) Int_0^a exp(-h^2 (1 + x^2) / 2) / (1 + x^2) dx. The integrand is even in x and bounded in
-# the complex plane away from its poles at +-i, uniformly in h, so that a Gauss-Legendre rule of 2 m nodes on [-a, a],
-# of which m are evaluated, has an error of (1 + sqrt 2)^(-4 m) for a = 1: 1e-17 for m = 11, and for a = 0.35 for m = 6.
+# the complex plane away from its poles at +-i, uniformly in h. A Gauss-Legendre rule of 2 m nodes on [-a, a], of which
+# m are evaluated, therefore has an error of (1 + sqrt 2)^(-4 m) for a = 1: 1e-17 for m = 11. For a = 0.35, m = 6 is
+# enough.
 _nodes, _weights = np.polynomial.legendre.leggauss(24)
 _NODES_LONG, _WEIGHTS_LONG = _nodes[12:] ** 2, _weights[12:]
 _nodes, _weights = np.polynomial.legendre.leggauss(12)
@@ -110,10 +111,9 @@ def expected_risk(mean, of_mean, after, level, c1, c2, z):  # type: ignore[no-un
 
 # With s_q = s sin(t), s_mu = s cos(t) and h = (l - m) / s, the slope of the expected risk in the angle t is
 #
-#     dE / dt = (c1 + c2) / (2 pi) exp(-(h^2 - 2 h z sin(t) + z^2) / (2 cos(t)^2)),
-#
-# with its only singularity at t = pi / 2. So the risk's change over a step in t that is small beside cos(t) is a
-# Gauss-Legendre sum: an ellipse about the step that is (2 cos(t) / step) times as large keeps clear of it.
+# dE / dt = (c1 + c2) / (2 pi) exp(-(h^2 - 2 h z sin(t) + z^2) / (2 cos(t)^2)), with its only singularity at t = pi / 2.
+# A Gauss-Legendre sum therefore gives the change of the risk over a step in t that is small compared with cos(t): an
+# ellipse (2 cos(t) / step) times as large as the step excludes the singularity.
 _LONG_STEP, _SHORT_STEP, _TINY_STEP = 0.3, 0.01, 1e-4  # as shares of cos(t): errors below 1e-12 of the risk
 _SIX, _SIX_WEIGHTS = np.polynomial.legendre.leggauss(6)
 _TWO = math.sqrt(1.0 / 3.0)
@@ -121,7 +121,7 @@ _TWO = math.sqrt(1.0 / 3.0)
 
 @njit("f8(f8, f8, f8, f8, f8)", cache=True, inline="always")
 def _angular_slope(sine, cosine, h, z, delta):  # type: ignore[no-untyped-def]  # numba's types
-    """exp(...) of dE / dt at an angle of this sine and cosine, plus delta (at most 0.3)."""
+    """exp(...) of dE / dt at the angle with this sine and cosine plus delta (rad, at most 0.3)."""
     d2 = delta * delta
     s = delta * (1.0 - d2 / 6.0 * (1.0 - d2 / 20.0 * (1.0 - d2 / 42.0 * (1.0 - d2 / 72.0 * (1.0 - d2 / 110.0)))))
     c = 1.0 - d2 / 2.0 * (1.0 - d2 / 12.0 * (1.0 - d2 / 30.0 * (1.0 - d2 / 56.0 * (1.0 - d2 / 90.0))))
@@ -153,7 +153,7 @@ def risk_sums(mean, variance, left, level, c1, c2, z, sums, slopes):  # type: ig
                 share = min(max(last / variance[p], 0.0), 1.0)
                 new_sine, new_cosine = math.sqrt(share), math.sqrt(1.0 - share)
                 back = sine * new_cosine - cosine * new_sine  # sine of the step
-                # the integrand's exponent at the angle where it is least, or less than that
+                # a lower bound of the integrand's exponent
                 exponent = 0.5 * (abs(h) - abs(z)) ** 2 / (new_cosine * new_cosine) if new_cosine > 0.0 else math.inf
                 if known and back >= 0.0 and exponent > 40.0:
                     pass  # the risk falls by less than 1e-17 of the costs

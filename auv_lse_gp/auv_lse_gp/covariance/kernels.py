@@ -18,12 +18,11 @@ from auv_lse_gp.compiled.modules import compiled_gp
 
 Array = NDArray[np.float64]
 
-#: Support of a Wendland kernel / its length scale: with it, the correlation at one length scale is that of a Matern 5/2
+#: Support of a Wendland kernel / its length scale: the correlation at one length scale is then that of a Matern 5/2
 #: kernel (0.524), so that `length_scale_m` means the same for every kernel.
 SUPPORT_RATIO = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
 
-#: Default radius of the local subset (d_eps) / length scale, for kernels without compact support. The mean then differs
-#: from the full posterior's by at most 0.02 of its standard deviation (Matern) or 0.2 (squared exponential), see
+#: Default radius of the local subset (d_eps) / length scale, for kernels without compact support. Errors:
 #: docs/design/gp.md.
 LOCAL_RATIO = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0}
 
@@ -84,7 +83,7 @@ CORRELATIONS: dict[str, Callable[[Array], Array]] = {
     "wendland_c4": _wendland_c4,
 }
 
-#: rho'(r) / r by name: the gradient of rho(|a - b|) with respect to a is this times (a - b). Finite at r = 0.
+#: rho'(r) / r by name, finite at r = 0; the gradient of rho(|a - b|) with respect to a is this times (a - b).
 SLOPES: dict[str, Callable[[Array], Array]] = {
     "matern32": _matern32_slope,
     "matern52": _matern52_slope,
@@ -108,7 +107,6 @@ class Kernel:
     """
 
     def __init__(self, config: GpConfig) -> None:
-        """Takes kernel, signal, lengths, rotation and support from `config`."""
         self.name = config.kernel
         self.index = KERNELS.index(config.kernel)
         self.signal_variance_m2 = config.signal_std_m**2
@@ -132,7 +130,7 @@ class Kernel:
 
     @property
     def compact(self) -> bool:
-        """Whether k is exactly zero beyond a distance."""
+        """Whether the kernel has compact support."""
         return math.isfinite(self.support_m)
 
     @property
@@ -164,7 +162,7 @@ class Kernel:
         return self.of_scaled_numpy(a, b)
 
     def among_scaled(self, a: Array, out: Array) -> None:
-        """Covariance (A, A) among scaled places, into the upper triangle of `out`: half the work."""
+        """Covariance (A, A) among scaled places, into the upper triangle of `out`; half the time of `of_scaled`."""
         if compiled.USE_NUMBA:
             compiled_gp().upper_covariance(self.index, self.signal_variance_m2, a, out)
             return

@@ -1,8 +1,8 @@
 """Fits the Gaussian process' parameters to soundings by maximum marginal likelihood.
 
-With K = s^2 (R + g I), s the standard deviation of the signal and sqrt(g) s that of the noise, and a mean H b linear in
-its parameters, the best b and s for given correlations have closed forms (Rasmussen and Williams 2006, sections 2.7 and
-5.4.1). The search is over the logarithms of the length scales and of g, and a rotation; its gradient is
+The covariance is K = s^2 (R + g I): the signal has the standard deviation s, the noise sqrt(g) s. The mean H b is
+linear in its parameters. For given correlations, the best b and s have closed forms (Rasmussen and Williams 2006,
+sections 2.7 and 5.4.1). The search varies the logarithms of the length scales and of g, and a rotation. Its gradient is
 
     d log p / d x = 1/2 [ a^T dA a / s^2 - tr(A^-1 dA) ],   A = R + g I,  a = A^-1 (z - H b).
 """
@@ -34,12 +34,8 @@ class Fit:
     """The best parameters found.
 
     Attributes:
-        config: The parameters.
-        log_likelihood: Log marginal likelihood of the soundings.
-        standard_errors: By field of `config`; of the logarithm for signal, lengths and noise.
-        warnings: Parameters that the data do not determine, and other doubts.
-        soundings: Number of soundings used.
-        evaluations: Number of evaluations of the likelihood and its gradient.
+        standard_errors: Standard errors by field of `config`; for signal, lengths and noise, those of the logarithm.
+        warnings: Texts about parameters that the data do not determine.
         restarts: Log marginal likelihood found from each start.
     """
 
@@ -67,15 +63,7 @@ class MarginalLikelihood:
         two_axes: bool = False,
         mean_depth_m: float | None = None,
     ) -> None:
-        """Takes soundings.
-
-        Args:
-            places_m: North, east (m), (n, 2).
-            depths_m: Depth (m), (n,).
-            kernel: One of `KERNELS`.
-            mean: "constant" or "plane".
-            two_axes: Whether to search two length scales and a rotation.
-            mean_depth_m: A known constant mean; by default it is fitted.
+        """Takes soundings; arguments as in `fit`, with `two_axes` for a search of two length scales and a rotation.
 
         Raises:
             ValueError: for fewer than 10 soundings, soundings at one place, or depths that the mean explains exactly.
@@ -94,7 +82,7 @@ class MarginalLikelihood:
         offset = places_m - self._center
         self.extent_m = float(np.ptp(places_m, axis=0).max())
         if not self.extent_m > 0.0:
-            raise ValueError("soundings: got all at one place; expected soundings over an area")
+            raise ValueError("soundings: got one place for all; expected soundings over an area")
         self._north = offset[:, None, 0] - offset[None, :, 0]
         self._east = offset[:, None, 1] - offset[None, :, 1]
         distance = np.hypot(self._north, self._east)
@@ -112,7 +100,7 @@ class MarginalLikelihood:
             off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
             if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
                 raise ValueError(
-                    "soundings: got all on one plane; expected depths that vary about it. Use mean constant"
+                    "soundings: got depths on one plane; expected depths that vary about it. Use mean constant"
                 )
 
     @property
@@ -124,7 +112,7 @@ class MarginalLikelihood:
         return [length, length, rotation, ratio] if self.two_axes else [length, ratio]
 
     def _correlation(self, x: Array) -> tuple[Array, list[Array]]:
-        """R, and its derivatives with respect to all of x but the last."""
+        """R, and its derivatives with respect to all elements of x but the last."""
         if not self.two_axes:
             length = math.exp(x[0]) * self._ratio
             square = self._square / length**2
@@ -227,14 +215,14 @@ def fit(
     """Fits the parameters by maximum marginal likelihood.
 
     Args:
-        places_m: North, east (m) of the soundings (n, 2); the time grows with n^3, seconds for a thousand.
+        places_m: North, east (m) of the soundings (n, 2). The time grows with n^3: seconds for a thousand soundings.
         depths_m: Their depths (n,).
         kernel: One of `KERNELS`.
         mean: "constant" or "plane".
         two_axes: Whether to fit two length scales and a rotation.
         mean_depth_m: A known constant mean; by default it is fitted.
         restarts: Number of starts: length scales from the soundings' spacing to their extent.
-        rng: Draws the starts after the sixth; without it, they are spread like the first six.
+        rng: Draws the starts after the sixth; None: spreads them like the first six.
 
     Raises:
         ValueError: if the soundings cannot be used, or no start leads to a likelihood.
@@ -314,7 +302,7 @@ def _length_warnings(target: MarginalLikelihood, config: GpConfig, errors: dict[
 
 
 def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | None) -> list[Array]:
-    """Starts (x) with length scales spread over their range; with `rng`, those after the sixth are drawn."""
+    """Starts (x) with length scales spread over their range; `rng` draws those after the sixth."""
     bounds = target.bounds
     low, high = math.log(2.0 * target.spacing_m + 1e-3 * target.extent_m), math.log(target.extent_m)
     starts = []

@@ -37,7 +37,7 @@ def prior_mean(config: GpConfig) -> PriorMean:
 
 
 class SurveyMean:
-    """Linear interpolation between a survey's soundings; outside their hull, the depth of the nearest one."""
+    """Interpolates linearly between a survey's soundings; outside their convex hull, uses the nearest one."""
 
     def __init__(self, places_m: Array, depths_m: Array) -> None:
         """Takes soundings at `places_m` (P, 2) with `depths_m` (P,).
@@ -45,7 +45,7 @@ class SurveyMean:
         Raises:
             ParameterError: if there are fewer than three soundings or they lie on one line.
         """
-        # Imported here because they load much of SciPy, and few missions have a prior survey.
+        # Imported here because they load much of SciPy and few missions have a prior survey.
         from scipy.interpolate import LinearNDInterpolator
         from scipy.spatial import cKDTree
 

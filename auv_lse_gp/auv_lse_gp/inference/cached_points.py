@@ -1,9 +1,8 @@
-"""The posterior at fixed places, cached while measurements come and go: only what changed is recomputed.
+"""The posterior at fixed places, cached: after a change of the measurements, only changed rows are recomputed.
 
-`CachedPoints` keeps every row of the whitened covariance, so that it can also follow a posterior that drops rows: for
-a map of a thousand places. `CachedMoments` keeps mean and variance alone, for a map of a hundred thousand.
-
-Both detect unchanged rows by their numbers (`Posterior.rows`), which are never reused.
+`CachedPoints` stores the whitened covariance, so that it can also follow a posterior that drops rows; it suits a map of
+a thousand places. `CachedMoments` stores only mean and variance, for a hundred thousand places. Both detect unchanged
+rows by their numbers (`Posterior.rows`), which are never reused.
 """
 
 from __future__ import annotations
@@ -20,15 +19,9 @@ Array = NDArray[np.float64]
 
 
 class CachedPoints:
-    """The posterior at fixed places.
-
-    Attributes:
-        posterior: The posterior that is followed.
-        places_m: The places (P, 2).
-    """
+    """The posterior at fixed places."""
 
     def __init__(self, posterior: Posterior, places_m: Array) -> None:
-        """Computes nothing yet."""
         self.posterior = posterior
         self.places_m = checked_places(places_m)
         self._scaled = posterior.kernel.scale(self.places_m)
@@ -38,7 +31,7 @@ class CachedPoints:
         self._rows = posterior.rows[:0]
 
     def current(self) -> PointPosteriors:
-        """The posterior at the places now; its `white` is a view that the next call overwrites."""
+        """The current posterior at the places; the next call overwrites its `white`."""
         posterior = self.posterior
         n = posterior.data_rows
         self._update(n)
@@ -53,7 +46,7 @@ class CachedPoints:
         return PointPosteriors(self._scaled, white.T, mean, data_var, planned_var)
 
     def _update(self, end: int) -> None:
-        """Recomputes the rows before number `end` from the first that changed on, by forward substitution."""
+        """Recomputes the rows from the first changed one to `end` - 1 by forward substitution."""
         posterior = self.posterior
         begin = _unchanged_rows(self._rows, posterior.rows[:end])
         if end > begin:
@@ -71,21 +64,18 @@ class CachedPoints:
 class CachedMoments:
     """Mean and variance at fixed places given the data.
 
-    Theory of operation. New measurements are conditioned on all at once: with the rows
-    R = L22^-1 (k(new, places) - L21 L11^-1 k(old, places)) of the whitened covariance that they add, the mean grows by
-    R^T b_new and the variance shrinks by the sum of R^2. L21 L11^-1 is one small solve, so an update costs one pass of
-    k(old, places), whatever the number of new measurements. The last `provisional` ones may still change: the state
-    before them is kept, and each update conditions on them anew. The variance that uncertain positions add
-    (`Posterior.place_variance`) changes as a whole and is recomputed too: from R if R has all rows.
+    An update conditions on all new measurements together. They add the rows R = L22^-1 (k(new, places) - L21 L11^-1
+    k(old, places)) to the whitened covariance. The mean increases by R^T b_new, and the variance decreases by the sum
+    of R^2. The cost is one pass over k(old, places). The last `provisional` measurements may still change, so each
+    update starts from the state before them. The variance that uncertain positions add (`Posterior.place_variance`) is
+    recomputed as a whole.
     """
 
     def __init__(self, posterior: Posterior, places_m: Array, provisional: int = 0) -> None:
         """Starts with the prior.
 
         Args:
-            posterior: The posterior that is followed.
-            places_m: The places (P, 2).
-            provisional: How many of the last measurements are expected to change.
+            provisional: Number of the last measurements that are expected to change.
         """
         self.posterior = posterior
         self._places_m = checked_places(places_m)
@@ -101,9 +91,9 @@ class CachedMoments:
         self._variance = np.array(self.posterior.kernel.variance(self._places_m))
 
     def update(self) -> tuple[Array, Array, Array]:
-        """Mean, variance with known positions, and the variance that uncertain positions add, now; (P,) each.
+        """Current mean, variance with exact positions, and variance that uncertain positions add; (P,) each.
 
-        Planned places count in the variance.
+        The variance includes planned places.
         """
         posterior = self.posterior
         rows, residuals = posterior.rows, posterior.whitened_residuals
@@ -119,11 +109,7 @@ class CachedMoments:
         return mean, np.maximum(variance, 0.0), place_variance
 
     def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array, Array]:
-        """Conditions on measurements old..settled for good, and on settled..new for this answer only.
-
-        Returns:
-            Mean, variance, and the variance that uncertain positions add, (P,) each.
-        """
+        """Conditions on measurements old..settled permanently, on settled..new for this result; returns as `update`."""
         posterior = self.posterior
         place_variance = np.zeros(len(self._scaled)) if old == 0 else posterior.place_variance(self._scaled)
         kernel, factor, residuals = posterior.kernel, posterior.factor, posterior.whitened_residuals
@@ -151,7 +137,7 @@ class CachedMoments:
 
 
 def _unchanged_rows(cached: NDArray[np.int64], now: NDArray[np.int64]) -> int:
-    """Number of leading rows that are the same."""
+    """Number of identical leading rows."""
     common = min(len(cached), len(now))
     same = cached[:common] == now[:common]
     return common if same.all() else int(np.argmin(same))

@@ -20,9 +20,8 @@ class Centers:
         places_m: North, east (n, 2).
         depths_m: Depth (n,).
         noise_std_m: Standard deviation of each depth as a measurement (n,).
-        place_effect_m: Change of each center's depth per standard deviation of each mode in which all positions may be
-            wrong together (n, r); None if positions count as known. A position fix of the map's vehicle would remove
-            the first two modes.
+        place_effect_m: Change of each center's depth per standard deviation of each mode of common position errors (n,
+            r); None if positions are assumed exact. A fix of the map's vehicle would remove the first two modes.
     """
 
     places_m: Array
@@ -62,7 +61,7 @@ def _joined_effects(first: Centers, second: Centers) -> Array | None:
     return np.concatenate([a, b])
 
 
-#: No centers at all.
+#: An empty set of centers.
 NO_CENTERS = Centers(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
@@ -70,7 +69,6 @@ class CenterTable:
     """Centers that are appended, moved and dropped."""
 
     def __init__(self) -> None:
-        """Makes an empty table."""
         self._table = GrowingRows(4)  # north, east, depth, noise
 
     def __len__(self) -> int:
@@ -90,7 +88,7 @@ class CenterTable:
         return other
 
     def append(self, centers: Centers) -> None:
-        """Adds centers at the end."""
+        """Appends centers."""
         self._table.append(np.column_stack([centers.places_m, centers.depths_m, centers.noise_std_m]))
 
     def move(self, number: int, place_m: Array, depth_m: float, noise_std_m: float) -> None:

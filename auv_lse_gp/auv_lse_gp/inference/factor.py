@@ -1,8 +1,8 @@
-"""A Cholesky factor that grows: L L^T = K + N, a row for each measurement, in a buffer that doubles when it is full.
+"""A growing Cholesky factor, L L^T = K + N, with one row per measurement.
 
-Many right-hand sides are solved with matrix products alone, which run three times as fast as LAPACK's triangular
-solve. With the rows of L in blocks, block b of X = L^-1 R is D_b R_b - M_b X_above, with D_b the inverse of the small
-triangle on the diagonal and M_b = D_b L_b. Full blocks do not change when rows are appended.
+Many right-hand sides are solved with matrix products, three times as fast as LAPACK's triangular solve. Block b of X =
+L^-1 R is D_b R_b - M_b X_above, where D_b is the inverse of the diagonal block and M_b = D_b L_b. Appending rows does
+not change full blocks.
 """
 
 from __future__ import annotations
@@ -16,34 +16,33 @@ from auv_lse_gp.compiled.modules import compiled_gp
 
 Array = NDArray[np.float64]
 
-#: Rows of a block.
+#: Number of rows of a block.
 BLOCK = 128
 
 
 class IllConditionedError(ValueError):
-    """The covariance of the centers cannot be factorized in double precision; no jitter is added to it."""
+    """The covariance of the centers cannot be factorized in double precision; no jitter is added."""
 
 
 class Factor:
     """Lower Cholesky factor L (n, n) of the measurements' covariance with noise."""
 
     def __init__(self, capacity: int = 64) -> None:
-        """Makes an empty factor with room for `capacity` rows."""
         self._buffer = np.zeros((capacity, capacity))
         self._blocks: list[tuple[Array, Array]] = []  # D_b^T and M_b^T, Fortran-ordered
-        self._blocked = 0  # rows of L whose blocks are made
+        self._blocked = 0  # number of rows of L in `_blocks`
         self._contiguous: Array | None = None  # L without the buffer's spare columns, for BLAS
         self._inverse: Array | None = None
         self.size = 0
 
     @property
     def lower(self) -> Array:
-        """L (n, n): a read-only view, overwritten by later changes."""
+        """L (n, n): a read-only view that later changes overwrite."""
         return self._buffer[: self.size, : self.size]
 
     @property
     def inverse(self) -> Array:
-        """L^-1 (n, n), Fortran-ordered, cached until L changes: for callers that solve hundreds of times."""
+        """L^-1 (n, n), Fortran-ordered, cached until L changes; for callers that solve hundreds of times."""
         if self._inverse is None:
             self._inverse, _ = lapack.dtrtri(np.array(self.lower, order="F"), lower=1, overwrite_c=1)
         return self._inverse
@@ -83,7 +82,7 @@ class Factor:
         self._reserve(new)
         rows = self.solve(cross.T).T
         remainder = own - rows @ rows.T
-        # A pivot that is all rounding is meaningless: its rounding error is about n eps k(p, p).
+        # Reject pivots of the size of their rounding error, about n eps k(p, p).
         floor = 4.0 * new * np.finfo(float).eps * float(np.max(np.diag(own)))
         try:
             corner = cholesky(remainder, lower=True, check_finite=False)
@@ -108,7 +107,7 @@ class Factor:
         return self.solve_in_place(np.array(right, dtype=float, order="C"))
 
     def solve_from(self, begin: int, right: Array) -> Array:
-        """L^-1 right (n,), where `right[:begin]` already holds that part of the result: O(n m) for m rows after it."""
+        """L^-1 right (n,), where `right[:begin]` already holds the result; O(n m) for m remaining rows."""
         if compiled.USE_NUMBA:
             return np.asarray(compiled_gp().forward(self._buffer, begin, self.size, right))
         solved = np.array(right, dtype=float)
@@ -163,7 +162,7 @@ class Factor:
         return solved
 
     def _make_blocks(self) -> None:
-        """Computes the blocks that have new rows."""
+        """Computes the blocks with new rows."""
         if self._blocked == self.size:
             return
         first = self._blocked // BLOCK

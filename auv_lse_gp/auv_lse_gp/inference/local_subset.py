@@ -1,4 +1,4 @@
-"""Prediction from the centers within d_eps only, the local subset (paper, section "Online GP")."""
+"""Prediction from the local subset: the centers within d_eps (paper, section "Online GP")."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ Array = NDArray[np.float64]
 
 
 def predict_locally(prior: Posterior, centers: Centers, places_m: ArrayLike) -> tuple[Array, Array]:
-    """Mean and variance, (P,) each, at places (P, 2) from the centers near each.
+    """Mean and variance, (P,) each, at places (P, 2), each from its nearby centers.
 
-    The subset of a place is that of its tile, of side d_eps / 4 in the kernel's axes: all centers within d_eps of the
-    tile. It contains the place's own subset, and does not depend on the other places.
+    Places in one square tile of side d_eps / 4 (in the kernel's axes) share a subset: all centers within d_eps of the
+    tile.
 
     Args:
         prior: A posterior without data.
-        centers: All centers.
-        places_m: North, east (P, 2).
     """
     places = checked_places(places_m)
     mean = np.array(prior.prior_mean(places), dtype=float)

@@ -1,6 +1,6 @@
 """The posterior at points, one row per point: mean, variances, whitened covariance.
 
-A planner that values many paths evaluates the posterior once for all their places, then picks and joins the rows.
+A planner evaluates the posterior once for the places of many paths, then selects and joins rows.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from auv_lse_common.support.growing_rows import GrowingRows
 
 Array = NDArray[np.float64]
 
-#: Points that a pool has room for before it grows: those of 300 sequences of ten legs, and more.
+#: Initial capacity of a pool, in points.
 POOL_CAPACITY = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class PointPosteriors:
-    """Points, with the posterior there.
+    """The posterior at P points.
 
     Attributes:
         scaled: Places in the kernel's axes and lengths, shape (P, 2).
@@ -42,7 +42,7 @@ class PointPosteriors:
         return len(self.mean_m)
 
     def take(self, index: Any) -> PointPosteriors:
-        """The points at an array of numbers, or of a slice, which copies nothing."""
+        """The points at an array of indices, or at a slice (without copying)."""
         return PointPosteriors(
             self.scaled[index],
             self.white[index],
@@ -57,11 +57,11 @@ class PointPosteriors:
 
 
 def join_by_path(first: PointPosteriors, second: PointPosteriors, paths: int) -> PointPosteriors:
-    """The points of `paths` paths, path after path, from those of their first parts and of their second parts.
+    """Joins the first and second parts of `paths` paths; the result has one path after the other.
 
     Args:
         first: Points of the first part of each path, path after path; all first parts are equally long.
-        second: The same of the second parts.
+        second: Points of the second part of each path, likewise.
         paths: Number of paths.
     """
 
@@ -79,14 +79,13 @@ def join_by_path(first: PointPosteriors, second: PointPosteriors, paths: int) ->
 
 
 class PointPool:
-    """Points that a search has looked up, each with a number."""
+    """The points that a search has evaluated, each with a number."""
 
     def __init__(self, rows: int) -> None:
-        """Makes an empty pool for whitened covariances with `rows` measurements."""
         self._numbers, self._white = GrowingRows(5, POOL_CAPACITY), GrowingRows(rows, POOL_CAPACITY)
 
     def add(self, points: PointPosteriors) -> int:
-        """Adds points; returns the number of the first of them."""
+        """Adds points; returns the number of the first one."""
         begin = len(self._white)
         self._white.append(points.white)
         self._numbers.append(np.column_stack([points.scaled, points.mean_m, points.data_var_m2, points.planned_var_m2]))

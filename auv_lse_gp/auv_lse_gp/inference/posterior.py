@@ -1,24 +1,23 @@
-"""The posterior of the depth: the only place where the Gaussian process is conditioned on anything.
+"""The posterior of the depth: the only module that conditions the Gaussian process.
 
-It is conditioned on measurements X: first the data (kernel centers, whose depths z are known), then *planned places*,
-which will be measured later. With K = k(X, X) + noise (RW2006: Rasmussen and Williams,
-Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
+The measurements X are first the data (kernel centers with depths z), then *planned places*, to be measured later. With
+K = k(X, X) + noise (RW2006: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
 
-    l. 2   L = chol(K)                             `Factor`, which grows by a row for each measurement
-    l. 3   mean(p) = m(p) + w(p)^T b,              b = L^-1 (z - m(X)), kept
+    l. 2   L = chol(K)                             `Factor`, one row per measurement
+    l. 3   mean(p) = m(p) + w(p)^T b,              b = L^-1 (z - m(X)), stored
     l. 5   w(p) = L^-1 k(X, p)                     the *whitened covariance* of place p with the measurements
     l. 6   cov(p, q) = k(p, q) - w(p)^T w(q)       and so var(p) = k(p, p) - |w(p)|^2
 
-The algorithm's line 3 is mean(p) = k(p, X) alpha with alpha = L^-T b, which is the same; `mean_m` uses it.
+`mean_m` uses the equivalent mean(p) = k(p, X) alpha with alpha = L^-T b.
 
-Uncertain positions: the positions of all centers may be wrong together in r modes. One standard deviation of a mode
-changes the depths that the centers should have measured by a column of E (n, r) (`Centers.place_effect_m`), and so the
-mean at p by -w(p)^T L^-1 E. Every variance therefore includes the *place variance* |w(p)^T L^-1 E|^2: a floor that
-planned measurements do not remove.
+Uncertain positions: the positions of all centers have common errors in r modes. One standard deviation of a mode
+changes the centers' depths by a column of E (n, r) (`Centers.place_effect_m`), and thus the mean at p by -w(p)^T L^-1
+E. Every variance therefore includes the *place variance* |w(p)^T L^-1 E|^2, a floor that planned measurements do not
+reduce.
 
-Rows of L and w do not change when measurements are appended. The variance given the data alone follows from the first
-rows of w, and the effect of planned places from the others; dropping measurements drops the last rows. A planned
-measurement lowers the variance whatever its outcome, and the expected mean stays the same.
+Appending measurements does not change existing rows of L and w. The first rows of w give the variance given the data,
+and the others the effect of planned places. A planned measurement lowers the variance and leaves the expected mean
+unchanged.
 """
 
 from __future__ import annotations
@@ -41,17 +40,16 @@ from auv_lse_gp.inference.point_posteriors import PointPosteriors
 
 Array = NDArray[np.float64]
 
-#: Places handled at once by `moments` and `mean_m`, so that the work stays in the processor's cache.
+#: Number of places that `moments` processes together, so that the data fit in the processor's cache.
 CHUNK = 2048
-#: Half of the distance (m) over which the slope of a prior mean is taken.
+#: Half of the distance (m) of the finite difference for a prior mean's slope.
 _SLOPE_M = 0.5
 
 
 class Posterior:
-    """Posterior of the depth given data and, after the data, places that will be measured.
+    """Posterior of the depth given data and planned places.
 
     Attributes:
-        kernel: Covariance function.
         prior_mean: Prior mean, places (P, 2) -> depths (P,).
         noise_var_m2: Noise variance of a planned measurement.
     """
@@ -60,7 +58,6 @@ class Posterior:
         """Starts with no data.
 
         Args:
-            config: The prior, and the noise of a planned measurement.
             mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
         """
         self.kernel = Kernel(config)
@@ -73,12 +70,12 @@ class Posterior:
         self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never reused: see `rows`
         self._appended = 0
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
-        self._place_white: Array | None = None  # L^-1 E, computed when it is first needed
+        self._place_white: Array | None = None  # L^-1 E, computed on first use
 
     # ---------------------------------------------------------------- measurements
 
     def __len__(self) -> int:
-        """Number of measurements, data and planned: the mark that `truncate` takes."""
+        """Number of measurements, data and planned."""
         return len(self._scaled)
 
     @property
@@ -97,7 +94,7 @@ class Posterior:
         return self._centers
 
     def extend(self, centers: Centers) -> None:
-        """Conditions on more data, after the data there is.
+        """Conditions on more data.
 
         Raises:
             ValueError: if places are planned.
@@ -112,9 +109,7 @@ class Posterior:
         self._set_data(self._centers.joined(centers), self.data_rows)
 
     def with_planned(self, places_m: Array) -> Posterior:
-        """A copy that is also conditioned on future measurements at `places_m` (O, 2), after those already planned.
-
-        This posterior is unchanged. The same place twice is two measurements.
+        """A copy that is also conditioned on future measurements at `places_m` (O, 2), which may contain a place twice.
 
         Raises:
             IllConditionedError: if the covariance cannot be factorized.
@@ -126,7 +121,7 @@ class Posterior:
         return other
 
     def truncate(self, size: int) -> None:
-        """Drops all measurements but the first `size`; take `len(posterior)` as a mark to return to."""
+        """Drops all measurements but the first `size`."""
         self._factor.truncate(size)
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
@@ -137,13 +132,13 @@ class Posterior:
     def follow(self, centers: Centers) -> int:
         """Replaces the data by `centers` and drops planned places.
 
-        Only rows from the first changed center on are recomputed; if only depths changed, the factor is kept.
+        Only rows from the first changed center on are recomputed; if only depths change, the factor is kept.
 
         Returns:
             Number of leading centers whose place and noise are unchanged.
 
         Raises:
-            IllConditionedError: if they cannot be factorized; the posterior then has the unchanged ones only.
+            IllConditionedError: if they cannot be factorized; the posterior then has only the unchanged centers.
         """
         old = self._centers
         common = min(len(old), len(centers))
@@ -245,7 +240,7 @@ class Posterior:
 
     @property
     def white_place_effect(self) -> Array:
-        """L^-1 E (n, r) of the centers' place effects; (n, 0) if positions count as known."""
+        """L^-1 E (n, r) of the centers' place effects; (n, 0) if positions are assumed exact."""
         if self._place_white is None:
             n, effect = self.data_rows, self._centers.place_effect_m
             if effect is None:
@@ -256,7 +251,7 @@ class Posterior:
 
     @property
     def residual_ratio(self) -> float:
-        """|b|^2 / n for n data with whitened residuals b: 1 on average if the prior is right, and 1 without data.
+        """|b|^2 / n for n data with whitened residuals b: 1 on average if the prior is correct, and 1 without data.
 
         With uncertain positions, |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
         """
@@ -274,9 +269,9 @@ class Posterior:
     def variance_scale(self) -> float:
         """Factor c^2 on the prior's variance, estimated from the data.
 
-        With an inverse gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
-        (w + |b|^2) / (w + n) up to terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6), |b|^2 as
-        in `residual_ratio`. Noise is scaled with the signal.
+        c^2 has an inverse gamma prior about 1 with the weight of w soundings (`gp.std_soundings`). Its mean given the
+        data is (w + |b|^2) / (w + n) up to terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6),
+        with |b|^2 as in `residual_ratio`. Noise is scaled with the signal.
         """
         n, worth = self.data_rows, self._std_soundings
         return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
@@ -298,7 +293,7 @@ class Posterior:
         return depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
-        """Turns the prior mean (P,) and variance (P,) at scaled places (P, 2) into the posterior's, in place."""
+        """Replaces the prior mean (P,) and variance (P,) at scaled places (P, 2) by the posterior's, in place."""
         n = len(self)
         if not n:
             return
@@ -312,7 +307,7 @@ class Posterior:
             add_whitened(white, residuals, mean[part], variance[part])
 
     def mean_m(self, places_m: ArrayLike) -> Array:
-        """Mean depth (P,) at places (P, 2) given the data, without the cost of a variance."""
+        """Mean depth (P,) at places (P, 2) given the data, without computing variances."""
         places = checked_places(places_m)
         mean = np.array(self.prior_mean(places), dtype=float)
         n = self.data_rows
@@ -333,7 +328,7 @@ class Posterior:
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
     def lower_covariance(self, a: PointPosteriors) -> Array:
-        """Covariance (A, A) among points: only its lower triangle is valid, for half the work."""
+        """Covariance (A, A) among points; only its lower triangle is valid."""
         own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so BLAS works in place
         if not a.white.shape[1]:
             return own
@@ -342,7 +337,7 @@ class Posterior:
         return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=own, lower=1, overwrite_c=1))
 
     def measured_covariance(self, a: PointPosteriors) -> Array:
-        """Covariance (A, A) of measurements at points, that is with noise: only its lower triangle is valid."""
+        """Covariance (A, A) of measurements at points, including noise; only its lower triangle is valid."""
         matrix = self.lower_covariance(a)
         np.einsum("ii->i", matrix)[:] += self.noise_var_m2
         return matrix
@@ -351,7 +346,7 @@ class Posterior:
         """Covariances (B, c, c) of measurements along each of several paths of equal length.
 
         Args:
-            paths: Points of all paths, path after path, B * c of them.
+            paths: Points of all paths, one path after the other, B * c in total.
             count: Number of paths B.
         """
         length = len(paths) // count
@@ -377,12 +372,12 @@ class Posterior:
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """A number for each measurement (n + o,): an unchanged number means an unchanged row of L and w."""
+        """A number for each measurement (n + o,); as long as it is unchanged, so are the rows of L and w."""
         return self._rows
 
     @property
     def whitened_residuals(self) -> Array:
-        """b (n + o,); zero for planned places, whose measurements are expected to agree with the mean."""
+        """b (n + o,); zero for planned places, whose measurements have the mean as their expectation."""
         if not self.planned_rows:
             return self._whitened
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
@@ -420,5 +415,5 @@ def checked_places(places_m: ArrayLike) -> Array:
 
 
 def _leading(same: NDArray[np.bool_]) -> int:
-    """Number of leading true values."""
+    """Number of leading values that are true."""
     return len(same) if same.all() else int(np.argmin(same))

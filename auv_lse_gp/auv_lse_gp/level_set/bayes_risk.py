@@ -1,10 +1,10 @@
 """Bayes risk of a level set, before and after planned measurements (paper, section "Search objective").
 
-The depth at a place is normal. Calling it safe (at least `level_m` deep) when it is not costs c1 (`cost_false_safe`),
-calling it unsafe when it is safe costs c2 (`cost_false_unsafe`).
+The depth at a place has a normal distribution. Calling it safe (at least `level_m` deep) when it is not costs c1
+(`cost_false_safe`); calling it unsafe when it is safe costs c2 (`cost_false_unsafe`).
 
-The paper approximates the expected risk after planned measurements. It is a bivariate normal probability with a closed
-form in Owen's T function, which is the default here. All functions broadcast their arguments.
+The paper approximates the expected risk after planned measurements. The default here is exact: a bivariate normal
+probability, by Owen's T function. All functions broadcast their arguments.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ERF_B = 0.75651138383854
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class LevelSet(LevelSetConfig):
-    """The isobath to find with its costs, and the risks that follow from them."""
+    """The isobath to find, the costs of wrong calls, and the resulting risks."""
 
     @classmethod
     def of(cls, config: LevelSetConfig) -> LevelSet:
@@ -63,12 +63,12 @@ class LevelSet(LevelSetConfig):
         Args:
             mean_m: Mean of the depth given the present data (M,).
             variance_m2: Variance given the present data (M,).
-            left_m2: Remaining variances (J, M), at most the present ones; rows that decrease are fastest.
+            left_m2: Remaining variances (J, M), at most `variance_m2`; fastest if they decrease from row to row.
         """
         return self._risk_sums(mean_m, variance_m2, left_m2, False)[0]
 
     def risk_sums_and_slopes(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> tuple[Array, Array]:
-        """`risk_sums`, and the slopes (J, M) of the risks in the remaining variances (`expected_bayes_risk_slope`)."""
+        """`risk_sums`, and the derivatives (J, M) by the remaining variances (`expected_bayes_risk_slope`)."""
         return self._risk_sums(mean_m, variance_m2, left_m2, True)
 
     def _risk_sums(self, mean: Array, variance: Array, left: Array, with_slopes: bool) -> tuple[Array, Array]:
@@ -136,7 +136,7 @@ def bayes_risk(
 def bayes_estimate(
     mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike, cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike
 ) -> NDArray[np.bool_]:
-    """The call (true: safe) with the `bayes_risk`; a tie is safe. Arguments as there."""
+    """The call with the lowest risk (true: safe); a tie is safe. Arguments as in `bayes_risk`."""
     mean, std, level = _arrays(("mean_m", mean_m), ("std_m", std_m), ("level_m", level_m))
     c1, c2 = _costs(cost_false_safe, cost_false_unsafe)
     _not_negative(std_m=std)
@@ -155,19 +155,17 @@ def expected_bayes_risk(
 ) -> Array:
     """Expected Bayes risk E of a place after planned measurements; level and costs as in `bayes_risk`.
 
-    After them, the mean is distributed as N(mean_m, std_of_mean_m^2), and the standard deviation is std_after_m.
+    After the measurements, the mean has the distribution N(mean_m, std_of_mean_m^2), and the depth the standard
+    deviation std_after_m.
 
     Args:
         mean_m: Mean of the depth given the present data (m).
         std_of_mean_m: Standard deviation s_mu of the mean after the planned measurements (m).
         std_after_m: Standard deviation s_q of the depth after the planned measurements (m).
-        level_m: Level l (m).
-        cost_false_safe: Cost c1.
-        cost_false_unsafe: Cost c2.
         method: "exact" (Owen's T) or "exponential_quadratic" (the paper's approximation with one term).
 
     Returns:
-        The expected risk, of the broadcast shape. The exact one never exceeds the present risk.
+        The expected risk, of the broadcast shape; if exact, at most the current risk.
 
     Raises:
         ValueError: for an unknown method, a cost that is not positive or a negative standard deviation.
@@ -201,14 +199,14 @@ def benefit_of_search(
 ) -> Array:
     """Expected benefit of search: present risk minus `expected_bayes_risk` (same arguments).
 
-    Theorem 1: 0 if nothing is planned, never negative, and growing with the planned set. This holds for the exact
-    method, but not for the exponential-quadratic one.
+    With the exact method it is 0 if nothing is planned, never negative, and grows with the planned set (paper, theorem
+    1).
     """
     mean, of_mean, after = _arrays(("mean_m", mean_m), ("std_of_mean_m", std_of_mean_m), ("std_after_m", std_after_m))
     expected = expected_bayes_risk(mean, of_mean, after, level_m, cost_false_safe, cost_false_unsafe, method)
-    in_hand = bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe)
+    current = bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe)
     # Two functions compute the two terms: with the exact method, negative values are rounding.
-    return np.maximum(in_hand - expected, 0.0) if method == "exact" else in_hand - expected
+    return np.maximum(current - expected, 0.0) if method == "exact" else current - expected
 
 
 def expected_bayes_risk_slope(
@@ -219,14 +217,14 @@ def expected_bayes_risk_slope(
     cost_false_safe: ArrayLike,
     cost_false_unsafe: ArrayLike,
 ) -> Array:
-    """Slope dE / dv of the exact `expected_bayes_risk` E in the variance v = s_q^2 after it (same arguments).
+    """Derivative dE / dv of the exact `expected_bayes_risk` E with respect to v = s_q^2 (same arguments).
 
-    The present variance s^2 = s_mu^2 + s_q^2 stays. With k = (l - s_q z - m) / s_mu, z = Phi^-1(c2 / (c1 + c2)) and
-    phi the standard normal density,
+    The current variance s^2 = s_mu^2 + s_q^2 is constant. With k = (l - s_q z - m) / s_mu, z = Phi^-1(c2 / (c1 + c2))
+    and phi the standard normal density,
 
         dE / dv = (c1 + c2) / 2 phi(k) / s_mu phi(z) / s_q  >= 0.
 
-    It grows beyond all bounds where s_q, or at the level s_mu, goes to 0; where one of them is 0 the result is 0.
+    It is unbounded as s_q, or at the level s_mu, approaches 0; where one of them is 0, the result is 0.
     """
     mean, of_mean, after, level = _arrays(
         ("mean_m", mean_m), ("std_of_mean_m", std_of_mean_m), ("std_after_m", std_after_m), ("level_m", level_m)
@@ -277,7 +275,7 @@ def expected_bayes_risk_numpy(
             value = 0.5 * (c2 - c1) * (ndtr(k) - ndtr(h)) + (c1 + c2) * (owens_t(h, a_h) + owens_t(k, a_k) + beta)
             value = np.where(c1 == c2, equal, value)
     value = np.where(of_mean == 0.0, risk, np.where(after == 0.0, 0.0, value))
-    # 0 <= E <= present risk is a theorem: anything else is rounding. (NaN in, NaN out.)
+    # 0 <= E <= current risk in theory; the rest is rounding. NaN stays NaN.
     return np.asarray(np.clip(value, 0.0, risk))
 
 
@@ -295,10 +293,10 @@ def _exponential_quadratic(mean: Array, of_mean: Array, after: Array, level: Arr
         spread = 1.0 + 2.0 * square * s_mu**2
         precision = spread / s_mu**2
         center = (gap - side * slope * s_mu**2) / spread
-        # The completed square, written so that nothing large cancels: it is at most slope^2 / (4 square).
+        # The completed square, at most slope^2 / (4 square), written without cancellation of large terms.
         log_scale = (0.5 * (slope * s_mu) ** 2 - square * gap**2 - side * slope * gap) / spread - 0.5 * np.log(spread)
         a, b = (low - center) * np.sqrt(precision), (high - center) * np.sqrt(precision)
-        flip = a > 0.0  # both in the upper tail: mirror, so that the difference keeps its digits
+        flip = a > 0.0  # both in the upper tail: mirror, to keep the difference's precision
         a, b = np.where(flip, -b, a), np.where(flip, -a, b)
         return np.asarray(0.5 * (np.exp(log_scale + log_ndtr(b)) - np.exp(log_scale + log_ndtr(a))))
 
@@ -308,7 +306,7 @@ def _exponential_quadratic(mean: Array, of_mean: Array, after: Array, level: Arr
     inf = np.full_like(gap, np.inf)
     zero = np.zeros_like(gap)
     below, above = np.minimum(star, 0.0), np.maximum(star, 0.0)
-    # u < star costs c2 P(f >= l | u); P is the tail for u < 0 and 1 - tail for u > 0. And mirrored for u > star.
+    # u < star costs c2 P(f >= l | u); P is the tail for u < 0 and 1 - tail for u > 0. u > star is the mirror image.
     value = c2 * (tail(-inf, below, -1.0) + np.where(star > 0.0, mass(zero, above) - tail(zero, above, 1.0), 0.0))
     value += c1 * (tail(above, inf, 1.0) + np.where(star < 0.0, mass(below, zero) - tail(below, zero, -1.0), 0.0))
     h = _standardized(-gap, np.sqrt(of_mean**2 + after**2))
@@ -316,7 +314,7 @@ def _exponential_quadratic(mean: Array, of_mean: Array, after: Array, level: Arr
 
 
 def _standardized(gap: Array, std: Array) -> Array:
-    """gap / std, with its limit (+-inf, and 0 / 0 = -inf: exactly at the level is safe) where std is 0."""
+    """gap / std; where std is 0, its limit +-inf (0 / 0 = -inf: a depth exactly at the level is safe)."""
     known = std == 0.0
     if not np.any(known):
         return np.asarray(gap / std)

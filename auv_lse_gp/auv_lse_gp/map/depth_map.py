@@ -1,7 +1,6 @@
-"""The map of a vehicle: soundings in; depth, its uncertainty, risk and isobath on a grid out.
+"""The map of a vehicle: computes depth, uncertainty, risk and isobath on a grid from soundings.
 
-The posterior on the grid is cached and updated (`CachedMoments`). The last few centers stay provisional, since merging
-still moves them.
+The posterior on the grid is cached (`CachedMoments`). The last centers are provisional, since merging still moves them.
 """
 
 from __future__ import annotations
@@ -33,14 +32,11 @@ class DepthField:
     """The posterior on the map's grid; arrays (ny, nx), NaN outside the area.
 
     Attributes:
-        grid: The grid.
         mean_m: Mean of the depth.
         std_m: Standard deviation of the depth, rescaled by `variance_scale`.
-        prior_std_m: The same with the prior's scale (`gp.signal_std_m`), which planners use.
-        risk: Bayes risk.
+        prior_std_m: Standard deviation with the prior's scale (`gp.signal_std_m`), which planners use.
         p_safe: Probability that the depth is at least the level.
         variance_scale: Factor on the prior's variance, estimated from the soundings (`Posterior.variance_scale`).
-        revision: Revision of the Gaussian process.
     """
 
     grid: Grid
@@ -61,7 +57,6 @@ class Isobath:
         lines: Contours of the mean depth at the level.
         shallow_edge: Shallow edge of the band, where P(f >= l) is (1 - band) / 2.
         deep_edge: Deep edge of the band.
-        band_probability: The band's probability.
     """
 
     lines: list[Array]
@@ -86,23 +81,18 @@ class TeamSamples:
 
     @property
     def suspicious(self) -> bool:
-        """Whether over a tenth, and over three, do not fit: a wrong position, a bad sensor, or forged samples."""
+        """Whether more than a tenth, and more than three, do not fit: wrong position, bad sensor, or forged samples."""
         return self.outliers > max(3.0, 0.1 * self.heard)
 
 
 class DepthMap:
-    """A vehicle's map, from its own soundings and its team's samples.
+    """A vehicle's map, from its own soundings and its team mates' samples.
 
     Attributes:
         team: Counts of team mates' samples, by the number of the vehicle.
-        gp: The Gaussian process.
-        level_set: Level and costs.
-        area: The operating area.
-        grid: The map's cells.
     """
 
     def __init__(self, gp_config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
-        """Starts with the prior."""
         self.gp = OnlineGp(gp_config)
         self.level_set = LevelSet.of(level_set)
         self.area = area
@@ -119,7 +109,7 @@ class DepthMap:
 
     @property
     def last_problem(self) -> str:
-        """Why the last refused sounding was refused; "" if none was."""
+        """Reason of the last rejected sounding; "" without one."""
         return self.gp.last_problem
 
     @property
@@ -139,7 +129,7 @@ class DepthMap:
             soundings: Soundings in any order, or rows of them as in `Soundings.from_rows`.
 
         Returns:
-            The outcome of each, in the order given; None if it was refused (counted, see `last_problem`).
+            The outcome of each, in the order given; None if it was rejected (counted, see `last_problem`).
 
         Raises:
             ValueError: for rows of another shape.
@@ -152,16 +142,15 @@ class DepthMap:
         return outcomes
 
     def add_samples(self, samples: ArrayLike, source: int) -> list[Outcome | None]:
-        """Takes the samples of a packet, in the order given.
+        """Takes the samples of a packet from vehicle `source`, in the order given.
 
         Samples must fit this vehicle's map (`gp.team_outlier_sigmas`). They become at most half of `gp.max_centers`.
 
         Args:
             samples: North, east, depth (m), (n, 3).
-            source: Number of the sending vehicle.
 
         Returns:
-            The outcome of each; None if it was refused (counted, see `last_problem`).
+            The outcome of each; None if it was rejected (counted, see `last_problem`).
 
         Raises:
             ValueError: for another shape.
@@ -204,7 +193,7 @@ class DepthMap:
         return self._field
 
     def isobath(self) -> Isobath:
-        """Contours of the mean at the level, and the band that contains the isobath with `BAND_PROBABILITY`."""
+        """Contours of the mean at the level, and the band with probability `BAND_PROBABILITY`."""
         field = self.field()
         quantile = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""Checks that a sounding passes before it enters the map: plausible numbers, and no outlier."""
+"""Checks a sounding before it enters the map: plausible numbers, and no outlier."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SoundingError(ValueError):
 
 
 def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: float) -> None:
-    """Refuses an implausible sounding.
+    """Rejects an implausible sounding.
 
     Raises:
         SoundingError: if a number is not finite, or the depth or place out of range.
@@ -48,13 +48,5 @@ def plausible(config: GpConfig, rows: Array) -> Mask:
 
 
 def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
-    """Mask (P,) of the soundings within `sigmas` standard deviations of their prediction, noise included.
-
-    Args:
-        config: The noise of a sounding.
-        depths_m: Soundings, shape (P,).
-        mean_m: Predicted depths, shape (P,).
-        variance_m2: Variances of the predictions, shape (P,).
-        sigmas: Width of the gate.
-    """
+    """Mask (P,) of the soundings (P,) within `sigmas` standard deviations of their predictions (P,), noise included."""
     return np.asarray(np.abs(depths_m - mean_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))

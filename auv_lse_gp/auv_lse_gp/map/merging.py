@@ -1,4 +1,4 @@
-"""Merging: a sounding too close to a kept center is averaged into it."""
+"""Averages a sounding that is too close to a center into that center."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 #: Maximum number of soundings per center.
 MAX_MERGED = 256
 
-#: Only the last so many centers change by merging. Otherwise crossing an old track would recompute the factor and the
+#: Number of last centers that merging may change. Otherwise crossing an old track would recompute the factor and the
 #: map (seconds at 2000 centers).
 MERGE_WINDOW = 32
 
@@ -22,13 +22,11 @@ MERGE_WINDOW = 32
 class MergedCenter:
     """A center and the soundings merged into it: one measurement of the depth at their centroid.
 
-    For a plane bottom, the mean of their depths is exactly the depth at the centroid. For a curved one, its error has
-    the kernel's variance of mean(f(p_i)) - f(centroid), which is added to the noise of the mean. `summary` computes it
-    for all soundings merged since the last call.
+    On a plane bottom, the mean of the depths is the depth at the centroid. On a curved one, it differs by mean(f(p_i))
+    - f(centroid), whose variance under the kernel is added to the noise of the mean.
     """
 
     def __init__(self, kernel: Kernel, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
-        """Starts with one sounding at `place_m` (2,)."""
         self._kernel = kernel
         self._places_m = [(float(place_m[0]), float(place_m[1]))]
         self._depth_sum_m = depth_m
@@ -38,7 +36,7 @@ class MergedCenter:
 
     @property
     def full(self) -> bool:
-        """Whether it takes no more soundings: another would hardly change it."""
+        """Whether it takes no more soundings; another one would hardly change it."""
         return len(self._places_m) >= MAX_MERGED
 
     def add(self, place_m: Sequence[float], depth_m: float) -> None:

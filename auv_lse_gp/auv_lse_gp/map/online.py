@@ -1,10 +1,8 @@
-"""The online Gaussian process of the depth: soundings in, posterior out (paper, section "Online GP").
+"""The online Gaussian process of the depth (paper, section "Online GP").
 
-Theory of operation. Kept soundings become kernel centers in a table, and the posterior follows the table. Merging moves
-centers, but the posterior is updated only when it is read: a hundred merged soundings cost one refactorization, from
-the first moved center on, which usually is one of the last. New centers are likewise factorized as a block if that
-cannot fail (`_always_factorizable`); which soundings are kept does not depend on the factor. Otherwise each is
-factorized at once, so that `add` can refuse it.
+Soundings become kernel centers in a table, or are merged into centers. The posterior is updated only when it is read:
+one refactorization, from the first moved center on, for any number of soundings. If a factorization could fail
+(`_always_factorizable`), each new center is factorized immediately, so that `add` can reject it.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ _EPSILON = float(np.finfo(float).eps)
 
 
 class Outcome(enum.Enum):
-    """What became of a sounding."""
+    """The outcome of a sounding."""
 
     KEPT = "kept"
     TOO_CLOSE = "too_close"
@@ -45,7 +43,7 @@ class Outcome(enum.Enum):
 
 @dataclasses.dataclass(slots=True)
 class Counts:
-    """Number of soundings by outcome; `refused` ones are implausible or made the covariance ill-conditioned."""
+    """Number of soundings by outcome; `refused` ones are implausible or would make the covariance ill-conditioned."""
 
     kept: int = 0
     too_close: int = 0
@@ -59,21 +57,17 @@ class OnlineGp:
     """Posterior of the depth given the soundings so far.
 
     Attributes:
-        config: The configuration.
-        kernel: Its covariance function.
         prior_mean: Its prior mean, places (P, 2) -> depths (P,).
-        counts: Number of soundings by outcome.
         revision: Changes whenever the posterior does.
-        problems: Messages for the user: a support below the default, merges that were undone.
-        last_problem: Why the last refused sounding was refused; "" if none was.
+        problems: Messages for the user: a support below the default, undone merges.
+        last_problem: Reason of the last rejected sounding; "" without one.
     """
 
     def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
         """Starts with no data.
 
         Args:
-            config: Prior and rules for soundings.
-            mean: Prior mean (P, 2) -> (P,); by default the one `config` describes (read from its file for a survey).
+            mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
         """
         self.config = config
         self.counts = Counts()
@@ -84,7 +78,7 @@ class OnlineGp:
         self.kernel, self.prior_mean = self._posterior.kernel, self._posterior.prior_mean
         self._warn_of_short_support()
         self._table = CenterTable()
-        self._outdated = False  # whether the table has changed since the posterior followed it
+        self._outdated = False  # whether the posterior lacks changes of the table
         self._index = SpacingIndex(config.min_spacing_m)
         self._merged: list[MergedCenter] = []
         self._moved: set[int] = set()
@@ -100,8 +94,6 @@ class OnlineGp:
         """Takes one sounding.
 
         Args:
-            north_m: North (m).
-            east_m: East (m).
             depth_m: Water depth (m, positive down).
             grow: Whether it may become a new center; if not, it can still be merged into an existing one.
 
@@ -110,7 +102,7 @@ class OnlineGp:
 
         Raises:
             SoundingError: if it is implausible (counted as refused).
-            IllConditionedError: if the centers' covariance cannot be factorized with it (it is not kept).
+            IllConditionedError: if the centers' covariance cannot be factorized with it; it is then discarded.
         """
         try:
             check_sounding(self.config, north_m, east_m, depth_m)
@@ -125,17 +117,17 @@ class OnlineGp:
                 return Outcome.OUTLIER
         return self._insert(row, int(grow))[0]
 
-    def add_all(self, soundings: Array, most_new: int | None = None) -> list[Outcome | None]:
-        """Takes soundings one after another, as `add`, and continues after a refused one.
+    def add_all(self, soundings: Array, max_new: int | None = None) -> list[Outcome | None]:
+        """Takes soundings one after another, as `add`, and continues after a rejected one.
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
-            most_new: Number of them that may become centers at most; None: all.
+            max_new: Largest number of new centers; None: no limit.
 
         Returns:
-            The outcome of each; None if it was refused, see `last_problem`.
+            The outcome of each; None if it was rejected, see `last_problem`.
         """
-        room = len(soundings) if most_new is None else most_new
+        room = len(soundings) if max_new is None else max_new
         outcomes: list[Outcome | None] = [None] * len(soundings)
         together = plausible(self.config, soundings) & self._always_factorizable(len(self) + len(soundings))
         inserted = self._insert(soundings[together], room) if together.any() else []
@@ -154,17 +146,17 @@ class OnlineGp:
         return outcomes
 
     def add_if_fitting(
-        self, soundings: Array, sigmas: float, most_new: int
+        self, soundings: Array, sigmas: float, max_new: int
     ) -> tuple[list[Outcome | None], NDArray[np.bool_]]:
-        """Takes the soundings that fit the map as it is now, as `add_all`; the others are outliers.
+        """Takes the soundings that fit the current map, as `add_all`; the others are outliers.
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
-            sigmas: Number of standard deviations that a sounding may be off; 0: all fit. Without centers, all fit.
-            most_new: Number of them that may become centers at most.
+            sigmas: Largest deviation of a sounding, in standard deviations; 0: no limit. Without centers, all fit.
+            max_new: Largest number of new centers.
 
         Returns:
-            The outcome of each, None if it was refused; and a mask (n,) of those that fit.
+            The outcome of each, None if it was rejected; and a mask (n,) of those that fit.
         """
         fit = np.ones(len(soundings), dtype=bool)
         finite = np.isfinite(soundings).all(axis=1)
@@ -172,18 +164,18 @@ class OnlineGp:
             fit[finite] = self._fits(soundings[finite], sigmas)
         self.counts.outliers += int((~fit).sum())
         outcomes: list[Outcome | None] = [Outcome.OUTLIER] * len(soundings)
-        for i, outcome in zip(np.flatnonzero(fit).tolist(), self.add_all(soundings[fit], most_new), strict=True):
+        for i, outcome in zip(np.flatnonzero(fit).tolist(), self.add_all(soundings[fit], max_new), strict=True):
             outcomes[i] = outcome
         return outcomes, fit
 
-    def _insert(self, rows: Array, most_new: int) -> list[Outcome]:
-        """Inserts soundings (n, 3) that passed the gates; more than one only if `_always_factorizable`.
+    def _insert(self, rows: Array, max_new: int) -> list[Outcome]:
+        """Inserts soundings (n, 3) that passed the gates; several only if `_always_factorizable`.
 
         Raises:
             IllConditionedError: as `add`.
         """
         size, noise_std_m = len(self), self.config.noise_std_m
-        near, new = self._index.take(rows[:, :2], max(min(most_new, self.config.max_centers - size), 0))
+        near, new = self._index.take(rows[:, :2], max(min(max_new, self.config.max_centers - size), 0))
         kept = rows[new]
         try:
             self._append(Centers(kept[:, :2], kept[:, 2], np.full(len(kept), noise_std_m)))
@@ -294,9 +286,9 @@ class OnlineGp:
             warnings.warn(text, stacklevel=3)
 
     def _always_factorizable(self, size: int) -> bool:
-        """Whether `size` centers can be factorized wherever they are, so that it can wait.
+        """Whether `size` centers can be factorized wherever they are, so that the factorization can be postponed.
 
-        No pivot is less than the least noise variance, and rounding errors are within about size^2 eps times the
+        No pivot is less than the smallest noise variance, and rounding errors are below about size^2 eps times the
         largest variance (Higham 2002, theorems 10.3 and 10.7). With an outlier gate the factor is needed each time.
         """
         noise_m2 = self.config.noise_std_m**2
@@ -324,7 +316,7 @@ class OnlineGp:
         self.revision += len(centers)
 
     def _apply_merges(self) -> None:
-        """Moves the centers that soundings were merged into."""
+        """Moves the centers with newly merged soundings."""
         for i in self._moved:
             place, depth, noise_m2 = self._merged[i].summary()
             self._table.move(i, place, depth, math.sqrt(noise_m2))
@@ -342,7 +334,7 @@ class OnlineGp:
         except IllConditionedError:
             if before is None:
                 raise
-            # Merging lowers the noise and may bring centers together. The centers before it are known to work.
+            # Merging lowers the noise and may move centers closer together. The centers before it can be factorized.
             self._table = before
             self._posterior.follow(self._current_centers)
             self.problems.append("undid merges: they made the covariance of the centers ill-conditioned")

@@ -1,11 +1,11 @@
 """The value of one more sample to the other vehicles, estimated by the sender.
 
-The value of a sample is the expected drop of the receivers' Bayes risk, summed over a coarse map of the operating area,
-before its depth is known (paper, section "Search objective", with D1 the receivers' samples and D2 the sample's place).
+The value is the expected drop of the receivers' Bayes risk, summed over a coarse map of the operating area (paper,
+section "Search objective", with D1 the receivers' samples and D2 the sample's place).
 
-A sender does not learn which packets arrived. Assuming that all do leaves holes where packets were lost, and performs
-worse than sending every n-th sample. So it simulates several receivers, each of which misses every packet, sent or
-heard, with the current loss rate. The value of a sample is its mean over them.
+A sender does not know which packets arrive. If it assumed that all do, lost packets would leave holes in the receivers'
+maps. So it simulates several receivers, each of which misses every packet with the current loss rate, and averages the
+value over them.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from auv_lse_gp.map.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
 
-#: Places are ignored if a sample explains less than this share of their variance, ...
+#: Places are ignored if a sample explains less than this share of their variance ...
 _NEGLIGIBLE_SHARE = 1e-3
-#: ... or if their Bayes risk is less than this share of the larger cost.
+#: ... or if their Bayes risk, relative to the larger cost, is below this.
 _NEGLIGIBLE_RISK = 1e-4
 #: Number of simulated receivers.
 ASSUMED_RECEIVERS = 4
@@ -41,21 +41,14 @@ ASSUMED_RECEIVERS = 4
 class ReceiverMap:
     """The map of one receiver: an exact Gaussian process on its samples, and its Bayes risk.
 
-    Samples nearer than `gp.min_spacing_m` to an earlier one are dropped, since a vehicle's map merges them.
+    Samples closer than `gp.min_spacing_m` to an earlier one are dropped, since a vehicle's map merges them.
 
     Attributes:
         places_m: Places over which risk is summed, shape (G, 2): north, east.
     """
 
     def __init__(self, gp: GpConfig, level_set: LevelSetConfig, area: OperatingArea, spacing_m: float = 20.0) -> None:
-        """Starts with the prior.
-
-        Args:
-            gp: The prior, and the noise of a sounding.
-            level_set: The isobath and the costs of wrong calls.
-            area: The operating area.
-            spacing_m: Spacing of the places over which risk is summed.
-        """
+        """Starts with the prior; `spacing_m` is the spacing (m) of the places over which risk is summed."""
         self.places_m: Array = area.grid(spacing_m).places_m
         self._level_set = LevelSet.of(level_set)
         self._noise_std_m = gp.noise_std_m
@@ -64,7 +57,7 @@ class ReceiverMap:
         self._index = SpacingIndex(gp.min_spacing_m)
 
     def __len__(self) -> int:
-        """Number of samples; the mark that `truncate` takes."""
+        """Number of samples, which `truncate` takes as a mark."""
         return len(self._posterior)
 
     @property
@@ -125,20 +118,12 @@ class ReceiversRisk:
         rng: np.random.Generator,
         spacing_m: float = 20.0,
     ) -> None:
-        """Starts with receivers that have no samples.
-
-        Args:
-            gp: The prior, and the noise of a sounding.
-            level_set: The isobath and the costs of wrong calls.
-            area: The operating area.
-            rng: Decides which packets the receivers miss.
-            spacing_m: Spacing of the places over which risk is summed.
-        """
+        """Starts with receivers without samples; `rng` draws which packets they miss."""
         self._rng = rng
         self._receivers = [ReceiverMap(gp, level_set, area, spacing_m) for _ in range(ASSUMED_RECEIVERS)]
-        self._missed = [0] * ASSUMED_RECEIVERS  # hash of what each has missed: equal ones have equal samples
+        self._missed = [0] * ASSUMED_RECEIVERS  # hash of the packets that each missed; equal hashes: equal samples
         self._marks = [len(receiver) for receiver in self._receivers]
-        #: Marks and missed packets before the last packet sent, while it can be taken back ...
+        #: Marks and missed packets before the last packet sent, while it can be undone ...
         self._before_sent: tuple[list[int], list[int]] | None = None
         #: ... and packets heard after it: samples, and which receivers missed them.
         self._heard_since: list[tuple[Array, list[bool]]] = []
@@ -146,11 +131,6 @@ class ReceiversRisk:
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any], where: str, address: int) -> ReceiversRisk:
         """From the sections `gp`, `level_set` and `area` of a mission file.
-
-        Args:
-            parameters: Nested parameters.
-            where: Source of the parameters, for messages.
-            address: Number of the sender.
 
         Raises:
             ParameterError: naming the invalid parameter.
@@ -176,7 +156,7 @@ class ReceiversRisk:
         self._deliver(missed)
 
     def suppose(self, samples_m: ArrayLike) -> None:
-        """Adds samples (n, 3) to the packet being composed, as if it arrived: north, east, water depth (m)."""
+        """Adds samples (n, 3) to the packet being composed: north, east, water depth (m)."""
         for receiver in self._receivers:
             receiver.add(np.asarray(samples_m, dtype=float))
 
@@ -186,7 +166,7 @@ class ReceiversRisk:
         self._deliver(self._draw(loss))
 
     def take_back(self) -> None:
-        """Undoes the last `send`: the packet was not transmitted. Packets heard since are kept."""
+        """Undoes the last `send` of a packet that was not transmitted; packets heard since are kept."""
         if self._before_sent is None:
             return
         (self._marks, self._missed), self._before_sent = self._before_sent, None
@@ -209,7 +189,7 @@ class ReceiversRisk:
         self._marks = [len(receiver) for receiver in self._receivers]
 
     def gains(self, samples_m: ArrayLike) -> Array:
-        """Expected drop of the Bayes risk by each sample (n, 3) alone, mean over the receivers, shape (n,)."""
+        """Expected drop of the Bayes risk by each sample (n, 3) alone, averaged over the receivers, shape (n,)."""
         samples = np.asarray(samples_m, dtype=float)
         different = dict(zip(self._missed, self._receivers, strict=True))
         known = {missed: receiver.gains(samples) for missed, receiver in different.items()}

@@ -15,13 +15,12 @@ Array = NDArray[np.float64]
 
 
 class SpacingIndex:
-    """Finds kept places within the minimum spacing of a new one.
+    """Finds kept places within the minimum spacing of a new one, by comparison with all of them.
 
-    It compares with all of them: up to a few thousand, that is faster than a sorted index.
+    Up to a few thousand places, this is faster than a sorted index.
     """
 
     def __init__(self, spacing_m: float) -> None:
-        """Starts without places; a spacing of 0 finds none too close."""
         self._spacing_m = spacing_m
         self._places = GrowingRows(2)
 
@@ -30,7 +29,7 @@ class SpacingIndex:
         return len(self._places)
 
     def add(self, north_m: float, east_m: float) -> None:
-        """Adds a place; its number is the count before."""
+        """Appends a place."""
         self._places.append([north_m, east_m])
 
     def truncate(self, size: int) -> None:
@@ -38,52 +37,49 @@ class SpacingIndex:
         self._places.resize(min(len(self), size))
 
     def too_close(self, north_m: float, east_m: float) -> int | None:
-        """Number of the nearest place that is closer than the spacing, None if there is none."""
+        """Number of the nearest place if it is closer than the spacing, else None."""
         near = int(self._near(np.array([[north_m, east_m]]), 0)[0])
         return near if near >= 0 else None
 
-    def take(self, places_m: Array, most_new: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Keeps, one after another, the places to which no kept place is too close.
+    def take(self, places_m: Array, max_new: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Keeps, one after another, the places that no kept place is too close to.
 
         Args:
             places_m: North, east (n, 2).
-            most_new: Number of places to keep at most.
+            max_new: Largest number of places to keep.
 
         Returns:
             For each place (n,): the number of the kept place that is too close, its own number if it is kept, or -1 if
-            `most_new` are kept already; and a mask (n,) of the kept ones.
+            `max_new` are kept already; and a mask (n,) of the kept ones.
         """
         before = len(self)
         self._places.reserve(before + len(places_m))
-        near = self._near(places_m, most_new)
+        near = self._near(places_m, max_new)
         first = np.full(len(places_m), -1)
         first[1:] = np.maximum.accumulate(near)[:-1]
         new = near > np.maximum(first, before - 1)
         self._places.resize(before + int(new.sum()))
         return near, new
 
-    def _near(self, places_m: Array, most_new: int) -> NDArray[np.int64]:
+    def _near(self, places_m: Array, max_new: int) -> NDArray[np.int64]:
         """As `take`'s first result; writes new places into the spare rows of the buffer."""
         near = np.empty(len(places_m), dtype=np.int64)
         take = compiled_gp().take_spaced if compiled.USE_NUMBA else take_spaced_numpy
-        take(self._places.buffer, len(self), self._spacing_m, places_m, most_new, near)
+        take(self._places.buffer, len(self), self._spacing_m, places_m, max_new, near)
         return near
 
 
 def take_spaced_numpy(
-    kept: Array, size: int, spacing_m: float, places: Array, most_new: int, near: NDArray[np.int64]
+    kept: Array, size: int, spacing_m: float, places: Array, max_new: int, near: NDArray[np.int64]
 ) -> None:
     """`SpacingIndex.take` in NumPy: the reference for the compiled version.
 
     Args:
-        kept: Kept places, `size` of them, then room for new ones.
-        size: Number of kept places.
-        spacing_m: The spacing.
+        kept: `size` kept places, then room for new ones.
         places: Places (n, 2).
-        most_new: Number of places to keep at most.
-        near: Output: the numbers (n,).
+        near: Receives the numbers (n,).
     """
-    full = size + most_new
+    full = size + max_new
     for i, place in enumerate(places):
         near[i] = -1
         if size and spacing_m > 0.0:

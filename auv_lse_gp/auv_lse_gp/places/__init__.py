@@ -1,4 +1,4 @@
-"""Where soundings were taken: found out afterwards from fixes, ranges between vehicles, and crossings of tracks."""
+"""Corrects the positions of soundings afterwards, from fixes, ranges between vehicles, and crossings of tracks."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""A map with the log of its soundings: it can be rebuilt at corrected positions, with their uncertainty."""
+"""A map and the log of its soundings, so that it can be rebuilt at corrected positions, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from auv_lse_gp.places.sounding_log import SoundingLog
 
 Array = NDArray[np.float64]
 
-#: Number of error modes that the map receives, the strongest first, beside the two that a fix would remove.
+#: Number of the strongest error modes passed to the map, in addition to the two that a fix would remove.
 MODES = 8
 
 
@@ -21,13 +21,10 @@ class CorrectedMap:
     """A map whose soundings can be moved.
 
     Attributes:
-        map: The map.
-        log: All its soundings.
-        own: Numbers of the vehicles whose soundings it takes as its own; those of others are samples, which must fit.
+        own: Vehicles whose soundings are the map's own; those of other vehicles are samples, which must fit.
     """
 
     def __init__(self, depth_map: DepthMap, own: set[int]) -> None:
-        """Takes an empty map."""
         self.map = depth_map
         self.log = SoundingLog()
         self.own = own
@@ -67,12 +64,12 @@ class CorrectedMap:
             self._remember(self.map.add_samples(samples, mate), theirs)
 
     def set_uncertainty(self, correction: Correction, vehicle: int = 0) -> None:
-        """Gives the map the modes in which the positions of its centers may still be wrong together.
+        """Sets the modes of the remaining common position errors of the map's centers.
 
         Args:
-            correction: The correction.
-            vehicle: The vehicle whose next fix would remove the first two modes (`Centers.place_effect_m`); 0: none,
-                and these two are zero.
+            correction: The correction that leaves these errors.
+            vehicle: The vehicle whose next fix would remove the first two modes (`Centers.place_effect_m`); 0: no
+                vehicle, and these two modes are zero.
         """
         self.map.gp.set_place_effect(self._effect(correction, vehicle))
 
@@ -90,5 +87,5 @@ class CorrectedMap:
         left = spread @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
         values, ways = np.linalg.eigh(left.T @ left)
         effect = np.column_stack([spread @ fixed.T, left @ ways[:, ::-1][:, : min(MODES, len(values))]])
-        # The planner receives them in a message with 32 bits for each.
+        # Round to the 32 bits of the message to the planner.
         return np.asarray(effect.astype(np.float32).astype(float))

@@ -18,13 +18,11 @@ class Correction:
         covariance: Covariance of the unknowns (unknowns, unknowns), see `error_model.py`.
         theta: The unknowns (unknowns,).
         refused: Number of ranges and fixes rejected as wrong.
-        model: The error model.
     """
 
     def __init__(
         self, model: TeamErrorModel, theta: Array, covariance: Array, stamp_s: float, refused: int = 0
     ) -> None:
-        """Takes a solution; arguments as the attributes. The tracks of the model may go on growing."""
         self.model = model
         self.theta, self.covariance, self.stamp_s, self.refused = theta, covariance, stamp_s, refused
 
@@ -41,7 +39,6 @@ class Correction:
         """Corrected positions (n, 2); for a vehicle without navigation data, the raw ones.
 
         Args:
-            vehicle: Number of the vehicle that measured.
             stamps_s: Times (n,).
             raw_places_m: Raw positions (n, 2).
         """
@@ -61,8 +58,8 @@ class Correction:
     def fix_sensitivity(self, vehicle: int) -> Array:
         """Matrix F (2, unknowns) of a fix of a vehicle at the end of its track; zero for an unknown vehicle.
 
-        The fix would reduce the unknowns' covariance from C to C - C F' F C, with F = U^-1 A, U U' = A C A' + R, A the
-        derivatives of that position, and R the covariance of a fix.
+        The fix would reduce the unknowns' covariance from C to C - C F' F C. F = U^-1 A with U U' = A C A' + R, the
+        derivatives A of that position, and the covariance R of a fix.
         """
         if vehicle not in self.model.vehicles or not len(self.model.vehicles[vehicle].track):
             return np.zeros((2, self.model.size))

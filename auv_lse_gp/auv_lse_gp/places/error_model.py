@@ -1,7 +1,7 @@
 """Error model of a team's positions: the unknowns, their prior, and the positions as a function of them.
 
-A vehicle's error is nearly a static similarity transform about its start. With u = raw - p0 the displacement by dead
-reckoning from the first raw position p0, R(a) the rotation from north towards east, and the sums of `track.py`,
+A vehicle's error is nearly a static similarity transform about its start. Let u = raw - p0 be the displacement by dead
+reckoning from the first raw position p0, and R(a) the rotation from north towards east. With the sums of `track.py`,
 
     p = p0 - d + R(-b0) (u - b1 S1 - b2 S2 - sum_k a_k S_k) / (1 + s) + sum_k e_k r_k
 
@@ -10,9 +10,8 @@ reckoning from the first raw position p0, R(a) the rotation from north towards e
     b1, b2   its harmonics: b1 sin psi + b2 cos psi  r_k      ramp from 0 to 1 between knots k and k + 1
     s        scale of the DVL                        a_k, e_k random walks of heading and place (increments)
 
-The rotation is exact in b0; the harmonics and the walk enter to first order, with an error of their square: 0.15 mm
-per metre for one degree. Clocks enter only ranges: an offset and a rate against the reference clock, and the speed of
-sound, in metres.
+The rotation is exact in b0. The harmonics and the walk are linearized; the error is 0.15 mm per metre for one degree.
+Ranges also depend on the speed of sound and on each clock's offset (m) and rate against the reference clock.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Array = NDArray[np.float64]
 
 #: Unknowns of a vehicle without its knots: offset north and east, heading bias, its two harmonics, scale.
 STATIC = 6
-#: Maximum number of knots per vehicle; in a longer mission they are farther apart.
+#: Maximum number of knots per vehicle; longer missions space them farther apart.
 MAX_KNOTS = 24
 _J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -40,16 +39,13 @@ class VehicleErrorModel:
     Attributes:
         track: Its raw track, which may grow.
         block: Slice of its unknowns among those of the team.
-        knots: Number of its knots.
     """
 
     def __init__(self, track: Track, begin: int, config: PlacesConfig, earlier_distance_m: float = 0.0) -> None:
         """Lays out the vehicle's unknowns.
 
         Args:
-            track: Its raw track.
             begin: Number of its first unknown.
-            config: The prior.
             earlier_distance_m: Distance travelled before its first known raw position.
         """
         self.track = track
@@ -98,11 +94,11 @@ class VehicleErrorModel:
         return np.asarray(sums[right - 1] + share[:, None, None] * (sums[right] - sums[right - 1]))
 
     def positions(self, along: TrackPoints) -> TrackPositions:
-        """Positions of points on the track, prepared for many values of the unknowns."""
+        """Positions of points on the track as a function of the unknowns."""
         return TrackPositions(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
 
     def warm_start(self, theta: Array, older: VehicleErrorModel) -> Array:
-        """Its initial unknowns (block,), from an earlier model of the same vehicle with unknowns `theta` (all)."""
+        """Initial unknowns (block,) of this vehicle, from an earlier model of it and the team's unknowns `theta`."""
         own = np.zeros(self.block.stop - self.block.start)
         old = theta[older.block]
         own[:STATIC] = old[:STATIC]
@@ -117,13 +113,12 @@ class VehicleErrorModel:
 class TrackPositions:
     """Positions of points (n) on one vehicle's track, as a function of the unknowns.
 
-    The last result is cached, because a search evaluates positions and derivatives in turn.
+    The last result is cached, because a search evaluates positions and derivatives alternately.
     """
 
     def __init__(
         self, model: VehicleErrorModel, along: TrackPoints, walk_m: Array, ramps: Array, start_m: Array
     ) -> None:
-        """Use `VehicleErrorModel.positions`."""
         self._model, self._along, self._walk_m, self._ramps, self._start_m = model, along, walk_m, ramps, start_m
         self._raw_way_m = along.raw_m - start_m
         self._cached_for = b""
@@ -185,7 +180,6 @@ class TeamErrorModel:
     """All unknowns of a team: a block for each vehicle, then clocks, then the speed of sound.
 
     Attributes:
-        config: The prior.
         vehicles: The vehicles' models by number.
         size: Number of unknowns.
         sound: Number of the unknown that is the relative error of the speed of sound.
@@ -201,7 +195,6 @@ class TeamErrorModel:
         """Lays out the unknowns.
 
         Args:
-            config: The prior.
             tracks: Raw tracks by number of the vehicle.
             references: The vehicles whose clocks are references: one per team.
             earlier_distance_m: Distance travelled before the first known raw position, by vehicle, where not 0.

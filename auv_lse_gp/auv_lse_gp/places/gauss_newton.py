@@ -1,6 +1,6 @@
 """Estimates the unknowns from all measurements: damped Gauss-Newton, fixes and ranges first, terrain last.
 
-With errors above some ten metres the terrain likelihood has many local minima, so it is added last, near its minimum.
+For errors above some ten metres the terrain likelihood has many local minima, so it is added last, near its minimum.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from auv_lse_gp.places.terrain_matching import TerrainLikelihood
 
 Array = NDArray[np.float64]
 
-#: Maximum number of steps: with fixes and ranges, and with the terrain, whose steps cost thirty times as much.
+#: Maximum number of steps with fixes and ranges, and with the terrain, whose steps take thirty times as long.
 STEPS, TERRAIN_STEPS = 15, 3
-#: The search ends at a step below this many prior standard deviations in all unknowns; the second with the terrain.
+#: The search ends at a step below this many prior standard deviations in all unknowns, without and with the terrain.
 _CONVERGED, _TERRAIN_CONVERGED = 1e-3, 1e-2
 _HALVINGS = 4
 #: Whitened residual at which the Huber loss changes from quadratic to linear (Huber 1964).
-_BEND = 1.5
-#: A fix is rejected if it is this many standard deviations, and metres, from the position that all other measurements
-#: give, and these reduce the variance of that position to this share of dead reckoning's.
-FIX_GATE, LEAST_FIX_GATE_M, CROSS_CHECKED = 6.0, 10.0, 0.3
+_HUBER_BEND = 1.5
+#: A fix is rejected if it is more than this many standard deviations, and metres, from the position by all other
+#: measurements, provided that these reduce the position's variance to this share of dead reckoning's.
+FIX_GATE, MIN_FIX_GATE_M, MAX_VARIANCE_SHARE = 6.0, 10.0, 0.3
 
 
 class Loss(Protocol):
@@ -46,18 +46,17 @@ class Huber:
     def costs(self, residuals: Array) -> float:
         """As `Loss.costs`."""
         size = np.abs(residuals)
-        return float(np.where(size <= _BEND, 0.5 * size**2, _BEND * size - 0.5 * _BEND**2).sum())
+        return float(np.where(size <= _HUBER_BEND, 0.5 * size**2, _HUBER_BEND * size - 0.5 * _HUBER_BEND**2).sum())
 
     def weights(self, residuals: Array) -> Array:
         """As `Loss.weights`."""
-        return np.asarray(_BEND / np.maximum(np.abs(residuals), _BEND))
+        return np.asarray(_HUBER_BEND / np.maximum(np.abs(residuals), _HUBER_BEND))
 
 
 class Gated:
     """Quadratic for the residuals that passed the gate, zero for the others."""
 
     def __init__(self, kept: NDArray[np.bool_]) -> None:
-        """Takes the mask (m,) of the residuals that passed."""
         self._kept = kept.astype(float)
 
     def costs(self, residuals: Array) -> float:
@@ -95,9 +94,6 @@ def solve(
     """Estimates the unknowns.
 
     Args:
-        model: The error model with its prior.
-        fixes: The fixes.
-        ranges: The ranges.
         terrain: Likelihood of the depths; None to ignore them.
         start: Initial unknowns (u,).
         terrain_steps: Maximum number of steps with the terrain.
@@ -121,18 +117,11 @@ def solve(
 
 
 def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, theta: Array, ranges: int) -> int | None:
-    """Number of the fix farthest from the position that all other measurements give; None if none is too far.
+    """Number of the fix farthest from the position by all other measurements; None if no fix is too far.
 
-    With P the covariance of a fix's prediction from all measurements, in variances of the fix, and e its residual, the
-    residual by the others alone is (I - P)^-1 e, with covariance P (I - P)^-1. If the others cost more than expected,
-    the instruments are worse than assumed, and the gate widens by as much.
-
-    Args:
-        model: The error model.
-        fixes: The fixes.
-        search: The search with these fixes.
-        theta: The unknowns given all measurements.
-        ranges: Number of ranges.
+    P is the covariance of a fix's prediction from all measurements, in variances of the fix, and e its residual. The
+    other measurements alone give the residual (I - P)^-1 e with covariance P (I - P)^-1. If their cost is higher than
+    expected, the instruments are worse than assumed, and the gate is widened in proportion.
     """
     information, cost = search.normal(theta, Huber())[1], search.cost(theta, Huber())
     rows, off = fixes.derivatives(theta).reshape(-1, 2, model.size), fixes.residuals(theta).reshape(-1, 2)
@@ -146,13 +135,13 @@ def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, the
         distance2 = float(e @ rest[:, 2])
         usual = max(1.0, (2.0 * cost - distance2) / max(2 * len(fixes) + ranges - 2, 1))
         excess = distance2 / (FIX_GATE**2 * usual)
-        if known <= CROSS_CHECKED and away_m > LEAST_FIX_GATE_M and excess > worst:
+        if known <= MAX_VARIANCE_SHARE and away_m > MIN_FIX_GATE_M and excess > worst:
             worst, found = excess, i
     return found
 
 
 class _Search:
-    """The cheap part of the problem: prior, fixes and ranges."""
+    """The fast part of the problem: prior, fixes and ranges."""
 
     def __init__(self, precision: Array, fixes: Fixes, ranges: Ranges) -> None:
         self.precision, self._fixes, self._ranges = precision, fixes, ranges

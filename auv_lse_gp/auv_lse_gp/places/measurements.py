@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 #: Ranges beyond this many median absolute deviations, scaled to standard deviations, are rejected, ...
 GATE = 4.0
 _MAD_TO_STD = 1.4826
-#: ... but never within this many of their own standard deviations.
-_LEAST_GATE = 2.0
-#: That test needs several ranges. So measurements beyond this many prior standard deviations are rejected first:
-#: ranges, which echoes lengthen, and fixes of a broken receiver.
+#: ... unless they are within this many of their own standard deviations.
+_MIN_GATE = 2.0
+#: Ranges (lengthened by echoes) and fixes (of a broken receiver) beyond this many prior standard deviations are
+#: rejected first, because the test above needs several ranges.
 RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
 #: Shorter ranges (m) are not used: position errors dominate their direction, and the depth difference matters.
 NEAREST_M = 20.0
@@ -31,7 +31,6 @@ class FixMeasurement:
     """One surfacing: positions by GPS and by dead reckoning, each north, east (m).
 
     Attributes:
-        vehicle: Number of the vehicle.
         stamp_s: Time.
         place_m: Position by GPS.
         raw_m: Raw position.
@@ -50,8 +49,6 @@ class RangeMeasurement:
     """One range, from the travel time of a packet.
 
     Attributes:
-        sender: Number of the sending vehicle.
-        receiver: Number of the receiving vehicle.
         sent_s: Start of the transmission.
         arrived_s: Start of the reception.
         range_m: Travel time by the two clocks, times the speed of sound.
@@ -72,7 +69,6 @@ class Fixes:
     """Fixes, prepared for the estimation."""
 
     def __init__(self, model: TeamErrorModel, rows: Sequence[FixMeasurement]) -> None:
-        """Finds each fix on its vehicle's track."""
         self._model = model
         self._rows = sorted(rows, key=lambda row: row.vehicle)
         self._groups: list[tuple[slice, TrackPositions, Array, Array]] = []
@@ -122,7 +118,6 @@ class Ranges:
     """Ranges, prepared for the estimation."""
 
     def __init__(self, model: TeamErrorModel, rows: Sequence[RangeMeasurement]) -> None:
-        """Finds both ends of each range on the vehicles' tracks."""
         self._model = model
         self._rows = sorted(rows, key=_group)
         self._std_m = model.config.range_std_m
@@ -179,7 +174,7 @@ class Ranges:
     def _clocks(
         self, pair: tuple[int, int, bool], sent: TrackPositions, arrived: TrackPositions
     ) -> list[tuple[float, int, Array]]:
-        """The pair's clocks that are no reference: sign, first unknown, thousands of seconds since the start (n,)."""
+        """The pair's clocks except references: sign, first unknown, thousands of seconds since the start (n,)."""
         sender, receiver, by_ping = pair
         if by_ping:
             return []
@@ -196,7 +191,7 @@ def _group(row: RangeMeasurement) -> tuple[int, int, bool]:
 
 
 def _sigmas(model: TeamErrorModel, residuals: Array, derivatives: Array) -> Array:
-    """Absolute whitened residuals (m,) at the prior mean, in their prior standard deviations, (m,)."""
+    """Absolute whitened residuals (m,) at the prior mean, in units of their prior standard deviations."""
     prior = derivatives * model.prior_std()
     return np.asarray(np.abs(residuals) / np.sqrt(1.0 + np.einsum("mu,mu->m", prior, prior)))
 
@@ -215,7 +210,7 @@ def within_gate(residuals: Array) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     middle = float(np.median(residuals))
     spread = _MAD_TO_STD * float(np.median(np.abs(residuals - middle)))
-    return np.asarray(np.abs(residuals - middle) <= max(GATE * spread, _LEAST_GATE))
+    return np.asarray(np.abs(residuals - middle) <= max(GATE * spread, _MIN_GATE))
 
 
 def usable(row: RangeMeasurement) -> bool:

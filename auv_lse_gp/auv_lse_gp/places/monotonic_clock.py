@@ -1,10 +1,10 @@
-"""A vehicle's clock, kept monotonic when it is set back: a track ordered by time needs that."""
+"""Keeps a vehicle's time monotonic when its clock is set back, because tracks are ordered by time."""
 
 from __future__ import annotations
 
 import math
 
-#: A stamp this much (s) before the last one, confirmed by the next stamp, means that the clock was set back.
+#: Two stamps in a row more than this (s) before the last one mean that the clock was set back.
 SET_BACK_S = 1.0
 
 
@@ -16,7 +16,6 @@ class MonotonicClock:
     """
 
     def __init__(self) -> None:
-        """Assumes that the clock was never set back."""
         self.set_back_s = 0.0
         self._last_s = -math.inf  # time of the last raw position
         self._step_s = 0.0  # between the last two
@@ -27,7 +26,7 @@ class MonotonicClock:
         return stamp_s + self.set_back_s
 
     def advance(self, stamp_s: float) -> float:
-        """The monotonic time (s) of the next raw position; the second early stamp shows that the clock was set back."""
+        """The monotonic time (s) of the next raw position; detects a clock that was set back."""
         time_s = self.monotonic_s(stamp_s)
         if time_s < self._last_s - SET_BACK_S:
             if self._early_s < stamp_s:

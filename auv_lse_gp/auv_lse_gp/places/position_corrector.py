@@ -1,7 +1,7 @@
-"""Puts a vehicle's soundings into its map at corrected positions.
+"""Adds a vehicle's soundings to its map at corrected positions.
 
-New soundings are placed by the latest correction. Every `places.interval_s` the smoother estimates all positions. If
-one has moved by more than `places.moved_m`, the map is rebuilt; in any case it receives their uncertainty.
+New soundings are placed by the latest correction. Every `places.interval_s` the smoother estimates all positions and
+their uncertainty. If one has moved by more than `places.moved_m`, the map is rebuilt.
 """
 
 from __future__ import annotations
@@ -34,14 +34,11 @@ class PositionCorrector:
     """Corrects the positions of the soundings in one vehicle's map.
 
     Attributes:
-        corrected_map: The map and its soundings.
-        smoother: Estimates the positions.
         correction: The latest correction; None before the first.
-        rebuilds: How often the map was rebuilt.
+        rebuilds: Number of rebuilds of the map.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> None:
-        """Takes an empty map."""
         self.vehicle = vehicle
         self.config = config
         self.corrected_map = CorrectedMap(depth_map, {vehicle})

@@ -1,7 +1,7 @@
-"""Estimates the positions of a team on board one vehicle, from what it measures and receives.
+"""Estimates the positions of a team on board one vehicle, from its measurements and received packets.
 
-Theory of operation. Raw tracks and measurements are stored, and each estimate uses all of them. Vehicles share only
-measurements, never estimates: a filter that took a mate's estimate as independent would count the same fix many times.
+Raw tracks and measurements are stored, and each estimate uses all of them. Vehicles share measurements, not estimates,
+so that no fix is counted twice.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from auv_lse_gp.places.track import MateTrack, OwnTrack, Track
 
 Array = NDArray[np.float64]
 
-#: Fixes within this time (s) belong to one surfacing and count as one: GPS errors are correlated over minutes.
+#: Fixes within this time (s) count as one surfacing, since GPS errors are correlated over minutes.
 SURFACING_S = 120.0
-#: A mate cannot be faster than this (m/s); otherwise its packet is wrong, or it restarted.
+#: Largest plausible speed of a mate (m/s); if exceeded, its packet is wrong, or it restarted.
 FASTEST_MPS = 6.0
-#: A team starts within this distance (m): a mate is no farther from this vehicle's start than this plus the distance
-#: that it could have covered since.
+#: Largest distance (m) between the starts of two vehicles. A mate is at most this far from this vehicle's start, plus
+#: the distance it could have covered.
 STARTS_APART_M = 1000.0
-#: Maximum number of ranges used; of more, an even selection.
+#: Maximum number of ranges; of more, an even selection is used.
 MAX_RANGES = 300
 
 
@@ -40,7 +40,6 @@ class SurfacingFixes:
     """The fixes of one vehicle, grouped by surfacing."""
 
     def __init__(self, vehicle: int) -> None:
-        """Starts without fixes."""
         self._vehicle = vehicle
         self._groups: list[list[tuple[float, ...]]] = []  # stamp, north, east, raw north, raw east, std
 
@@ -76,14 +75,10 @@ class PositionSmoother:
     """Estimates the positions of a team on board one of its vehicles.
 
     Attributes:
-        vehicle: Number of the vehicle.
-        config: The configuration.
-        clock: The vehicle's clock.
         refused: Number of messages rejected as implausible.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig) -> None:
-        """Starts without data."""
         self.vehicle = vehicle
         self.config = config
         self.refused = 0
@@ -93,7 +88,7 @@ class PositionSmoother:
         self._surfacings = {vehicle: SurfacingFixes(vehicle)}
         self._ranges: list[RangeMeasurement] = []
         self._earlier_distance_m: dict[int, float] = {}
-        self._doubtful: set[int] = set()  # mates heard once: no second packet has confirmed their position
+        self._unconfirmed: set[int] = set()  # mates whose position no second packet has confirmed
         self._last: tuple[TeamErrorModel, Array] | None = None
         self._now_s = 0.0
 
@@ -104,7 +99,7 @@ class PositionSmoother:
 
     @property
     def ranges(self) -> list[RangeMeasurement]:
-        """All ranges; one by ping counts once the mate's next packet gives its position at that time."""
+        """All ranges; one by ping is used after the mate's next packet has given its position at that time."""
         return [row for row in self._ranges if not row.by_ping or row.sent_s <= self._mates[row.sender].end_s]
 
     def fixes(self, vehicle: int) -> list[FixMeasurement]:
@@ -147,11 +142,12 @@ class PositionSmoother:
         before = track.last
         if before is not None and not _reachable(mate, sent_s, before):
             self.refused += 1
-            if mate.source not in self._doubtful:
+            if mate.source not in self._unconfirmed:
                 return
-            self._drop(mate.source)  # one of the two packets is wrong; the next one decides
+            self._drop(mate.source)  # one of the two packets is wrong; the next one shows which
             track, before = MateTrack(), None
-        self._doubtful = (self._doubtful | {mate.source}) if before is None else (self._doubtful - {mate.source})
+        known = self._unconfirmed
+        self._unconfirmed = (known | {mate.source}) if before is None else (known - {mate.source})
         track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
         self._mates[mate.source] = track
         if before is None:
@@ -210,7 +206,7 @@ class PositionSmoother:
         return times
 
     def _add_mate_fix(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:
-        """Stores a mate's last fix, at the time when its track since the previous packet was nearest to it."""
+        """Stores a mate's last fix, stamped when its track since the previous packet was nearest to it."""
         surfacings = self._surfacings.setdefault(mate.source, SurfacingFixes(mate.source))
         raw = np.array([mate.fix_raw_north_m, mate.fix_raw_east_m])
         nodes = self._mates[mate.source].nodes
@@ -254,9 +250,7 @@ def smooth_team(
     """Estimates the positions of a team.
 
     Args:
-        model: The error model.
         fixes: The fixes, one per surfacing.
-        ranges: The ranges.
         stamp_s: Time of the last measurement.
         terrain: Depths along the tracks; ignored with `places.terrain: false`.
         last: The previous model and its unknowns, for a warm start.
@@ -271,13 +265,13 @@ def smooth_team(
 
 
 def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
-    """Whether a mate can have reached its position from its last one: time, raw north and east (3,)."""
+    """Whether a mate can have reached its position from the last one `before`: time, raw north and east (3,)."""
     gone = math.hypot(mate.raw_north_m - before[1], mate.raw_east_m - before[2])
     return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
 
 
-def _even(rows: Sequence[RangeMeasurement], most: int) -> list[RangeMeasurement]:
-    """An even selection of at most `most` rows."""
-    if len(rows) <= most:
+def _even(rows: Sequence[RangeMeasurement], count: int) -> list[RangeMeasurement]:
+    """An even selection of at most `count` rows."""
+    if len(rows) <= count:
         return list(rows)
-    return [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]
+    return [rows[i] for i in np.linspace(0, len(rows) - 1, count).astype(int)]

@@ -1,4 +1,4 @@
-"""All soundings that a vehicle has, with the positions where its map has them."""
+"""All soundings of a vehicle, with their positions in its map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ class SoundingLog:
     """
 
     def __init__(self) -> None:
-        """Starts empty."""
         self._table = GrowingRows(7, 256)  # vehicle, stamp, raw north and east, mapped north and east, depth
 
     def __len__(self) -> int:
@@ -57,9 +56,8 @@ class SoundingLog:
         """Adds soundings (n) of one vehicle; returns their positions in the map (n, 2).
 
         Args:
-            vehicle: Number of the vehicle.
-            soundings: Its soundings; the estimated position counts where the raw one is unknown.
-            correction: The current correction; None if there is none yet.
+            soundings: The soundings; the estimated position is used where the raw one is unknown.
+            correction: The current correction; None before the first.
         """
         raw = soundings.raw_places_m
         mapped = np.where(np.isfinite(raw), raw, soundings.places_m)
@@ -71,7 +69,7 @@ class SoundingLog:
         return mapped
 
     def corrected_m(self, correction: Correction) -> Array:
-        """Positions (n, 2) of the soundings by a correction."""
+        """Positions (n, 2) of the soundings according to a correction."""
         places, known, numbers = self.mapped_m.copy(), self._correctable, self.vehicles
         for number in np.unique(numbers[known]).tolist():
             rows = np.flatnonzero(known & (numbers == number))
@@ -83,10 +81,9 @@ class SoundingLog:
         self.mapped_m[:] = places_m
 
     def derivatives(self, correction: Correction, slopes: Array, index: Numbers) -> Array:
-        """Derivatives (m, unknowns) of the depths that soundings should have measured, with respect to the unknowns.
+        """Derivatives (m, unknowns) of the expected depths of soundings with respect to the unknowns.
 
         Args:
-            correction: The correction.
             slopes: Slope of the ground at these soundings (m, 2).
             index: Numbers of the soundings (m,).
         """
@@ -98,7 +95,7 @@ class SoundingLog:
         return rows
 
     def segments(self, most: int = MAX_SEGMENTS) -> TrackSegments:
-        """The correctable soundings averaged along segments of track: about `most` segments at most."""
+        """The correctable soundings, averaged along about `most` segments of track at most."""
         return segment_track(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
 
     @property

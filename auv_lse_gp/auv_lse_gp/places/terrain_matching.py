@@ -1,13 +1,13 @@
-"""Terrain matching: where tracks cross, they must have measured the same depth.
+"""Terrain matching: tracks that cross must agree in depth at the crossing.
 
 Depths z at positions p(theta) follow the Gaussian process, whose covariance S depends on the positions. A small shift
-of position i changes the depth that it should have measured by the slope there: z = f(p^) + H (theta - theta^) + e,
-H_i = g_i' A_i with A_i the position's derivatives, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S^-1 (z - m).
+of position i changes its expected depth by the slope there: z = f(p^) + H (theta - theta^) + e, with H_i = g_i' A_i,
+the position's derivatives A_i, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S^-1 (z - m).
 
-- Gradient H' alpha, information H' S^-1 H; no log-determinant, which with a too wide prior squeezes tracks together.
-- Depths do not determine a translation, rotation or scaling of all tracks together. Fixed slopes would add false
-  information in these directions N. So gradient and information are projected with P = I - N (N' W N)^-1 N' W, W the
-  prior precision of the unknowns.
+- The gradient is H' alpha, the information H' S^-1 H. There is no log-determinant: with a prior that is too wide, it
+  would pull tracks together.
+- Depths do not determine a common translation, rotation or scaling of all tracks. To add no false information in these
+  directions N, gradient and information are projected with P = I - N (N' W N)^-1 N' W, where W is the prior precision.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ class TerrainLikelihood:
     """Log likelihood of the segments' depths as a function of the unknowns."""
 
     def __init__(self, model: TeamErrorModel, terrain: Terrain) -> None:
-        """Finds the segments on their vehicles' tracks; drops those of unknown vehicles."""
         self._model, self._terrain = model, terrain
         self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
         segments = terrain.segments
@@ -68,7 +67,7 @@ class TerrainLikelihood:
         return len(self._depths_m)
 
     def cost(self, theta: Array) -> float:
-        """Half the misfit of the depths at `theta`.
+        """Half the squared whitened residuals of the depths at `theta`.
 
         Raises:
             LinAlgError: if the covariance cannot be factorized.

@@ -1,8 +1,8 @@
-"""A vehicle's raw (dead-reckoned) track, with the sums along it that give its sensitivity to heading errors.
+"""A vehicle's raw (dead-reckoned) track, with its sensitivity to heading errors.
 
-With psi the heading and d_i the displacements of dead reckoning, a heading error a sin psi + b cos psi turns each d_i.
-To first order, the position then moves by a J sum(d_i sin psi_i) + b J sum(d_i cos psi_i), with J = [[0, -1], [1, 0]].
-Both sums are stored along the track, so that evaluating a position costs one interpolation.
+A heading error a sin psi + b cos psi at heading psi rotates each displacement d_i of dead reckoning. To first order,
+the position then moves by a J sum(d_i sin psi_i) + b J sum(d_i cos psi_i), with J = [[0, -1], [1, 0]]. Both sums are
+stored along the track and interpolated.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from auv_lse_common.support.growing_rows import GrowingRows
 
 Array = NDArray[np.float64]
 
-#: Distance (m) and time (s) after which the track gets another node.
+#: Distance (m) or time (s) after which a node is added to the track.
 NODE_M, NODE_S = 5.0, 10.0
-#: A sample lies between two transmissions if the detour over it is at most this factor, plus this distance (m).
+#: A sample can lie between two transmissions if the path through it is at most this factor times the distance covered
+#: in that time, plus this distance (m).
 DETOUR, DETOUR_M = 1.1, 2.0
-#: PointPosteriors of a node: time, raw north and east, sums with sin and cos (north, east each), distance gone.
+#: Columns of a node: time, raw north and east, sums with sin and cos (north, east each), distance covered.
 _TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
 
 
@@ -120,10 +121,7 @@ class OwnTrack(Track):
         """Adds the next raw position.
 
         Args:
-            stamp_s: Its time (s).
-            north_m: North (m).
-            east_m: East (m).
-            heading_rad: Heading (rad) on the way there; NaN: the course.
+            heading_rad: Heading (rad) since the last position; NaN: uses the course.
 
         Returns:
             False if it was rejected: not finite, or not later than the last.
@@ -152,10 +150,11 @@ class OwnTrack(Track):
 
 
 class MateTrack(Track):
-    """A mate's track: its raw positions at its transmissions and, in between, those of its samples.
+    """A mate's track: raw positions at its transmissions and, in between, those of its samples.
 
-    The effect of heading errors depends on the path between transmissions, which samples refine. The samples of a
-    packet are in order of time but have no stamps: each is placed where the track is nearest to it, in that order.
+    Samples refine the path between transmissions, on which the effect of heading errors depends. The samples of a
+    packet are in order of time but have no stamps: each gets the time at which the track is nearest to it, in that
+    order.
     """
 
     def __init__(self) -> None:
@@ -204,7 +203,7 @@ class MateTrack(Track):
     def times_of(self, raw_m: Array) -> Array:
         """Times (n,) at which the track is nearest to raw positions (n, 2), which are in order of time.
 
-        Of all assignments in that order, it takes the one with the least sum of squared distances.
+        The assignment keeps that order and minimizes the sum of squared distances.
         """
         nodes = self.nodes
         if len(nodes) < 2 or not len(raw_m):
@@ -215,7 +214,7 @@ class MateTrack(Track):
         share = np.clip(np.einsum("nsd,sd->ns", apart, way) / length2, 0.0, 1.0)
         off = apart - share[..., None] * way[None]
         distance2 = np.einsum("nsd,nsd->ns", off, off)
-        # total[s]: least sum with the last position on segment s; the one before is on s or an earlier one
+        # total[s]: smallest sum with the last position on segment s; the position before it is on s or an earlier one
         total, origins = distance2[0].copy(), []
         for row in distance2[1:]:
             best = np.minimum.accumulate(total)
@@ -231,7 +230,7 @@ class MateTrack(Track):
         return np.asarray(np.maximum.accumulate(found))
 
     def refine(self, stamps_s: Array, raw_m: Array) -> None:
-        """Adds samples' raw positions (n, 2) at times (n,), if the mate can have been there then."""
+        """Adds samples' raw positions (n, 2) at times (n,), if the mate can have been there at that time."""
         places = self._places
         if len(places) < 2:
             return

@@ -1,6 +1,6 @@
-"""Soundings averaged along segments of track, which terrain matching compares.
+"""Averages soundings along segments of track, for terrain matching.
 
-The kernel centers would not do: their minimum spacing drops soundings exactly where tracks cross.
+The kernel centers are unsuitable: their minimum spacing drops soundings where tracks cross.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def segment_track(
     length = max(SEGMENT_M, float(distance[-1]) / most)
     begins = np.concatenate([[0.0], np.where(other, distance[1:], 0.0)])
     segment = np.floor((distance - np.maximum.accumulate(begins)) / length)
-    # A segment ends where the next begins, where another vehicle's soundings begin, and at a gap longer than it.
+    # A segment also ends where another vehicle's soundings begin, and at a gap longer than its length.
     ends = other | (np.diff(segment) != 0.0) | (step > length)
     number = np.concatenate([[0], np.cumsum(ends)])
     count = np.bincount(number)

@@ -31,7 +31,7 @@ def test_values(name):
 
 
 @pytest.mark.parametrize("name", KERNELS)
-def test_one_length_scale_means_the_same(name):
+def test_one_length_scale_means_the_same_for_all_kernels(name):
     kernel = Kernel(GpConfig(kernel=name, signal_std_m=1.0, length_scale_m=50.0))
     correlation = kernel(np.zeros((1, 2)), np.array([[50.0, 0.0]]))[0, 0]
     assert correlation == pytest.approx(0.524, abs=0.09)
@@ -67,7 +67,7 @@ HALF_SLOPE = {
 
 
 @pytest.mark.parametrize("numba", [True, False])
-def test_among_places_the_upper_triangle_is_that_of_the_covariance(numba, monkeypatch):
+def test_among_scaled_fills_the_upper_triangle(numba, monkeypatch):
     monkeypatch.setattr(compiled, "USE_NUMBA", numba and compiled.USE_NUMBA)
     kernel, places = Kernel(GpConfig()), np.random.default_rng(3).random((9, 2))
     out = np.empty((9, 9))
@@ -76,7 +76,7 @@ def test_among_places_the_upper_triangle_is_that_of_the_covariance(numba, monkey
 
 
 @pytest.mark.parametrize("name", KERNELS)
-def test_gradient_by_hand(name):
+def test_gradient_worked_by_hand(name):
     kernel = Kernel(GpConfig(kernel=name, signal_std_m=3.0, length_scale_m=50.0))
     place = kernel.scale(np.array([[kernel.length_m / 2, 0.0]]))
     origin = np.zeros((1, 2))
@@ -155,6 +155,6 @@ def test_two_axes():
         ({"min_depth_m": 5.0, "max_depth_m": 5.0}, r"gp\.min_depth_m: got 5\.0; expected less than gp\.max_depth_m"),
     ],
 )
-def test_bad_configurations_are_named(wrong, message):
+def test_invalid_configurations_are_named(wrong, message):
     with pytest.raises(ParameterError, match=message):
         GpConfig(**wrong)

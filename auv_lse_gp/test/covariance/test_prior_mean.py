@@ -28,7 +28,7 @@ def test_survey_is_linear_inside_and_nearest_outside(tmp_path):
     assert gp.predict(np.array([[50.0, 50.0]]))[0][0] == pytest.approx(17.0, abs=0.01)
 
 
-def test_surveys_that_do_not_span_an_area(tmp_path):
+def test_surveys_on_a_line_are_rejected(tmp_path):
     path = tmp_path / "line.csv"
     path.write_text("north_m,east_m,depth_m\n" + "".join(f"{i},{2 * i},5\n" for i in range(9)))
     with pytest.raises(ParameterError, match="soundings on one line"):

@@ -84,7 +84,7 @@ def test_agrees_with_the_dense_solve(kernel, planned, seed):
 
 @pytest.mark.usefixtures("_path")
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_is_extended_planned_and_forgotten_agrees(seed):
+def test_random_sequences_of_changes_agree_with_the_dense_solve(seed):
     """A random walk of changes; columns and moments that are kept follow it, asked for now and then."""
     rng = np.random.default_rng(seed)
     posterior, queries = Posterior(config(KERNELS[seed])), places(rng, 16)
@@ -113,7 +113,7 @@ def test_whatever_is_extended_planned_and_forgotten_agrees(seed):
             agrees(posterior, queries[:0], queries, kept, moments)
 
 
-def test_one_datum_and_one_planned_place_by_hand():
+def test_one_datum_and_one_planned_place_worked_by_hand():
     # k = 16, noise 9, residual 5: mean 12 + 16/25 * 5, variance 16 - 256/25 = 5.76; a second measurement of noise 9
     # at the same place: 1 / (1/5.76 + 1/9).
     posterior = Posterior(GpConfig(mean_depth_m=12.0, signal_std_m=4.0, noise_std_m=3.0))
@@ -136,7 +136,7 @@ def test_without_data_it_is_the_prior():
     assert kept.current().mean_m.tolist() == [15.0, 15.0]
 
 
-def test_following_computes_only_what_changed():
+def test_follow_recomputes_only_changed_rows():
     rng = np.random.default_rng(2)
     every, posterior = centers(rng, 90), Posterior(GpConfig())
 
@@ -162,7 +162,7 @@ def test_following_computes_only_what_changed():
         agrees(posterior, np.zeros((0, 2)), every.places_m[:10] + 3.0)
 
 
-def test_following_does_not_depend_on_the_arrays_it_was_given():
+def test_follow_copies_its_arrays():
     rng = np.random.default_rng(6)
     data, posterior = centers(rng, 20), Posterior(GpConfig())
     posterior.follow(data)
@@ -188,7 +188,7 @@ def test_copies_are_independent(name):
     agrees(posterior, queries[:2], queries)
 
 
-def test_planning_leaves_the_posterior_alone():
+def test_planning_does_not_change_the_posterior():
     rng = np.random.default_rng(9)
     posterior, queries, at = Posterior(config()), places(rng, 12), places(rng, 15)
     posterior.extend(centers(rng, 140))
@@ -202,7 +202,7 @@ def test_planning_leaves_the_posterior_alone():
     agrees(planned, at[:10], queries)  # a snapshot
 
 
-def test_data_after_planned_places_is_refused():
+def test_data_after_planned_places_are_rejected():
     rng = np.random.default_rng(8)
     posterior = Posterior(GpConfig())
     posterior = posterior.with_planned(places(rng, 3))
@@ -210,7 +210,7 @@ def test_data_after_planned_places_is_refused():
         posterior.extend(centers(rng, 2))
 
 
-def test_centers_that_cannot_be_factorized_leave_the_good_ones():
+def test_ill_conditioned_centers_leave_the_unchanged_ones():
     rng = np.random.default_rng(4)
     posterior, data = Posterior(GpConfig()), centers(rng, 10)
     posterior.extend(data)
@@ -226,14 +226,14 @@ def test_centers_that_cannot_be_factorized_leave_the_good_ones():
     assert posterior.follow(data) == 7
 
 
-def test_places_of_another_shape_are_refused():
+def test_places_of_another_shape_are_rejected():
     posterior = Posterior(GpConfig())
     for ask in (posterior.moments, posterior.mean_m, lambda p: CachedPoints(posterior, p)):
         with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
             ask(np.zeros(2))
 
 
-def test_rows_of_columns_are_picked_and_joined():
+def test_points_are_selected_and_joined():
     rng = np.random.default_rng(5)
     posterior = Posterior(GpConfig())
     posterior.extend(centers(rng, 30))
@@ -251,7 +251,7 @@ def test_rows_of_columns_are_picked_and_joined():
     assert np.array_equal(joined.slice(3, 5).mean_m, joined.mean_m[3:5])
 
 
-def test_theorem_1_over_random_fields():
+def test_theorem_1_holds_for_random_fields():
     """Benefit 0 for no planned place, never negative, monotone in the planned set; over many random fields."""
     rng = np.random.default_rng(11)
     broken = checked = 0

@@ -62,7 +62,7 @@ def test_expected_risk_of_the_reference_table():
     assert 1e-5 < (np.abs(rough - table["expected_bayes_risk"]) / scale).max() < 1.1e-3
 
 
-def test_the_reference_table_is_what_its_script_makes():
+def test_reference_table_equals_its_scripts_output():
     import make_expected_bayes_risk as script
 
     with REFERENCE.open(newline="") as file:
@@ -109,7 +109,7 @@ def test_compiled_agrees_with_numpy():
 
 
 @pytest.mark.usefixtures("_path")
-def test_slope_by_hand():
+def test_slope_worked_by_hand():
     # mean 14, s_mu 2, s_q 1, costs 10: 20 / 2 phi(1/2) / 2 phi(0) / 1
     expected = 5.0 * stats.norm.pdf(0.5) * stats.norm.pdf(0.0)
     assert expected_bayes_risk_slope(14.0, 2.0, 1.0, 15.0, 10.0, 10.0) == pytest.approx(expected, rel=1e-14)
@@ -162,7 +162,7 @@ def test_compiled_risk_sums_agree_with_numpy(costs):
         assert level.risk_sums(mean[one], total[one], left[:, one]) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_theorem_1_over_random_numbers():
+def test_theorem_1_holds_for_random_numbers():
     rng = np.random.default_rng(2)
     n = 300_000
     mean, total = 15 + 4 * rng.normal(size=n), 10 ** rng.uniform(-2, 1.5, n)
@@ -180,7 +180,7 @@ def test_theorem_1_over_random_numbers():
     assert raw.min() > -1e-14 * scale.max()
 
 
-def test_the_approximation_breaks_theorem_1():
+def test_approximation_violates_theorem_1():
     rng = np.random.default_rng(3)
     n = 20_000
     mean, total, share = 15 + 4 * rng.normal(size=n), rng.uniform(0.3, 5, n), rng.uniform(0, 0.5, n)
@@ -191,7 +191,7 @@ def test_the_approximation_breaks_theorem_1():
     assert np.max(np.abs(approximate - benefit_of_search(*args))) < 0.05
 
 
-def test_risk_and_estimate_by_hand():
+def test_risk_and_estimate_worked_by_hand():
     # Phi(-1) = 0.158655...
     assert bayes_risk(16.0, 1.0, 15.0, 10.0, 10.0) == pytest.approx(1.5865525393145705)
     assert bayes_risk(14.0, 1.0, 15.0, 10.0, 4.0) == pytest.approx(4 * 0.15865525393145705)
@@ -212,7 +212,7 @@ def test_broadcasting_and_nan():
     assert np.isnan(expected_bayes_risk([np.nan, 16.0], 1.0, 1.0, 15.0, 10.0, 10.0)).tolist() == [True, False]
 
 
-def test_bad_arguments_are_named():
+def test_invalid_arguments_are_named():
     with pytest.raises(ValueError, match=r"cost_false_safe: got 0\.0; expected a finite cost > 0"):
         bayes_risk(1.0, 1.0, 1.0, 0.0, 1.0)
     with pytest.raises(ValueError, match=r"std_after_m: got -1\.0; expected a standard deviation >= 0 m"):
@@ -226,7 +226,7 @@ def test_bad_arguments_are_named():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_level_set_passes_its_fields(method):
+def test_level_set_methods_use_its_fields(method):
     level_set = LevelSet(level_m=12.0, cost_false_safe=3.0, cost_false_unsafe=7.0, method=method)
     assert level_set.expected_risk(11.0, 1.0, 2.0) == expected_bayes_risk(11.0, 1.0, 2.0, 12.0, 3.0, 7.0, method)
     assert level_set.benefit(11.0, 1.0, 2.0) == benefit_of_search(11.0, 1.0, 2.0, 12.0, 3.0, 7.0, method)

@@ -38,7 +38,7 @@ def track(n, seed=0):
 @pytest.mark.usefixtures("_path")
 @pytest.mark.parametrize("merge", [False, True])
 @pytest.mark.parametrize("name", KERNELS)
-def test_step_by_step_is_the_same_as_at_once(name, merge):
+def test_field_updated_in_steps_equals_one_update(name, merge):
     config = GpConfig(kernel=name, merge=merge, min_spacing_m=8.0, length_scale_m=50.0)
     level_set = LevelSet()
     step_by_step = DepthMap(config, level_set, AREA)
@@ -63,7 +63,7 @@ def test_step_by_step_is_the_same_as_at_once(name, merge):
         assert step_by_step.counts.merged > 30
 
 
-def test_local_map_is_the_local_prediction():
+def test_local_map_uses_the_local_prediction():
     config = GpConfig(local=True, merge=False, length_scale_m=30.0)
     depth_map = DepthMap(config, LevelSet(), AREA)
     depth_map.add_soundings(track(200))
@@ -73,7 +73,7 @@ def test_local_map_is_the_local_prediction():
     assert_allclose(depth_map.field().prior_std_m[inside], std)
 
 
-def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
+def test_soundings_are_sorted_by_stamp_and_samples_keep_their_order():
     depth_map = DepthMap(GpConfig(min_spacing_m=10.0, merge=False), LevelSet(), AREA)
     outcomes = depth_map.add_soundings([[2.0, 104.0, 100.0, 15.0], [1.0, 100.0, 100.0, 15.0]])
     assert outcomes == [Outcome.TOO_CLOSE, Outcome.KEPT]
@@ -85,7 +85,7 @@ def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
         depth_map.add_soundings([[1.0, 2.0, 3.0]])
 
 
-def test_refused_soundings_are_counted_and_the_rest_is_taken():
+def test_rejected_soundings_are_counted_and_the_others_taken():
     depth_map = DepthMap(GpConfig(), LevelSet(), AREA)
     outcomes = depth_map.add_soundings([[0.0, 1.0, 1.0, math.nan], [1.0, 50.0, 50.0, 12.0], [2.0, 9.0, 9.0, -4.0]])
     assert outcomes == [None, Outcome.KEPT, None]
@@ -109,7 +109,7 @@ def surveyed(**values):
     return depth_map, rng.uniform([20, 20], [180, 220], (200, 2)), rng
 
 
-def test_forged_samples_do_not_turn_the_map_over():
+def test_forged_samples_do_not_take_over_the_map():
     depth_map, places, rng = surveyed()
     before = depth_map.field().p_safe.copy()
     samples = np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, len(places))])
@@ -126,7 +126,7 @@ def test_forged_samples_do_not_turn_the_map_over():
     assert health.values["samples of auv3 that do not fit"] == f"{forged.sum()} of 200"
 
 
-def test_samples_with_a_mates_place_error_fit_and_are_not_told_of():
+def test_samples_with_a_position_error_fit_without_a_warning():
     depth_map, places, rng = surveyed()
     off = places + rng.normal(0.0, 3.0, places.shape)  # what drift leaves in a mate's places
     depth_map.add_samples(np.column_stack([places, depth(*off.T) + rng.normal(0, 0.3, len(places))]), 2)
@@ -134,7 +134,7 @@ def test_samples_with_a_mates_place_error_fit_and_are_not_told_of():
     assert told_of(depth_map).level is Level.OK
 
 
-def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
+def test_centers_are_limited_and_samples_to_half_of_them():
     depth_map, places, _ = surveyed(max_centers=150, min_spacing_m=0.0, merge=False)
     own = len(depth_map.centers)
     assert own < 150
@@ -144,7 +144,7 @@ def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
     assert "soundings discarded: the map is full (gp.max_centers = 150)" in told_of(depth_map).text
 
 
-def test_beyond_that_half_samples_are_still_merged_into_the_centers_there_are():
+def test_samples_beyond_the_limit_are_still_merged():
     depth_map = DepthMap(GpConfig(max_centers=4, min_spacing_m=15.0), LevelSet(level_m=15.0), AREA)
     samples = [[20.0, 20.0, 12.0], [60.0, 20.0, 12.0], [100.0, 20.0, 12.0], [62.0, 20.0, 12.0]]
     kept, merged, full = Outcome.KEPT, Outcome.MERGED, Outcome.FULL

@@ -95,7 +95,7 @@ def test_without_data_it_is_the_prior():
     assert gp.predict(np.zeros((0, 2)))[0].shape == (0,)
 
 
-def test_one_datum_by_hand():
+def test_one_datum_worked_by_hand():
     # k = 16, noise 9, residual 5: mean 12 + 16/25 * 5, variance 16 - 256/25.
     gp = OnlineGp(GpConfig(mean_depth_m=12.0, signal_std_m=4.0, noise_std_m=3.0))
     assert gp.add(10.0, 20.0, 17.0) is Outcome.KEPT
@@ -105,7 +105,7 @@ def test_one_datum_by_hand():
 
 
 @pytest.mark.parametrize("merge", [False, True])
-def test_factorizing_later_is_factorizing_at_once(merge, monkeypatch):
+def test_postponed_factorization_gives_the_same_posterior(merge, monkeypatch):
     later, at_once = OnlineGp(GpConfig(merge=merge)), OnlineGp(GpConfig(merge=merge))
     blocks = []
     append = Factor.append
@@ -135,7 +135,7 @@ def test_factorizing_later_is_factorizing_at_once(merge, monkeypatch):
     assert std == pytest.approx(wanted_std, rel=1e-11)
 
 
-def test_spacing_is_kept_and_what_is_dropped_is_counted():
+def test_minimum_spacing_holds_and_dropped_soundings_are_counted():
     gp = OnlineGp(GpConfig(min_spacing_m=10.0, merge=False))
     places, depths = soundings(600, seed=3, size=120.0)
     outcomes = [gp.add(n, e, d) for (n, e), d in zip(places, depths, strict=True)]
@@ -148,14 +148,14 @@ def test_spacing_is_kept_and_what_is_dropped_is_counted():
         assert outcome is Outcome.KEPT or np.hypot(*(kept - place).T).min() < 10.0
 
 
-def test_spacing_exactly_met_is_kept():
+def test_sounding_at_exactly_the_spacing_is_kept():
     gp = OnlineGp(GpConfig(min_spacing_m=10.0))
     assert gp.add(0.0, 0.0, 10.0) is Outcome.KEPT
     assert gp.add(10.0, 0.0, 10.0) is Outcome.KEPT
     assert gp.add(0.0, math.nextafter(10.0, 0.0), 10.0) is Outcome.MERGED
 
 
-def test_merging_is_better_than_dropping():
+def test_merging_has_a_smaller_error_than_dropping():
     rng = np.random.default_rng(5)
     error = {}
     queries = rng.uniform(20, 280, (400, 2))
@@ -172,7 +172,7 @@ def test_merging_is_better_than_dropping():
     assert error[True] < 0.6 * error[False]
 
 
-def test_only_recent_centers_are_merged_into():
+def test_soundings_are_merged_only_into_recent_centers():
     gp = OnlineGp(GpConfig(merge=True, min_spacing_m=5.0))
     for i in range(MERGE_WINDOW + 1):
         assert gp.add(0.0, 10.0 * i, 12.0) is Outcome.KEPT
@@ -180,7 +180,7 @@ def test_only_recent_centers_are_merged_into():
     assert gp.add(0.0, 11.0, 12.0) is Outcome.MERGED
 
 
-def test_merging_is_the_mean_at_the_centroid():
+def test_merged_center_is_the_mean_at_the_centroid():
     config = GpConfig(merge=True, min_spacing_m=10.0, noise_std_m=0.3)
     gp = OnlineGp(config)
     assert [gp.add(0, 0, 10.0), gp.add(2, 0, 11.0), gp.add(4, 0, 12.0)][1:] == [Outcome.MERGED] * 2
@@ -194,7 +194,7 @@ def test_merging_is_the_mean_at_the_centroid():
     assert centers.noise_std_m[0] ** 2 == pytest.approx(wanted, rel=1e-9)
 
 
-def test_merging_that_cannot_be_factorized_is_undone_and_said(monkeypatch):
+def test_ill_conditioned_merge_is_undone_and_reported(monkeypatch):
     gp = OnlineGp(GpConfig(merge=True))
     for (north, east), depth in zip(*soundings(150), strict=True):
         gp.add(north, east, depth)
@@ -222,7 +222,7 @@ def test_merging_that_cannot_be_factorized_is_undone_and_said(monkeypatch):
         ((2e6, 0.0, 10.0), r"expected within 1000 km of the local origin"),
     ],
 )
-def test_absurd_soundings_are_refused(sounding, message):
+def test_implausible_soundings_are_rejected(sounding, message):
     gp = OnlineGp(GpConfig())
     with pytest.raises(SoundingError, match=message):
         gp.add(*sounding)
@@ -244,7 +244,7 @@ def test_outlier_gate():
     assert flagged <= 2  # noise as configured: hardly a sounding is flagged
 
 
-def test_a_sounding_that_cannot_be_factorized_is_refused_and_nothing_is_lost(monkeypatch):
+def test_ill_conditioned_sounding_is_rejected_without_loss(monkeypatch):
     gp = OnlineGp(GpConfig(outlier_sigmas=50.0))  # with the gate each sounding is factorized at once
     places, depths = soundings(50)
     add_all(gp, places, depths)
@@ -262,7 +262,7 @@ def test_a_sounding_that_cannot_be_factorized_is_refused_and_nothing_is_lost(mon
     assert gp.add(450.0, 450.0, 15.0) is Outcome.KEPT
 
 
-def test_places_of_another_shape_are_refused():
+def test_places_of_another_shape_are_rejected():
     with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
         OnlineGp(GpConfig()).predict(np.zeros(2))
 
@@ -294,7 +294,7 @@ def test_local_subset(name):
     assert errors[2] < (0.2 if name == "squared_exponential" else 0.02)  # as documented
 
 
-def test_local_subset_of_a_wendland_kernel_is_the_full_posterior():
+def test_local_subset_of_a_wendland_kernel_equals_the_full_posterior():
     places, depths = soundings(200)
     results = []
     for local in (False, True):
@@ -334,22 +334,22 @@ def test_factor_appends_truncates_and_solves():
 
 
 @pytest.mark.parametrize("outlier_sigmas", [0.0, 5.0])
-@pytest.mark.parametrize("most_new", [None, 20])
-def test_many_soundings_at_once_are_one_after_another(outlier_sigmas, most_new):
+@pytest.mark.parametrize("max_new", [None, 20])
+def test_add_all_equals_adding_one_by_one(outlier_sigmas, max_new):
     places, depths = soundings(200)
     rows = np.column_stack([places, depths])
     rows[7, 2], rows[9, 0] = -5.0, math.nan  # refused
     config = GpConfig(outlier_sigmas=outlier_sigmas)
     one, many = OnlineGp(config), OnlineGp(config)
-    wanted, room = [], len(rows) if most_new is None else most_new
+    wanted, room = [], len(rows) if max_new is None else max_new
     for north, east, depth in rows.tolist():
         try:
             wanted.append(one.add(north, east, depth, grow=room > 0))
         except SoundingError:
             wanted.append(None)
         room -= wanted[-1] is Outcome.KEPT
-    got = many.add_all(rows[:120], most_new)
-    left = None if most_new is None else most_new - got.count(Outcome.KEPT)
+    got = many.add_all(rows[:120], max_new)
+    left = None if max_new is None else max_new - got.count(Outcome.KEPT)
     assert got + many.add_all(rows[120:], left) == wanted
     assert many.counts == one.counts
     assert many.revision == one.revision

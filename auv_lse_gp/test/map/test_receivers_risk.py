@@ -59,7 +59,7 @@ def test_gains_against_dense_algebra(n: int) -> None:
     )
 
 
-def test_gain_is_the_expected_drop_of_the_risk() -> None:
+def test_gain_equals_the_expected_drop_of_the_risk() -> None:
     """Mean over depths drawn from the receivers' own belief of the drop that the sample does cause."""
     rng = np.random.default_rng(5)
     known, place = samples(rng, 10), np.array([[90.0, 130.0]])
@@ -77,7 +77,7 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
     assert before.gains(np.array([[90.0, 130.0, 0.0]]))[0] == pytest.approx(np.mean(drops), abs=4.0 * error)
 
 
-def test_a_sample_that_is_known_is_worth_less_again() -> None:
+def test_gain_of_a_known_sample_is_lower() -> None:
     rng = np.random.default_rng(6)
     receivers = ReceiverMap(GP, LEVEL, AREA)
     candidates = samples(rng, 40)
@@ -91,7 +91,7 @@ def test_a_sample_that_is_known_is_worth_less_again() -> None:
     assert (again >= 0.0).all()
 
 
-def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
+def test_samples_too_close_are_dropped_and_an_empty_array_accepted() -> None:
     receivers = ReceiverMap(GP, LEVEL, AREA)
     receivers.add(np.array([[10.0, 10.0, 12.0], [10.0, 13.9, 12.0], [10.0, 14.0, 12.0], [50.0, 50.0, 9.0]]))
     assert len(receivers) == 3
@@ -99,7 +99,7 @@ def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
     assert receivers.gains(np.zeros((0, 3))).shape == (0,)
 
 
-def test_samples_added_since_a_mark_are_forgotten() -> None:
+def test_truncate_drops_samples_added_since_a_mark() -> None:
     rng = np.random.default_rng(7)
     first, second, third, candidates = (samples(rng, n) for n in (10, 10, 5, 20))
     once, twice = ReceiverMap(GP, LEVEL, AREA), ReceiverMap(GP, LEVEL, AREA)
@@ -116,7 +116,7 @@ def test_samples_added_since_a_mark_are_forgotten() -> None:
     assert (once.gains(candidates) == twice.gains(candidates)).all()
 
 
-def test_supposed_receivers_miss_packets_whole() -> None:
+def test_simulated_receivers_miss_whole_packets() -> None:
     rng = np.random.default_rng(8)
     receivers = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
     packets = 300
@@ -136,7 +136,7 @@ def test_supposed_receivers_miss_packets_whole() -> None:
     np.testing.assert_allclose(receivers.gains(candidates), mean, rtol=1e-12)
 
 
-def test_without_loss_all_receivers_have_all_and_with_total_loss_none_has_any() -> None:
+def test_receivers_have_all_samples_without_loss_and_none_with_total_loss() -> None:
     rng = np.random.default_rng(9)
     heard, candidates = samples(rng, 10), samples(rng, 5)
     sure = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
@@ -150,7 +150,7 @@ def test_without_loss_all_receivers_have_all_and_with_total_loss_none_has_any() 
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.5, 1.0])
-def test_a_packet_that_is_taken_back_leaves_no_trace(loss: float) -> None:
+def test_undone_packet_leaves_no_trace(loss: float) -> None:
     rng = np.random.default_rng(10)
     before, sent, heard, candidates = (samples(rng, n) for n in (10, 12, 8, 20))
     receivers, never = (ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(s)) for s in (1, 1))
@@ -168,7 +168,7 @@ def test_a_packet_that_is_taken_back_leaves_no_trace(loss: float) -> None:
     np.testing.assert_array_equal(receivers.gains(candidates), never.gains(candidates))
 
 
-def test_from_a_missions_parameters() -> None:
+def test_receivers_from_mission_parameters() -> None:
     parameters = {"gp": {"length_scale_m": 50.0}, "area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
     one, again = (ReceiversRisk.from_parameters(parameters, "test", 2) for _ in range(2))
     for receivers in (one, again):

@@ -34,14 +34,14 @@ def test_finds_the_nearest_place_within_the_spacing(spacing_m):
             assert index.too_close(*place.tolist()) == nearest(kept, place, spacing_m)
 
 
-@pytest.mark.parametrize("most_new", [0, 5, 1000])
-def test_takes_places_as_one_after_another(most_new):
+@pytest.mark.parametrize("max_new", [0, 5, 1000])
+def test_take_equals_adding_places_one_by_one(max_new):
     rng = np.random.default_rng(2)
-    index, kept, room = SpacingIndex(5.0), np.zeros((0, 2)), most_new
+    index, kept, room = SpacingIndex(5.0), np.zeros((0, 2)), max_new
     for count in (0, 1, 150):  # with more than the table has room for at first
         places = rng.uniform(-50.0, 50.0, (count, 2))
-        room = most_new
-        near, new = index.take(places, most_new)
+        room = max_new
+        near, new = index.take(places, max_new)
         for place, number, is_new in zip(places, near.tolist(), new.tolist(), strict=True):
             wanted = nearest(kept, place, 5.0)
             if wanted is not None:
@@ -54,7 +54,7 @@ def test_takes_places_as_one_after_another(most_new):
         assert len(index) == len(kept)
 
 
-def test_a_place_at_exactly_the_spacing_is_not_too_close():
+def test_place_at_exactly_the_spacing_is_not_too_close():
     index = SpacingIndex(10.0)
     index.add(0.0, 0.0)
     assert index.too_close(10.0, 0.0) is None

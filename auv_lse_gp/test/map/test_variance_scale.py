@@ -30,7 +30,7 @@ def drawn(config: GpConfig, std_m: float, rng: np.random.Generator, effect_m: np
 
 
 @pytest.mark.parametrize("modes", [0, 3])
-def test_the_scale_is_that_of_the_dense_solve(modes: int) -> None:
+def test_variance_scale_agrees_with_the_dense_solve(modes: int) -> None:
     """(100 + r' S^-1 r) / (100 + n), S with the place effects."""
     rng = np.random.default_rng(modes)
     config = GpConfig()
@@ -52,7 +52,7 @@ def test_the_scale_is_that_of_the_dense_solve(modes: int) -> None:
 
 
 @pytest.mark.parametrize("std_m", [3.0, 8.0, 16.0])
-def test_soundings_show_the_standard_deviation_they_were_drawn_with(std_m: float) -> None:
+def test_variance_scale_recovers_the_true_standard_deviation(std_m: float) -> None:
     config = GpConfig(std_soundings=1e-6)
     found = []
     for seed in range(20):
@@ -64,7 +64,7 @@ def test_soundings_show_the_standard_deviation_they_were_drawn_with(std_m: float
     assert abs(np.mean(found) / expected - 1.0) < 4.0 * np.sqrt(2.0 / len(PLACES_M) / 20)
 
 
-def test_places_that_are_wrong_but_known_to_be_do_not_make_the_ground_rough() -> None:
+def test_known_position_uncertainty_does_not_raise_the_scale() -> None:
     config, rng = GpConfig(), np.random.default_rng(1)
     centers = drawn(config, 8.0, rng, 30.0 * rng.standard_normal((len(PLACES_M), 2)))
     told, untold = Posterior(config), Posterior(config)
@@ -74,14 +74,14 @@ def test_places_that_are_wrong_but_known_to_be_do_not_make_the_ground_rough() ->
     assert untold.variance_scale > 10.0
 
 
-def test_a_map_without_soundings_is_told_by_the_prior() -> None:
+def test_map_without_soundings_has_the_priors_scale() -> None:
     field = DepthMap(GpConfig(), LevelSet(), AREA).field()
     assert field.variance_scale == 1.0
     assert_allclose(field.std_m, field.prior_std_m)
 
 
 @pytest.mark.parametrize("local", [False, True])
-def test_the_map_is_told_by_the_scale_and_the_floor_of_uncertain_places_stays(local: bool) -> None:
+def test_published_map_is_rescaled_except_the_place_variance(local: bool) -> None:
     config = GpConfig(local=local, length_scale_m=30.0)
     depth_map = DepthMap(config, LevelSet(), AREA)
     rng = np.random.default_rng(2)
@@ -96,7 +96,7 @@ def test_the_map_is_told_by_the_scale_and_the_floor_of_uncertain_places_stays(lo
     assert_allclose(field.risk[inside], LevelSet().risk(field.mean_m[inside], field.std_m[inside]), rtol=1e-9)
 
 
-def test_no_soundings_worth_leaves_the_prior_s_standard_deviation() -> None:
+def test_weight_0_keeps_the_priors_standard_deviation() -> None:
     depth_map = DepthMap(GpConfig(std_soundings=0.0), LevelSet(), AREA)
     depth_map.add_soundings([[0.0, 50.0, 50.0, 14.0], [1.0, 150.0, 150.0, 14.0]])
     field = depth_map.field()

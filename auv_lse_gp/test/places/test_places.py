@@ -47,7 +47,7 @@ def place_error_m(smoother: PositionSmoother, team: list[Sailed], number: int) -
 # ---------------------------------------------------------------- the model
 
 
-def test_derivatives_of_places_are_those_of_differences():
+def test_jacobian_agrees_with_finite_differences():
     model = TeamErrorModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, references={1})
     rng = np.random.default_rng(1)
     theta = model.prior_std() * rng.standard_normal(model.size)
@@ -62,7 +62,7 @@ def test_derivatives_of_places_are_those_of_differences():
         assert np.allclose(jacobian[:, :, i], difference, atol=1e-4, rtol=1e-6)
 
 
-def test_the_model_holds_what_was_wrong():
+def test_model_contains_the_simulated_errors():
     """With the true values of all unknowns, places are true but for the harmonics' squares (1 degree: 0.3 mm/m)."""
     config = PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0)
     rng = np.random.default_rng(4)
@@ -81,7 +81,7 @@ def test_the_model_holds_what_was_wrong():
     assert np.all(np.abs(fit.x) < 4.5 * vehicle.prior_std())
 
 
-def test_one_leg_by_hand():
+def test_one_leg_worked_by_hand():
     """100 m north, compass 0.01 rad too large: the vehicle has gone 1 m to the west; a scale of .01 takes 1 m off."""
     track = OwnTrack()
     for second in range(101):
@@ -99,7 +99,7 @@ def test_one_leg_by_hand():
     assert sums.places(theta)[0] == pytest.approx([100.0 / 1.01 - 2.0, 0.0])
 
 
-def test_a_mates_samples_are_put_on_its_way_in_order_of_time():
+def test_samples_are_placed_on_a_mates_track_in_order_of_time():
     sailed = team_of(3, vehicles=1)[0]
     track = MateTrack()
     track.add(0.0, *sailed.raw[0])
@@ -122,7 +122,7 @@ def test_a_mates_samples_are_put_on_its_way_in_order_of_time():
 # ---------------------------------------------------------------- against truth, a batch solution, and itself
 
 
-def test_nothing_measured_is_no_correction_and_the_prior():
+def test_without_measurements_the_estimate_is_the_prior():
     team = team_of(5, vehicles=1)
     smoother = smoother_of(CONFIG, team, 0, [])
     correction = smoother.smooth()
@@ -134,7 +134,7 @@ def test_nothing_measured_is_no_correction_and_the_prior():
     )
 
 
-def test_a_vehicle_of_which_nothing_is_known_stays_where_it_was():
+def test_unknown_vehicle_keeps_its_raw_positions():
     correction = smoother_of(CONFIG, team_of(5, vehicles=1), 0, []).smooth()
     assert correction.places(7, np.zeros(2), np.ones((2, 2))).tolist() == np.ones((2, 2)).tolist()
     assert not correction.jacobian(7, np.zeros(2), np.ones((2, 2))).any()
@@ -142,7 +142,7 @@ def test_a_vehicle_of_which_nothing_is_known_stays_where_it_was():
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_smoother_agrees_with_a_batch_solution_that_knows_all_tracks(seed: int):
+def test_smoother_agrees_with_a_batch_solution_with_all_tracks(seed: int):
     """scipy.optimize.least_squares on the whole problem, each second turned by its own error, all tracks known."""
     config = PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0)
     rng = np.random.default_rng(seed)
@@ -191,7 +191,7 @@ def test_the_smoother_agrees_with_a_batch_solution_that_knows_all_tracks(seed: i
     assert own.max() < 0.6
 
 
-def test_it_believes_no_more_than_is_so():
+def test_estimated_covariance_is_consistent():
     """Normalized estimation error squared of the place, over seeds and vehicles: 1 expected of each axis."""
     own, mates, before, after = [], [], [], []
     for seed in range(10):
@@ -214,7 +214,7 @@ def test_it_believes_no_more_than_is_so():
     assert np.mean(after) < 0.1 * np.mean(before)
 
 
-def test_one_fix_of_a_mate_places_the_vehicle_too():
+def test_fix_of_a_mate_corrects_the_vehicle_too():
     rng = np.random.default_rng(11)
     team = [sail(rng, CONFIG, 60) for _ in range(3)]
     without = place_error_m(smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0)), team, 0)
@@ -225,7 +225,7 @@ def test_one_fix_of_a_mate_places_the_vehicle_too():
     assert with_fix < without
 
 
-def test_wrong_ranges_are_refused():
+def test_wrong_ranges_are_rejected():
     clean, dirty, refused = [], [], 0
     for seed in range(4):
         rng = np.random.default_rng(40 + seed)
@@ -240,7 +240,7 @@ def test_wrong_ranges_are_refused():
     assert np.mean(dirty) < 1.5 * np.mean(clean) + 0.5
 
 
-def test_pings_give_ranges_where_no_clock_is_right():
+def test_pings_give_ranges_without_accurate_clocks():
     """A clock that is 10 s off spoils one-way travel times, but no ping."""
     rng = np.random.default_rng(11)
     team = [sail(rng, CONFIG, 60) for _ in range(3)]
@@ -264,7 +264,7 @@ def test_pings_give_ranges_where_no_clock_is_right():
     assert place_error_m(smoother, team, 0) < 0.6 * without
 
 
-def test_a_range_by_ping_waits_until_the_mate_has_told_where_it_was():
+def test_ping_range_waits_for_the_mates_next_position():
     team = team_of(3, vehicles=2)
     heard = messages(np.random.default_rng(1), team, 0)
     smoother = smoother_of(CONFIG, team, 0, heard[:5])
@@ -281,7 +281,7 @@ def test_a_range_by_ping_waits_until_the_mate_has_told_where_it_was():
 
 
 @pytest.mark.parametrize("heard_of", [1, 2])
-def test_one_echo_alone_moves_nothing(heard_of: int):
+def test_single_echo_is_ignored(heard_of: int):
     """Too few ranges for a median: 600 m too long is more than dead reckoning can be wrong by."""
     team = team_of(3, vehicles=2)
     heard = [
@@ -293,7 +293,7 @@ def test_one_echo_alone_moves_nothing(heard_of: int):
     assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
 
 
-def test_a_fix_of_a_broken_receiver_moves_nothing():
+def test_fix_of_a_broken_receiver_is_ignored():
     team = team_of(3, vehicles=1)
     raw_north, raw_east = (float(value) for value in team[0].raw[500])
     fix = Fix(
@@ -311,7 +311,7 @@ def test_a_fix_of_a_broken_receiver_moves_nothing():
 
 
 @pytest.mark.parametrize("surfaced", [1, 3])
-def test_a_fix_that_all_else_contradicts_is_refused(surfaced: int):
+def test_contradicted_fix_is_rejected(surfaced: int):
     """30 m off: dead reckoning alone could be wrong by as much, but not with the ranges to two mates."""
     rng = np.random.default_rng(100)
     team = [sail(rng, CONFIG, 60) for _ in range(3)]
@@ -325,7 +325,7 @@ def test_a_fix_that_all_else_contradicts_is_refused(surfaced: int):
     assert place_error_m(wrong, team, 0) == pytest.approx(place_error_m(without, team, 0), abs=0.1)
 
 
-def test_the_fixes_of_instruments_that_are_worse_than_supposed_are_believed():
+def test_fixes_are_kept_if_all_instruments_are_worse_than_assumed():
     """Ten times worse: a gate that took the section for granted would refuse right fixes."""
     worse = dataclasses.replace(CONFIG, heading_std_deg=7.1, harmonic_std_deg=10.0, scale_std=0.03)
     rng = np.random.default_rng(103)
@@ -335,7 +335,7 @@ def test_the_fixes_of_instruments_that_are_worse_than_supposed_are_believed():
     assert smoother_of(CONFIG, team, 0, []).smooth().refused == 0
 
 
-def test_places_do_not_depend_on_when_time_began():
+def test_estimate_does_not_depend_on_the_time_origin():
     """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks part at the start, not in 1970."""
     team = team_of(3, vehicles=2)
     surface(np.random.default_rng(2), team[1], 600)
@@ -356,7 +356,7 @@ def test_places_do_not_depend_on_when_time_began():
     assert shifted.place_std_m(1, at + utc, raw) == pytest.approx(correction.place_std_m(1, at, raw), rel=1e-3)
 
 
-def test_a_clock_that_is_set_back_stops_no_track():
+def test_clock_set_back_does_not_stop_the_track():
     """By 30 s, as when a vehicle takes the time of GPS: the track, and the fix after it, go on."""
     team = team_of(3, vehicles=1)
     sailed, at = team[0], 700
@@ -381,7 +381,7 @@ def test_a_clock_that_is_set_back_stops_no_track():
     assert smoother.fixes(1)[0].stamp_s == pytest.approx(sailed.times[at + 500], abs=2.0)
 
 
-def test_one_raw_place_that_comes_late_sets_no_clock_back():
+def test_single_late_raw_position_is_not_a_clock_set_back():
     smoother = PositionSmoother(1, CONFIG)
     for stamp in (0.0, 1.0, 2.0, 3.0, 4.0, 0.5, 5.0, 6.0, 1.5, 7.0):
         place = DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=stamp, east_m=0.0, depth_m=3.0)
@@ -391,7 +391,7 @@ def test_one_raw_place_that_comes_late_sets_no_clock_back():
     assert smoother.tracks[1].end_s == 7.0
 
 
-def test_packets_may_be_lost_and_no_clock_may_be_right():
+def test_lost_packets_and_wrong_clocks_are_tolerated():
     rng = np.random.default_rng(8)
     team = [sail(rng, CONFIG, 60) for _ in range(3)]
     surface(rng, team[0], 700)
@@ -406,7 +406,7 @@ def test_packets_may_be_lost_and_no_clock_may_be_right():
 # ---------------------------------------------------------------- terrain
 
 
-def test_terrain_brings_tracks_together_and_says_nothing_of_what_they_have_in_common():
+def test_terrain_aligns_tracks_without_information_on_common_modes():
     rng = np.random.default_rng(21)
     gp = GpConfig()
     team = [sail(rng, CONFIG, 60) for _ in range(2)]
@@ -421,7 +421,7 @@ def test_terrain_brings_tracks_together_and_says_nothing_of_what_they_have_in_co
     assert np.abs(common.T @ slope).max() < 1e-9 * np.abs(slope).max() * np.abs(common).max() * 1e3
 
 
-def test_terrain_alone_makes_places_better():
+def test_terrain_alone_improves_positions():
     gains = []
     for seed in range(4):
         rng = np.random.default_rng(60 + seed)
@@ -434,7 +434,7 @@ def test_terrain_alone_makes_places_better():
     assert np.mean(gains) < 0.8
 
 
-def test_common_directions_move_all_places_alike():
+def test_common_modes_move_all_positions_alike():
     team = team_of(2, vehicles=2)
     model = TeamErrorModel(
         PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0),
@@ -459,7 +459,7 @@ def test_common_directions_move_all_places_alike():
         assert moved == pytest.approx(way, abs=1e-6)
 
 
-def test_terrain_that_cannot_be_factorized_is_left_out():
+def test_terrain_with_a_singular_covariance_is_ignored():
     team = team_of(2, vehicles=1)
     smoother = smoother_of(CONFIG, team, 0, [])
     raw = np.zeros((50, 2))
@@ -476,7 +476,7 @@ def test_terrain_that_cannot_be_factorized_is_left_out():
     assert np.isfinite(smoother.smooth(Terrain(pieces, Kernel(gp), prior_mean(gp), 0.3)).theta).all()
 
 
-def test_pieces_are_means_of_ten_metres_of_one_track():
+def test_segments_average_ten_metres_of_one_track():
     stamps = np.arange(40.0)
     raw = np.column_stack([np.arange(40.0), np.zeros(40)])
     vehicles = np.repeat([1, 2], 20)
@@ -491,7 +491,7 @@ def test_pieces_are_means_of_ten_metres_of_one_track():
 # ---------------------------------------------------------------- what may come in
 
 
-def test_hostile_numbers_are_refused_and_counted():
+def test_implausible_numbers_are_rejected_and_counted():
     team = team_of(9, vehicles=2)
     smoother = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(2), team, 0))
     before = smoother.smooth().theta
@@ -513,7 +513,7 @@ def test_hostile_numbers_are_refused_and_counted():
     assert smoother.smooth().theta == pytest.approx(before, abs=1e-3)
 
 
-def test_a_mates_first_packet_cannot_come_from_where_no_vehicle_can_be():
+def test_first_packet_from_an_impossible_position_is_rejected():
     smoother = PositionSmoother(1, CONFIG)
     for t in range(60):
         smoother.add_dead_reckoning(
@@ -526,7 +526,7 @@ def test_a_mates_first_packet_cannot_come_from_where_no_vehicle_can_be():
     assert list(smoother.tracks) == [1, 2]
 
 
-def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
+def test_wrong_first_packet_does_not_block_later_ones():
     """700 m off: the packets after it were refused until the mate could have gone there, two minutes later."""
     team = team_of(3, vehicles=2)
     heard = messages(np.random.default_rng(1), team, 0)[:8]
@@ -548,7 +548,7 @@ def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
     assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
 
 
-def test_absurd_ranges_and_fixes_leave_finite_places():
+def test_extreme_ranges_and_fixes_leave_finite_positions():
     team = team_of(9, vehicles=2)
     smoother = smoother_of(CONFIG, team, 0, [])
     for i, travel in enumerate((math.nan, math.inf, -1.0, 0.0, 1e9, 1e-3, 0.5)):
@@ -564,7 +564,7 @@ def test_absurd_ranges_and_fixes_leave_finite_places():
     assert np.isfinite(correction.places(2, np.array([10.0]), np.array([[3.0, 4.0]]))).all()
 
 
-def test_fixes_of_one_surfacing_count_once():
+def test_fixes_of_one_surfacing_count_as_one():
     surfacings = SurfacingFixes(1)
     for second in range(30):
         surfacings.add(
@@ -577,14 +577,14 @@ def test_fixes_of_one_surfacing_count_once():
     assert rows[0].place_m == pytest.approx((14.5, 0.0))
 
 
-def test_the_gate_is_four_median_deviations_and_never_a_narrow_one():
+def test_gate_is_four_median_deviations_with_a_minimum():
     residuals = np.concatenate([np.linspace(-1.0, 1.0, 41), [9.0, -30.0]])
     assert within_gate(residuals).tolist() == [True] * 41 + [False] * 2
     assert within_gate(np.array([0.0, 0.0, 1e-9, 1.5])).all()
     assert within_gate(np.zeros(0)).tolist() == []
 
 
-def test_the_same_messages_give_the_same_places_bit_for_bit():
+def test_same_messages_give_identical_positions():
     team = team_of(13)
     heard = messages(np.random.default_rng(3), team, 0)
     once, again = (smoother_of(CONFIG, team, 0, heard).smooth().theta for _ in range(2))

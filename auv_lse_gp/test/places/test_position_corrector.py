@@ -35,7 +35,7 @@ def uncertain(rng: np.random.Generator, modes: int = 3) -> Centers:
 # ---------------------------------------------------------------- the floor of the variance
 
 
-def test_place_variance_is_that_of_the_textbook():
+def test_place_variance_agrees_with_the_textbook():
     """D Sigma D' with D = -k S^-1 H, here with H Sigma H' = E E'."""
     rng = np.random.default_rng(0)
     centers = uncertain(rng)
@@ -56,7 +56,7 @@ def test_place_variance_is_that_of_the_textbook():
 
 
 @pytest.mark.parametrize("provisional", [0, 9])
-def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> None:
+def test_cached_moments_follow_the_place_variance(provisional: int) -> None:
     rng = np.random.default_rng(3)
     first, more = uncertain(rng), uncertain(rng)
     posterior, at = Posterior(GP), rng.uniform(0.0, 200.0, (7, 2))
@@ -70,7 +70,7 @@ def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> No
             assert of_places == pytest.approx(posterior.place_variance(posterior.kernel.scale(at)), rel=1e-9)
 
 
-def test_no_planned_measurement_goes_below_the_floor():
+def test_planned_measurements_keep_the_place_variance():
     rng = np.random.default_rng(1)
     posterior = Posterior(GP)
     posterior.follow(uncertain(rng))
@@ -83,7 +83,7 @@ def test_no_planned_measurement_goes_below_the_floor():
         assert np.all(columns.planned_var_m2 <= columns.data_var_m2)
 
 
-def test_the_slope_of_the_mean_is_that_of_differences():
+def test_slope_of_the_mean_agrees_with_finite_differences():
     rng = np.random.default_rng(2)
     posterior = Posterior(GpConfig(mean="plane", mean_slope_north=0.1, mean_slope_east=-0.05))
     posterior.follow(uncertain(rng))
@@ -97,7 +97,7 @@ def test_the_slope_of_the_mean_is_that_of_differences():
         )
 
 
-def test_a_common_error_of_all_places_is_worth_the_slope():
+def test_common_position_error_changes_depths_by_the_slope():
     """Soundings on a plane, all shifted north by an unknown 2 m (std): the depth is then unknown by 2 m times slope."""
     places = np.stack(np.meshgrid(np.arange(0.0, 200.0, 10.0), np.arange(0.0, 200.0, 10.0)), axis=-1).reshape(-1, 2)
     depths = 15.0 + 0.1 * (places[:, 0] - 100.0)
@@ -123,7 +123,7 @@ def test_centers_join_with_and_without_place_effects():
 # ---------------------------------------------------------------- the log
 
 
-def test_the_log_keeps_estimated_positions_that_cannot_be_corrected():
+def test_log_keeps_uncorrectable_positions():
     log, nan = SoundingLog(), float("nan")
     first = Soundings.from_rows([[1.0, 1.0, 2.0, 9.0, nan, nan], [nan, 3.0, 4.0, 8.0, 30.0, 40.0]])
     assert log.add(2, first, None).tolist() == [[1.0, 2.0], [30.0, 40.0]]
@@ -158,7 +158,7 @@ def played(team: list[Sailed], ground: Ground, config: PlacesConfig = CONFIG) ->
     return intake
 
 
-def test_a_fix_moves_the_soundings_before_it_and_the_map_with_them():
+def test_fix_moves_earlier_soundings_and_the_map():
     rng = np.random.default_rng(33)
     ground = Ground(rng, GP)
     config = PlacesConfig(correct=True, heading_std_deg=4.0)  # ten metres of error, where a fix is off by one
@@ -188,7 +188,7 @@ def test_a_fix_moves_the_soundings_before_it_and_the_map_with_them():
     assert intake.map.field().prior_std_m[inside] == pytest.approx(intake.map.gp.predict(cells)[1])
 
 
-def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
+def test_rebuilt_map_equals_a_map_of_the_corrected_soundings():
     rng = np.random.default_rng(32)
     ground = Ground(rng, GP)
     team = [sail(rng, CONFIG, 12, box_m=300.0)]
@@ -207,7 +207,7 @@ def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
     assert np.array_equal(effect, effect.astype(np.float32))
 
 
-def test_a_refused_sounding_counts_once_however_often_the_map_is_rebuilt():
+def test_rejected_sounding_counts_once_despite_rebuilds():
     corrector = PositionCorrector(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
     rows = [[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]
     corrector.add_soundings(Soundings.from_rows(rows))
@@ -216,7 +216,7 @@ def test_a_refused_sounding_counts_once_however_often_the_map_is_rebuilt():
     assert (corrector.corrected_map.map.counts.kept, corrector.corrected_map.map.counts.refused) == (1, 1)
 
 
-def test_without_raw_positions_the_map_is_as_without_a_corrector():
+def test_without_raw_positions_the_corrector_changes_nothing():
     depth_map, plain = DepthMap(GP, LevelSet(), AREA), DepthMap(GP, LevelSet(), AREA)
     placed, other = MapIntake(depth_map, PositionCorrector(1, CONFIG, depth_map)), MapIntake(plain)
     for t in range(1, 100):
@@ -229,14 +229,14 @@ def test_without_raw_positions_the_map_is_as_without_a_corrector():
     assert depth_map.field().std_m == pytest.approx(plain.field().std_m, nan_ok=True)
 
 
-def test_places_fly_unless_the_paper_is_flown():
+def test_places_are_corrected_except_with_the_papers_methods():
     assert places_of({}, "file").correct is True
     assert places_of({"planner": {"method": "plain"}}, "file").correct is False
     assert places_of({"planner": {"method": "plain"}, "places": {"correct": True}}, "file").correct is True
     assert places_of({"planner": {"method": "plain"}, "places": {"correct": False}}, "file").correct is False
 
 
-def test_the_first_two_ways_are_those_that_a_fix_takes_away():
+def test_first_two_modes_are_those_that_a_fix_removes():
     """A fix where the track ends, in the middle of the mean: it moves nothing, and the variance falls by these two."""
     rng = np.random.default_rng(33)
     ground = Ground(rng, GP)

@@ -134,5 +134,5 @@ def test_last_plan_is_kept_only_if_configured():
 
 def test_dec_mcts_needs_a_tree_search():
     for method in ("tour", "exponential_quadratic"):
-        with pytest.raises(ValueError, match="dec_mcts' is a tree search by the exact risk"):
+        with pytest.raises(ValueError, match="dec_mcts' is a tree search with the exact risk"):
             PlannerConfig(method=method, coordination="dec_mcts").complete()

@@ -187,8 +187,8 @@ def test_topics_info_says_who_does_not_hear_whom(run: Run) -> None:
     try:
         assert run("topics", "info", "/chat") == (
             "Type: std_msgs/msg/String\nPublisher count: 1\nSubscription count: 1\n"
-            "Mismatch: /auv1/driver publishes, but /auv1/driver does not get it: it asks for RELIABLE and is offered "
-            "BEST_EFFORT (fix: the reader asks for BEST_EFFORT)\n"
+            "Mismatch: /auv1/driver does not receive /auv1/driver: it requests RELIABLE and is offered BEST_EFFORT "
+            "(fix: request BEST_EFFORT)\n"
         )
     finally:
         other.destroy_node()
@@ -264,5 +264,5 @@ def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle,
     assert vehicle.process.returncode == 0, output
     assert "auv1.gp_node died (SIGKILL) after " in output
     assert "auv1.gp_node restarted (start 2)" in output
-    assert output.endswith("auv1: every node has ended\n")
+    assert output.endswith("auv1: all nodes have ended\n")
     assert vehicle.pids() == {}

@@ -78,4 +78,4 @@ def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, cap
     file = tmp_path / "file"
     file.touch()
     assert main(["--quick", "--out", str(file)]) == 2
-    assert f"{file}: is a file; expected a folder, or a name that is free" in capsys.readouterr().err
+    assert f"{file}: got a file; expected a folder, or an unused name" in capsys.readouterr().err

@@ -71,7 +71,7 @@ def test_marks_for_no_data_among_soundings_are_refused(tmp_path):
     depth[[40, 60]] = -9999.0
     path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "depth_m"], north, east, depth)
     with pytest.raises(
-        GroundError, match=r"s\.csv:42: depth_m is -9999, as on 2 of 100 lines: a usual mark for no data"
+        GroundError, match=r"s\.csv:42: depth_m is -9999, as on 2 of 100 lines: a common mark for missing data"
     ):
         load_ground(path)
 
@@ -110,5 +110,5 @@ def test_projected_soundings_with_degrees_are_placed_by_these(tmp_path, names):
     (tmp_path / "s.csv").write_text(f"easting,northing,{names[0]},{names[1]},depth_m\n{rows}")
     ground = load_ground(tmp_path / "s.csv", origin=(47.5, 9.3))
     assert ground.origin == (47.5, 9.3)
-    assert "metres far from any local origin (projected?) are not used" in ground.describe()
+    assert "metres ignored: far from any local origin (projected?)" in ground.describe()
     check_bottom(ground)

@@ -124,7 +124,7 @@ class PacketConfig:
         help="name of the dive, part of the tag: packets of another dive are rejected even with the same key",
     )
     abort_without_tag: bool = parameter(
-        False, help="obey abort calls in packets even without `tag`; anybody in the water can send them"
+        False, help="obey abort calls in packets even without `tag`; any modem in the water can send them"
     )
     check_limits: bool = parameter(
         True, help="reject packets with positions outside the operating area's bounding box plus area_margin_m"
@@ -144,7 +144,7 @@ class PacketConfig:
     )
 
     def __post_init__(self) -> None:
-        """Checks what depends on two parameters.
+        """Checks parameters against each other.
 
         Raises:
             ValueError: naming the parameters and what was expected.
@@ -155,8 +155,8 @@ class PacketConfig:
             )
         if self.tag and not self.session:
             raise ValueError(
-                "session: got '' with tag true; expected the name of the dive, so that packets of other dives are "
-                "rejected. Fix: session: lake-2026-07-12-a, the same for every vehicle and new for each dive"
+                "session: got '' with tag true; expected the name of the dive, to reject packets of other dives. Fix: "
+                "session: lake-2026-07-12-a, the same for every vehicle and new for each dive"
             )
         if len(self.session.encode()) > 64:
             raise ValueError(f"session: got {self.session!r}; expected at most 64 bytes")

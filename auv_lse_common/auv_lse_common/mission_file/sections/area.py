@@ -1,4 +1,4 @@
-"""The operating area as the section `area` of a mission file gives it."""
+"""Section `area`: the operating area."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class AreaConfig:
         """Checks the polygons.
 
         Raises:
-            ParameterError: naming the polygon and what is wrong with it.
+            ParameterError: naming the polygon and the error.
         """
         corners("area.polygon_m", self.polygon_m)
         for name, flat in self.no_go.items():
@@ -59,12 +59,8 @@ class AreaConfig:
 def corners(name: str, flat: tuple[float, ...]) -> Array:
     """Corners (n, 2) of a flat polygon (north, east, north, east, ...); a repeated last corner is dropped.
 
-    Args:
-        name: Its name, for messages.
-        flat: The numbers.
-
     Raises:
-        ParameterError: if it is no simple polygon of at least three finite corners.
+        ParameterError: if it is not a simple polygon of at least three finite corners.
     """
     if len(flat) % 2 or len(flat) < 6:
         raise ParameterError(
@@ -102,7 +98,7 @@ def _edge_text(polygon: Array, edge: int) -> str:
 
 
 def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
-    """Numbers of two edges a[i]-b[i], a[j]-b[j] that meet elsewhere than in a shared corner, or None."""
+    """Numbers of two edges a[i]-b[i], a[j]-b[j] that meet outside a shared corner, or None."""
     n = len(a)
 
     def side(p: Array, q: Array, r: Array) -> Array:

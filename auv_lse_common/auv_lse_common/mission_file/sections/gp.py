@@ -85,7 +85,7 @@ class GpConfig:
         """Checks values and combinations.
 
         Raises:
-            ParameterError: naming the fields that contradict each other.
+            ParameterError: naming the contradictory fields.
         """
         for name in ("signal_std_m", "length_scale_m", "noise_std_m", "map_resolution_m"):
             value = getattr(self, name)

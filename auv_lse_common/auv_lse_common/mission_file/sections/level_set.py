@@ -1,4 +1,4 @@
-"""Section `level_set`: the isobath to find, and what wrong calls cost."""
+"""Section `level_set`: the isobath to find, and the costs of wrong calls."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import math
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 
-#: How the expected risk is computed: exactly, or as in the paper with an approximate error function.
+#: Methods to compute the expected risk: exactly, or as in the paper with an approximate error function.
 METHODS = ("exact", "exponential_quadratic")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class LevelSetConfig:
-    """The isobath looked for and what errors about it cost: the section `level_set` of a mission file."""
+    """The isobath to find, and the costs of wrong calls."""
 
     level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (paper: l).")
     cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe place safe (paper: c1).")
@@ -23,7 +23,7 @@ class LevelSetConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuses values that are not usable.
+        """Rejects unusable values.
 
         Raises:
             ParameterError: naming the field.

@@ -9,7 +9,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkConfig:
-    """MAVLink connection to the autopilot, and how it gets waypoints."""
+    """MAVLink connection to the autopilot, and how waypoints are sent to it."""
 
     kind: str = parameter(
         "direct",
@@ -86,7 +86,7 @@ class LinkConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuses combinations that cannot work.
+        """Rejects combinations that cannot work.
 
         Raises:
             ParameterError: naming the keys and values.

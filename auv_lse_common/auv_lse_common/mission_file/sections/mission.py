@@ -1,4 +1,4 @@
-"""Sections `mission` and `motion`: what all vehicles of a mission share."""
+"""Sections `mission` and `motion`: parameters that all vehicles of a mission share."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ class MotionConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuses unusable action sets.
+        """Rejects unusable action sets.
 
         Raises:
-            ValueError: naming the actions that cannot be used.
+            ValueError: naming the unusable actions.
         """
         if not self.actions_deg:
             raise ValueError("motion.actions_deg: got no value; expected at least one heading change (deg)")
         if len(self.actions_deg) > MAX_ACTION_SET:
             raise ValueError(
-                f"motion.actions_deg: got {len(self.actions_deg)} values; expected at most {MAX_ACTION_SET}, because a "
-                "packet codes larger bytes differently"
+                f"motion.actions_deg: got {len(self.actions_deg)} values; expected at most {MAX_ACTION_SET}, because "
+                "larger bytes of a packet have other meanings"
             )
         if len(set(self.actions_deg)) != len(self.actions_deg):
             raise ValueError(f"motion.actions_deg: got {list(self.actions_deg)}; expected each heading change once")

@@ -14,7 +14,7 @@ PAYLOAD_BYTES = 252
 _SPARE_S = 1.0
 #: Time (s) to hand a packet to a modem at 19200 Bd: 560 characters and the replies.
 HANDSHAKE_S = 0.4
-#: Modem settings that the driver needs to set itself (`configuration.py`).
+#: Modem settings that the driver sets itself (`configuration.py`).
 DRIVERS_OWN = ("SRC", "CST", "RXP", "RXD", "TXP", "TXF", "REV", "XST", "MFD", "ASD", "SNV")
 
 
@@ -92,7 +92,7 @@ class ModemConfig:
         return self.start_timeout_s + self.transmit_timeout_s + _SPARE_S
 
     def __post_init__(self) -> None:
-        """Refuses combinations that cannot work.
+        """Rejects combinations that cannot work.
 
         Raises:
             ParameterError: naming the keys and values.
@@ -111,7 +111,7 @@ class ModemConfig:
         for name, value in self.settings.items():
             if name in DRIVERS_OWN:
                 raise ParameterError(
-                    f"settings.{name}: got {value}; the driver sets {', '.join(DRIVERS_OWN)} itself. Fix: leave it out"
+                    f"settings.{name}: got {value}; the driver sets {', '.join(DRIVERS_OWN)} itself. Fix: remove it"
                 )
             if not re.fullmatch(r"[A-Za-z0-9_.]+", name):
                 raise ParameterError(f"settings: got the name {name!r}; expected letters, digits, '_' and '.'")

@@ -69,14 +69,14 @@ class PlacesConfig:
 
 
 def places_of(parameters: Mapping[str, Any], where: str) -> PlacesConfig:
-    """The section `places` of nested parameters, with `correct` as it is in force.
+    """The section `places` of nested parameters, with the default of `correct` resolved.
 
     Raises:
-        ParameterError: naming the parameter that cannot be used.
+        ParameterError: naming the invalid parameter.
     """
     return in_force(section(PlacesConfig, parameters, "places", where), parameters)
 
 
 def in_force(config: PlacesConfig, parameters: Mapping[str, Any]) -> PlacesConfig:
-    """The section with `correct` as it is in force where `parameters` name the method."""
+    """The section with the default of `correct` resolved for the planning method in `parameters`."""
     return dataclasses.replace(config, correct=unless_paper_method(config.correct, parameters))

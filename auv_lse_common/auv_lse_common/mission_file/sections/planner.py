@@ -19,7 +19,7 @@ from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
 
 if TYPE_CHECKING:
     _T = TypeVar("_T")
-    FromMethod = Annotated[_T, "left out, it follows from the method"]
+    FromMethod = Annotated[_T, "omitted: follows from the method"]
 else:
     #: A parameter whose default (None) depends on the method; `PlannerConfig.complete` resolves it.
     FromMethod = Optional
@@ -139,7 +139,7 @@ class PlannerConfig:
         return METHODS[self.method]
 
     def complete(self) -> PlannerConfig:
-        """This configuration with the method's values where they are left out: no `FromMethod` parameter is None.
+        """This configuration with the method's values for omitted parameters: no `FromMethod` parameter is None.
 
         Raises:
             ValueError: if the parameters contradict each other.
@@ -154,16 +154,16 @@ class PlannerConfig:
         if self.coordination == "dec_mcts":
             if values["proposals"] != "path" or self.entry.risk_integral:
                 raise ValueError(
-                    f"planner.coordination: 'dec_mcts' is a tree search by the exact risk; got planner.method "
+                    f"planner.coordination: 'dec_mcts' is a tree search with the exact risk; got planner.method "
                     f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
                     "proposals 'path'"
                 )
-            values["incumbent"] = given.get("incumbent", False)  # the rule compares at own places, this on the map
+            values["incumbent"] = given.get("incumbent", False)  # its value is a map reward
         return replace(self, **values)
 
 
 def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
-    """Rejects contradictory parameters and missions with more places to the end than can be evaluated together.
+    """Rejects contradictory parameters, and missions with too many places to evaluate together.
 
     Raises:
         ParameterError: naming the contradiction, or the largest number of steps that the method can plan.
@@ -199,8 +199,6 @@ class PlannerSettings:
         """The settings from a nested parameter mapping.
 
         Args:
-            parameters: Nested mapping (section -> parameter -> value).
-            where: Where it came from, for messages.
             vehicle: Number of the vehicle, from 1, for its default depth (`DEPTHS_M`); None: the section's default.
 
         Raises:

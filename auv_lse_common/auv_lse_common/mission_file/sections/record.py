@@ -13,8 +13,8 @@ class RecordConfig:
 
     folder: str = parameter("", help="rosbag2 folder to create; empty: no recording. It must not exist yet")
     flush_s: float = parameter(
-        1.0, unit="s", above=0.0, help="a recorder that is killed loses at most this much of the recording"
+        1.0, unit="s", above=0.0, help="longest part of the recording that is lost if the recorder is killed"
     )
     least_free_mb: float = parameter(
-        200.0, unit="MB", low=0.0, help="recording stops when the disk has less free space; the mission goes on"
+        200.0, unit="MB", low=0.0, help="recording stops when the disk has less free space; the mission continues"
     )

@@ -70,7 +70,7 @@ class SimConfig:
     channel: ChannelConfig = field(default_factory=ChannelConfig)
 
     def __post_init__(self) -> None:
-        """Refuses separate vehicles in lockstep.
+        """Rejects separate vehicles in lockstep.
 
         Raises:
             ValueError: naming both parameters.

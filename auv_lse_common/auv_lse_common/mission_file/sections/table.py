@@ -1,7 +1,7 @@
-"""The sections of a mission file: one field for each, with the class that declares and checks its parameters.
+"""The sections of a mission file, each with the dataclass that declares and checks its parameters.
 
-This is the only list of sections. The loader, the parameter reference, the JSON schema, the template and every error
-about an unknown section derive from it. To add a section, write its dataclass and add a field here.
+This is the only list of sections: the loader, the parameter reference, the JSON schema and the template derive from it.
+To add a section, write its dataclass and add a field here.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ SECTIONS: dict[str, type] = {**TEAM_SECTIONS, **VEHICLE_SECTIONS}
 
 
 def check_sections(parameters: Mapping[str, Any], where: str, ignore: Sequence[str] = ()) -> None:
-    """Refuses unknown sections among the top-level names of `parameters`.
+    """Rejects unknown sections among the top-level names of `parameters`.
 
     Raises:
-        ParameterError: naming the section and the nearest known one.
+        ParameterError: naming the section and the most similar known one.
     """
     for name in parameters:
         if name not in SECTIONS and name not in ignore:

@@ -12,14 +12,14 @@ from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
 #: Default of `vehicle.surfacings` if a fix can improve the map.
 MAX_SURFACINGS = 2
-#: Default depths (m), taken by the vehicles in turn (the paper's).
+#: Default depths (m), assigned to the vehicles cyclically (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 
 
 def with_depth(parameters: Mapping[str, Any], vehicle: int) -> Mapping[str, Any]:
-    """The parameters of vehicle number `vehicle`, with its default depth unless they name one."""
+    """The parameters of vehicle number `vehicle`, with its default depth unless they contain one."""
     own = parameters.get("vehicle", {})
-    if not isinstance(own, Mapping) or "depth_m" in own:  # what is no section is refused where it is read
+    if not isinstance(own, Mapping) or "depth_m" in own:  # rejected where it is read
         return parameters
     return merge(parameters, {"vehicle": {"depth_m": DEPTHS_M[(vehicle - 1) % len(DEPTHS_M)]}})
 
@@ -29,7 +29,10 @@ class VehicleConfig:
     """One vehicle: start, depth, speed, surfacings, and the end of its mission."""
 
     depth_m: float = parameter(
-        3.0, unit="m", low=0.0, help="travel depth below the surface; by default vehicles take 3, 4 and 5 m in turn"
+        3.0,
+        unit="m",
+        low=0.0,
+        help="travel depth below the surface; by default 3, 4 and 5 m, cyclically by vehicle number",
     )
     speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
     start_north_m: float = parameter(0.0, unit="m", help="north of the start")
@@ -76,10 +79,10 @@ class VehicleConfig:
     )
 
     def __post_init__(self) -> None:
-        """Checks what holds between the fields.
+        """Checks that a place to go to is given.
 
         Raises:
-            ParameterError: if it is to go to a place that is not given.
+            ParameterError: if it is not.
         """
         self.stop("vehicle.at_end", self.at_end)
 
@@ -93,10 +96,10 @@ class VehicleConfig:
         return self.stop("vehicle.at_end", self.at_end)
 
     def stop(self, key: str, name: str) -> Stop:
-        """The stop that the value `name` of parameter `key` stands for; GO_TO leads to the recovery place.
+        """The stop for the value `name` of parameter `key`; GO_TO leads to the recovery place.
 
         Raises:
-            ParameterError: if that place is not given.
+            ParameterError: if the recovery place is not given.
         """
         north_m, east_m = self.recovery_north_m, self.recovery_east_m
         if name != "go_to":

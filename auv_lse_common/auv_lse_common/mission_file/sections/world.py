@@ -118,7 +118,7 @@ class DvlConfig:
     max_altitude_m: float = parameter(60.0, above=0.0, unit="m", help="largest altitude with bottom lock")
 
     def __post_init__(self) -> None:
-        """Refuses limits in the wrong order."""
+        """Rejects limits in the wrong order."""
         for name in ("dropout", "lock_loss"):
             low, high = getattr(self, f"{name}_min_s"), getattr(self, f"{name}_max_s")
             if low > high:
@@ -247,7 +247,7 @@ class LakeConfig:
     shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
 
     def __post_init__(self) -> None:
-        """Refuses depths and shares in the wrong order."""
+        """Rejects depths and shares in the wrong order."""
         if not self.terrace_m < self.level_m < self.deepest_m:
             raise ValueError(
                 f"terrace_m, level_m, deepest_m: got {self.terrace_m:g}, {self.level_m:g}, {self.deepest_m:g}; "
@@ -328,7 +328,7 @@ class ChannelConfig:
         """Checks the blackouts.
 
         Raises:
-            ValueError: naming the entry that is wrong.
+            ValueError: naming the wrong entry.
         """
         if len(self.blackouts) % 4:
             raise ValueError(f"blackouts: got {len(self.blackouts)} numbers; expected four each: a, b, from_s, until_s")
