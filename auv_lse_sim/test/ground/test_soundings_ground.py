@@ -63,7 +63,7 @@ def test_both_kinds_of_coordinates_give_the_origin(tmp_path):
     )
     wrong = load_ground(path)
     assert wrong.origin is None
-    assert "not used" in wrong.describe()
+    assert "lat, lon ignored" in wrong.describe()
 
 
 def test_marks_for_no_data_among_soundings_are_refused(tmp_path):
