@@ -51,7 +51,7 @@ def recorded_soundings(path: Path) -> Array:
 
 
 def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
-    """Soundings (n, 3) of a table, a grid, or a recorded run; if they came as lat, lon: their origin (deg).
+    """Soundings (n, 3) of a table, a grid, or a recorded run; and, if the source has lat, lon, the local origin (deg).
 
     Raises:
         OSError: if it cannot be read.
@@ -94,7 +94,7 @@ def _error(name: str, value: float, error: float) -> str:
 
 
 def parameter_file(result: Fit, source: str, origin: str = "") -> str:
-    """A ROS 2 parameter file with the section `gp`, ready for a mission; `origin`: words on the local origin."""
+    """A ROS 2 parameter file with the section `gp`, ready for a mission; `origin`: a comment on the local origin."""
     defaults = type(result.config)()
     learned = {"kernel", "mean", "signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m"}
     values = {

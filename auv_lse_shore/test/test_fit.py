@@ -214,6 +214,6 @@ def test_reaches_the_best_of_scikit_learn():
     assert result.log_likelihood == pytest.approx(-361.48280766, abs=1e-3)  # where its optimizer stops
 
 
-def test_a_file_that_cannot_be_read_is_named_in_words(tmp_path, capsys):
+def test_an_unreadable_file_is_named(tmp_path, capsys):
     assert main([str(tmp_path / "nothing.csv")]) == 2
     assert f"{tmp_path / 'nothing.csv'}: cannot be read: No such file or directory" in capsys.readouterr().err

@@ -1,1 +1,1 @@
-"""Simulator, recorder, fleet engine, campaigns and reports."""
+"""Simulator: the world, its vehicles, emulated hardware, and engines that run missions."""

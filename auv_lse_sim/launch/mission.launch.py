@@ -86,11 +86,11 @@ def generate_launch_description():
     arguments = {
         "params_file": (str(default), "mission file (ROS 2 parameter file)"),
         "out": ("run", "run folder to make: recording and complete mission file"),
-        "vehicles": ("", "number of vehicles, 1 to 20; empty: as the mission file says"),
+        "vehicles": ("", "number of vehicles, 1 to 20; empty: as in the mission file"),
         "steps": ("", "number of legs per vehicle; empty: as in the mission file"),
-        "seed": ("", "seed of every random stream; empty: as the mission file says"),
-        "real_time_factor": ("", "paced, so many times real time; empty: lockstep, as fast as it goes"),
-        "record": ("true", "true: a recorder writes every topic to the run folder; false: none runs"),
+        "seed": ("", "seed of every random stream; empty: as in the mission file"),
+        "real_time_factor": ("", "speed in multiples of real time; empty: lockstep, as fast as possible"),
+        "record": ("true", "true: record every topic in the run folder; false: no recording"),
         "modem": ("direct", "direct, or emulated: through serial ports, drivers and Micromodem-2 sentences"),
         "vehicle_link": ("direct", "direct, or mavlink: through simulated MAVLink autopilots"),
     }

@@ -111,7 +111,7 @@ def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
     assert received.navigation.sent_s == pytest.approx(10.0 + measured_s - travel_s - seconds)
 
 
-def test_a_packet_that_waits_for_the_second_holds_the_predicted_place() -> None:
+def test_a_synchronous_packet_has_the_place_at_its_transmission() -> None:
     sender = bridge(1, navigation=True, second_lead_s=0.4)
     sender.set_plan(PLAN)
     sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=0.0))

@@ -134,7 +134,7 @@ def test_a_vehicle_that_turns_to_its_target_follows_it(speed, radius_m):
         assert vehicle.problem == ""
 
 
-def test_a_vehicle_that_circles_around_the_end_of_its_leg_is_the_planners_affair():
+def test_circling_at_the_end_of_a_leg_is_not_reported_as_disobedience():
     vehicle = Vehicle().commanded(A)
     vehicle.move(60.0, 1.5, 0.1)
     assert vehicle.problem == ""
@@ -193,7 +193,7 @@ def test_a_pilot_who_takes_over_is_no_disobedience_but_a_warning():
     assert vehicle.level is Level.WARN
 
 
-def test_nobody_is_blamed_while_the_autopilot_is_silent_or_has_no_target():
+def test_no_disobedience_is_reported_while_the_autopilot_is_silent_or_has_no_target():
     vehicle = Vehicle()
     vehicle.move(20.0, 0.0)
     assert vehicle.problem == ""
@@ -251,7 +251,7 @@ def test_a_refused_speed_is_a_warning():
     assert vehicle.problem == ""
 
 
-def test_a_host_clock_that_is_set_blames_nobody():
+def test_setting_the_host_clock_is_not_reported_as_disobedience():
     vehicle = Vehicle().commanded().move(4.0, 0.0)
     vehicle.now_s -= 3600.0
     vehicle.move(4.0, 0.0)

@@ -109,7 +109,7 @@ def test_an_altitude_may_come_a_little_after_odometry_of_its_time() -> None:
     assert sounder.counts["pings_late"] == 1
 
 
-def test_a_clock_set_back_starts_anew() -> None:
+def test_a_clock_that_is_set_back_resets_the_state() -> None:
     sounder = Sounder(1.0, 3)
     assert travel(sounder, 3.5)
     soundings = travel(sounder, 3.5, start_s=EPOCH_S - 100.0)

@@ -8,7 +8,7 @@ from auv_lse_comms.mavlink.surfacing import AT_DEPTH_M, FIX_S, LONGEST_S, SURFAC
 END = Target(north_m=100.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1, surface=True)
 
 
-def test_it_goes_down_when_gps_has_had_a_fix_at_the_surface_and_is_over_at_depth() -> None:
+def test_a_surfacing_descends_after_a_fix_and_ends_at_depth() -> None:
     surfacing = Surfacing(END, 100.0)
     assert surfacing.target.depth_m == 0.0
     surfacing.gps(110.0, True)

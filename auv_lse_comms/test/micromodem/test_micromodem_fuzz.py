@@ -146,7 +146,7 @@ def run(steps, modem, moved):
 
 @settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(stories)
-def test_any_story_ends_with_one_outcome_for_each_packet(steps):
+def test_any_sequence_of_events_ends_with_one_outcome_per_packet(steps):
     modem = Micromodem(CONFIG, ADDRESS)
     told, sent = run(steps, modem, set())
     started = Counter(e.number for e in told if isinstance(e, TransmitStarted))
@@ -162,7 +162,7 @@ def test_any_story_ends_with_one_outcome_for_each_packet(steps):
 
 @settings(max_examples=60, deadline=None)
 @given(stories)
-def test_any_story_replays_from_its_log(steps):
+def test_any_sequence_of_events_replays_from_its_log(steps):
     log = []
     told, _ = run(steps, LoggedModem(Micromodem(CONFIG, ADDRESS), log.append), set())
     text = [format_entry(entry) + "\n" for entry in log]
@@ -171,7 +171,7 @@ def test_any_story_replays_from_its_log(steps):
     assert again.written == again.logged
 
 
-def test_stories_reach_every_state():
+def test_random_sequences_of_events_reach_every_state():
     """The stories above are worth something: a few of them together go through all states."""
     moved: set[State] = set()
     few = [

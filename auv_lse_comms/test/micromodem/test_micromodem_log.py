@@ -133,7 +133,7 @@ def test_a_last_line_cut_short_by_a_crash_is_left_out():
         ([LogEntry(1.0, "=", b"address 3"), LogEntry(1.0, "=", b"jumped")], "jumped"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused(entries, words):
+def test_a_recording_that_cannot_be_recomputed_is_refused(entries, words):
     with pytest.raises(LogError, match=words):
         replay_log(entries, CONFIG)
 

@@ -134,7 +134,7 @@ def test_gains_are_reused_and_a_backlog_is_considered_evenly() -> None:
 
 
 @pytest.mark.parametrize("gains", [lambda s: np.ones((len(s), 1)), lambda s: np.full(len(s), np.nan)])
-def test_gains_that_are_no_numbers_are_refused(gains: object) -> None:
+def test_gains_that_are_not_finite_are_refused(gains: object) -> None:
     receivers = Peaks()
     receivers.gains = gains  # type: ignore[method-assign, assignment]
     with pytest.raises(ValueError, match="one finite number per sample"):

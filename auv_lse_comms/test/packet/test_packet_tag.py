@@ -130,7 +130,7 @@ def test_clocks_that_are_set_back_agree_again_within_some_cycles() -> None:
     assert pair.made[1].reserve == pair.made[2].reserve == 6 + 8
 
 
-def test_no_recorded_packet_is_accepted_again_when_its_slot_comes_again() -> None:
+def test_replayed_packets_are_rejected_in_later_slots() -> None:
     pair = Pair()
     for start_s in (400.0, 200.0, 300.0, 100.0):  # set back three times
         for cycle in range(20):

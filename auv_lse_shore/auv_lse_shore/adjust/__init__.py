@@ -1,1 +1,1 @@
-"""scripts/adjust: positions of soundings re-estimated after the dive."""
+"""scripts/adjust: re-estimates the positions of soundings after the dive."""

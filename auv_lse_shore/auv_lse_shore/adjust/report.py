@@ -1,4 +1,4 @@
-"""The report of an adjustment, and a table of every sounding before and after it."""
+"""The report of an adjustment, and the table of soundings before and after it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def report(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[st
 
     Args:
         adjustment: The adjustment.
-        before: The runs as they were recorded.
+        before: The recorded runs.
         names: A name for each run.
     """
     vehicles = []
@@ -47,7 +47,7 @@ def _vehicle(run: RunData, number: int) -> VehicleRun:
 
 
 def _rms_error(vehicle: VehicleRun, recorded: VehicleRun) -> float:
-    """Root mean square error (m) of the places of a vehicle's soundings."""
+    """Root mean square error (m) of a vehicle's sounding positions."""
     apart = vehicle.soundings.places_m - true_positions(recorded).places_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
@@ -62,7 +62,7 @@ def _unknowns(correction: Correction, key: int) -> list[str]:
 
 
 def write_before_and_after(path: Path, adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> int:
-    """Writes every sounding with its place before and after as CSV; returns how many."""
+    """Writes each sounding's position before and after the adjustment as CSV; returns the number of soundings."""
     count = 0
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

@@ -1,1 +1,1 @@
-"""scripts/campaign: many missions specified, simulated and tabulated."""
+"""scripts/campaign: simulates many missions and tabulates their results."""

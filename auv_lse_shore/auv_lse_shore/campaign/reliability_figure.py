@@ -20,7 +20,7 @@ RESAMPLES = 400
 
 
 def reliability_of(rows: Sequence[Row]) -> list[Reliability]:
-    """The reliability of each mission's final map, of those that have one."""
+    """The reliability of each mission's final map; missions without one are left out."""
     names = ("cells", "expected", "safe")
     return [
         Reliability(**{name: tuple(row[f"reliability_{name}"]) for name in names})

@@ -30,11 +30,11 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
 
     Raises:
         CampaignError: if no row or several rows match.
-        Exception: whatever the mission fails with.
+        Exception: the error with which the mission fails.
     """
     paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
     if len(paths) != 1:
-        raise CampaignError(f"--rerun {wanted}: got {len(paths)} rows of {folder} whose id begins so; expected one")
+        raise CampaignError(f"--rerun {wanted}: got {len(paths)} rows of {folder} with this id; expected one")
     (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()
     to = to or folder / "reruns" / str(row["id"])
     if to.exists() and any(to.iterdir()):

@@ -165,7 +165,7 @@ def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _finished_row(future: Any, job: Job) -> dict[str, Any]:
-    """The row of a finished future; a mission that Dask has given up has failed.
+    """The row of a finished future; a mission that Dask stopped retrying has failed.
 
     Raises:
         CampaignError: if the future was cancelled because the cluster is gone.
@@ -181,7 +181,7 @@ def _finished_row(future: Any, job: Job) -> dict[str, Any]:
     return failed_row(job, error)
 
 
-def made_folder(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """Makes a folder if it is missing; returns it.
 
     Raises:
@@ -201,7 +201,7 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         CampaignError: if another process holds it.
     """
-    with (made_folder(folder) / ".lock").open("w") as file:
+    with (make_folder(folder) / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -33,7 +33,7 @@ KEYS = ("name", "mission", "set", "grid", "list", "seeds")
 #: A name for a folder: no path, not hidden, printable; and its largest length (bytes).
 _NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")
 _MAX_NAME_BYTES = 100
-#: More seeds are a mistake: weeks of simulation, and a list of missions that exceeds the memory.
+#: More seeds would take weeks, and the list of missions would exceed the memory.
 _MAX_SEEDS = 100_000
 
 
@@ -68,7 +68,7 @@ class CampaignSpec:
         varied: Names of the parameters in which settings differ, in order.
         base: The mission file that all settings start from, as written: defaults that depend on the number of
             vehicles are filled in per setting.
-        where: The file that it came from, for errors.
+        where: The campaign file, for error messages.
     """
 
     name: str

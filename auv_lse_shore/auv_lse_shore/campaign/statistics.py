@@ -85,9 +85,9 @@ def bootstrap(
 
     Args:
         samples: Arrays of the same length, at least 2.
-        statistic: Of as many arrays, along the keyword `axis`.
+        statistic: Function of these arrays with the keyword `axis`.
         resamples: Number of resamples.
-        seed: Of the generator that draws them.
+        seed: Seed of the random numbers.
     """
     generator: dict[str, Any] = {_GENERATOR: np.random.default_rng(seed)}
     found = stats.bootstrap(

@@ -18,15 +18,15 @@ class Findings:
     refused: set[tuple[str, int | None]] = field(default_factory=set)
 
     def error(self, text: str) -> None:
-        """The mission is impossible, or would not do what the file asks for."""
+        """Adds an error: the mission is impossible, or would not do what the file requests."""
         self.rows.append(("error", text))
 
     def warning(self, text: str) -> None:
-        """The mission is possible, but something is probably not intended."""
+        """Adds a warning: the mission is possible, but something is probably not intended."""
         self.rows.append(("warning", text))
 
     def note(self, text: str) -> None:
-        """An estimate or other information."""
+        """Adds a note: an estimate or other information."""
         self.rows.append(("note", text))
 
     def count(self, level: str) -> int:
@@ -39,15 +39,15 @@ class Findings:
         self.refused.add((name, vehicle))
 
     def is_refused(self, name: str, vehicle: int | None = None) -> bool:
-        """Whether this very parameter is refused, of a vehicle or of all."""
+        """Whether this parameter itself is refused, for a vehicle or for all."""
         return bool(self.refused & {(name, None), (name, vehicle)})
 
     def usable(self, *names: str, vehicle: int | None = None) -> bool:
-        """Whether no parameter with, below or above one of the dotted names is refused.
+        """Whether no named parameter, and no group or member of one, is refused.
 
         Args:
-            names: Parameters, groups or sections that a check reads.
-            vehicle: The only vehicle whose values it reads; None: those of all vehicles.
+            names: Dotted names of the parameters, groups or sections that a check reads.
+            vehicle: The only vehicle whose values the check reads; None: all vehicles.
         """
         return not any(
             f"{name}.".startswith(f"{refused}.") or f"{refused}.".startswith(f"{name}.")

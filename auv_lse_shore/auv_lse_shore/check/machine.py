@@ -24,7 +24,7 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
 
     Args:
         settings: The mission.
-        number: The vehicle that this machine belongs to; None: every vehicle's files are checked.
+        number: The vehicle of this machine; None: every vehicle's files are checked.
         findings: Takes what is found.
     """
     missing = {}

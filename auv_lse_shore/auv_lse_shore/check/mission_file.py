@@ -33,7 +33,7 @@ def check_file(path: Path, findings: Findings) -> Settings:
     """Reads a mission file and adds its errors to `findings`.
 
     Returns:
-        The settings. Refused parameters have their defaults and stand in `findings.refused`.
+        The settings. Refused parameters have their defaults and are listed in `findings.refused`.
 
     Raises:
         ParameterError: if the file is missing, or not a ROS 2 parameter file.
@@ -109,7 +109,7 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
                     f"{where}: {pattern}: got parameters of vehicle {number}; expected vehicles 1 to "
                     f"{mission.vehicles} (mission.vehicles). They are ignored"
                 )
-    else:  # as many as the file names
+    else:  # the largest number in the file
         most = max((number for number in named.values() if number <= _MOST_VEHICLES), default=mission.vehicles)
         team["mission"] = mission = dataclasses.replace(mission, vehicles=most)
     findings.refused = {(name, owner) for name, owner in findings.refused if owner is None or owner <= mission.vehicles}

@@ -118,13 +118,13 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
         return
     actions = planner.horizon or 1
     tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.family.sends_tours else 0
-    reserve, told = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
-    least = capacity(actions, reserve, min(tour, 64), told)
+    reserve, navigation = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
+    least = capacity(actions, reserve, min(tour, 64), navigation)
     if tour:  # a bent path is sent as actions
         bent = min(settings.mission.steps, MAX_EXPLICIT_ACTIONS)
         paired = are_paired([MotionTable(settings.motion).actions - 1] * bent)
-        least = min(least, capacity(bent, reserve, 0, told, paired))
-    most = capacity(actions, reserve, 0, told)
+        least = min(least, capacity(bent, reserve, 0, navigation, paired))
+    most = capacity(actions, reserve, 0, navigation)
     if least < 1:
         findings.error(
             f"packet: got a plan of {actions} actions, which leaves no room for samples; expected a smaller "

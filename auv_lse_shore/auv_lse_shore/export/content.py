@@ -67,7 +67,7 @@ class Reference:
         return str(CRS.from_proj4(self.proj).to_wkt(version)).replace('"unknown"', f'"{name}"', 1)
 
     def describe(self) -> str:
-        """One sentence for a person."""
+        """The coordinates in one sentence, for users."""
         if self.origin is None:
             return (
                 "local metres, east and north of the mission's origin; set area.origin_lat_deg and origin_lon_deg to "
@@ -97,7 +97,7 @@ class Export:
     def rasters(self) -> Iterator[Raster]:
         """The maps."""
         field = self.team.field
-        yield Raster("risk", "Bayes risk of the better call", "cost per place", field.risk)
+        yield Raster("risk", "Bayes risk of the better classification", "cost per place", field.risk)
         yield Raster("depth", "depth of water, positive down", "m", field.mean_m)
         yield Raster("std", "standard deviation of the depth", "m", field.std_m)
 

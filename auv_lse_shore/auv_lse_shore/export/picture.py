@@ -1,4 +1,4 @@
-"""A picture of an export, made only from the exported files: it shows that they hold what the report shows."""
+"""Draws an export from the exported files alone, as a check of their content."""
 
 from __future__ import annotations
 

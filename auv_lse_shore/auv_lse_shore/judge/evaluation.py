@@ -141,7 +141,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
 
 
 def _thinned(grid: Grid, scored: Mask) -> Array:
-    """About `RISK_PLACES` of the cells evaluated, evenly taken: where the risk over steps is averaged."""
+    """About `RISK_PLACES` of the evaluated cells, evenly spaced, over which the risk at each step is averaged."""
     rows, columns = np.nonzero(scored)
     apart = max(1, round(len(rows) / RISK_PLACES))
     return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
@@ -214,7 +214,7 @@ def _ideal(e: Evaluation) -> DepthField | None:
 
 
 def _promises(run: RunData) -> bool:
-    """Whether every vehicle's first decision has a lower bound above its reward so far, which later ones keep."""
+    """Whether every first decision has a lower bound above its reward so far; later decisions keep this bound."""
     first = [v.decisions[0] for v in run.vehicles if v.decisions]
     return bool(first) and all(d.lower_bound > d.reward_so_far for d in first)
 

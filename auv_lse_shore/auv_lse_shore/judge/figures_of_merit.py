@@ -1,4 +1,4 @@
-"""The parts of a mission's summary, each computed from what it needs; keys and meanings as of `summary.Summary`."""
+"""The parts of a mission's summary, each computed from its inputs; `summary.Summary` describes the keys."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from auv_lse_shore.judge.verdict import judge
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Probability from which on a place counts as surely on one side of the level.
+#: A place with at least this probability counts as surely on one side of the level.
 SURE = 0.95
 
 

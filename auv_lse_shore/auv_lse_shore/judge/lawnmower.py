@@ -1,4 +1,4 @@
-"""What a lawnmower mission of the same length was expected to achieve: the bounds that a mission is compared with."""
+"""The bounds of a mission: the expected results of a lawnmower mission of the same length."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class Reliability:
 
     @classmethod
     def together(cls, parts: Sequence[Reliability]) -> Reliability:
-        """The places of several maps in one."""
+        """The sums over several maps."""
 
         def added(name: str) -> tuple[float, ...]:
             rows = [getattr(part, name) for part in parts]

@@ -12,7 +12,7 @@ reward is computed in two ways, because only the second can be compared with the
   the reward with n = l, i = 0. Its bound at step i is the expectation of that final value if the current plans are
   carried out. It telescopes: its expectation changes only with better plans.
 
-Neither says much about the map. Map risk, the mean Bayes risk over the whole map, does. Its bound is the risk expected
+Neither reward measures the map. Map risk, the mean Bayes risk over the whole map, does. Its bound is the risk expected
 after a lawnmower mission (`mowing_risk`), and its expectation with the current plans (`expected_risk`) telescopes too.
 """
 

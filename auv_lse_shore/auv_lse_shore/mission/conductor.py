@@ -44,7 +44,7 @@ def conduct(
         interrupt: Ends the mission early.
         processes: What to start (`mission_processes`); other nodes of the mission are started elsewhere.
         start_s: Longest time (s) for the loaded nodes to discover each other; None: enough for a team of that size.
-        when_running: Called once when the first tick has come.
+        when_running: Called once after the first tick.
 
     Returns:
         Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.

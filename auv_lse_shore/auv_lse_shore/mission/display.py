@@ -17,7 +17,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 _LINE_PERIOD_S = 5.0
 
 #: Values of `MissionProgress.reward`.
-OF_THE_MAP, OF_THE_PATH = "map", "path"
+MAP_REWARD, PATH_REWARD = "map", "path"
 
 
 @dataclass(slots=True)
@@ -39,7 +39,7 @@ class MissionProgress:
         expected: Expected reward at the mission's end, {vehicle: value}.
         bounds: Largest lower bound so far, of planners with a path reward, {vehicle: value}. The bound of the map's
             reward needs all soundings, so only the report has it.
-        reward: `OF_THE_MAP`: each vehicle estimates the whole team's reward; `OF_THE_PATH`: the paper's, a sum over
+        reward: `MAP_REWARD`: each vehicle estimates the whole team's reward; `PATH_REWARD`: the paper's, a sum over
             the vehicles; "": the method maximizes neither.
     """
 
@@ -56,10 +56,10 @@ class MissionProgress:
     rewards: dict[int, float] = field(default_factory=dict)
     expected: dict[int, float] = field(default_factory=dict)
     bounds: dict[int, float] = field(default_factory=dict)
-    reward: str = OF_THE_MAP
+    reward: str = MAP_REWARD
 
     @property
-    def _account(self) -> str:
+    def _rewards_text(self) -> str:
         """The team's reward, expected reward and bound; "" if there is none.
 
         Negative rewards are left out: the first soundings often raise the map's risk before it drops.
@@ -74,11 +74,11 @@ class MissionProgress:
         if not self.reward:
             return ()
         counted = (("so far", self.rewards), ("expected", self.expected))
-        return counted if self.reward == OF_THE_MAP else (*counted, ("bound", self.bounds))
+        return counted if self.reward == MAP_REWARD else (*counted, ("bound", self.bounds))
 
     def _of_team(self, values: dict[int, float]) -> float:
         """The team's value: the mean of the vehicles' map rewards, or the sum of their path rewards."""
-        return sum(values.values()) / (len(values) if self.reward == OF_THE_MAP else 1)
+        return sum(values.values()) / (len(values) if self.reward == MAP_REWARD else 1)
 
     @property
     def _start(self) -> str:
@@ -90,10 +90,10 @@ class MissionProgress:
         if self.phase == "starting":
             return self._start
         steps = " ".join(str(n) for n in self.steps) or "-"
-        account = f"  {self._account}" if self._account else ""
+        rewards = f"  {self._rewards_text}" if self._rewards_text else ""
         return (
             f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
-            f"received, {self.lost} lost{account}  {self.speed:.0f} x real time"
+            f"received, {self.lost} lost{rewards}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:
@@ -116,16 +116,16 @@ class MissionProgress:
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
-        account = f"   {self._account} (drop of Bayes risk)" if self._account else ""
-        foot = Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{account}")
+        rewards = f"   {self._rewards_text} (drop of Bayes risk)" if self._rewards_text else ""
+        foot = Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")
         return Group(head, table, foot)
 
 
 def reward_shown(planner: PlannerConfig) -> str:
     """The reward to show: of the map, of the path (the paper's methods), or "" for the other methods."""
     if planner.family.bound_of == "map":
-        return OF_THE_MAP
-    return OF_THE_PATH if planner.entry.of_paper else ""
+        return MAP_REWARD
+    return PATH_REWARD if planner.entry.of_paper else ""
 
 
 def _gained(reward: float | None) -> str:

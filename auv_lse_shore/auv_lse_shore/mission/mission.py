@@ -33,7 +33,7 @@ from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.conductor import MissionError, conduct
 from auv_lse_shore.mission.options import overrides_of, parser
-from auv_lse_shore.mission.run_folder import begun, run_folder
+from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             write_vehicle_file(settings, options.for_vehicles, overrides_of(options))
         else:
             folder = run_folder(options.out, root)
-            with begun(folder):
+            with removed_on_error(folder):
                 settings = write_mission(settings, folder, options)
     except ValueError as error:
         _complain(console, error)
@@ -111,7 +111,7 @@ def fly(
     folder: Path,
     console: Console,
     processes: Sequence[Process],
-    domain_of_its_own: AbstractContextManager[int],
+    reserved_domain: AbstractContextManager[int],
     *,
     start_s: float | None = None,
     report: bool = True,
@@ -124,7 +124,7 @@ def fly(
         folder: The run folder.
         console: Where the progress is shown.
         processes: What to start here.
-        domain_of_its_own: Reserves a ROS domain for the mission (`simulation_domain`).
+        reserved_domain: Reserves a ROS domain for the mission (`simulation_domain`).
         start_s: As `conduct` takes it.
         report: Whether to make the figures and the report.
         live: Keeps the live view open after the mission's end; None: no live view.
@@ -135,13 +135,13 @@ def fly(
     interrupt = Interrupt()
     started = time.monotonic()
     try:
-        with domain_of_its_own as domain:
+        with reserved_domain as domain:
             environment = local_environment(project_folder(), domain) | {DIVE_VARIABLE: dive_on(domain) or ""}
             if live is not None:
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             _say(console, f"to watch from another terminal: export {watch}")
-            load = threading.Thread(target=load_judges, daemon=True)  # while the nodes leave a core idle
+            load = threading.Thread(target=preload_report, daemon=True)  # while the nodes leave a core idle
             phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
     except (MissionError, LaunchError, DomainError) as error:
         _complain(console, error)
@@ -154,10 +154,10 @@ def fly(
         _say(console, "interrupted: every process has ended; the recording is complete up to here")
     if not settings.record.folder or settings.sim.apart:  # separate vehicles make their own recordings
         return 130 if interrupt.came else 0
-    return _concluded(folder, settings, wall_s, phases, console, interrupt, report)
+    return _evaluated(folder, settings, wall_s, phases, console, interrupt, report)
 
 
-def _concluded(
+def _evaluated(
     folder: Path,
     settings: Settings,
     wall_s: float,
@@ -195,7 +195,7 @@ def print_parameters(console: Console) -> None:
         console.print(table)
 
 
-def load_judges() -> None:
+def preload_report() -> None:
     """Imports the libraries of the report in advance, which takes seconds; missing ones are reported when used."""
     with contextlib.suppress(ImportError):
         importlib.import_module("auv_lse_shore.report.report")

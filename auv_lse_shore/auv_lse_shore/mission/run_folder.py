@@ -38,7 +38,7 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
 
 
 @contextlib.contextmanager
-def begun(folder: Path) -> Iterator[None]:
+def removed_on_error(folder: Path) -> Iterator[None]:
     """A context for writing the first files of a run: if a file cannot be written, the folder is removed.
 
     Raises:

@@ -20,7 +20,7 @@ from auv_lse_common.process.domain import VEHICLE_DOMAINS, DomainError, note_run
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.mission.mission import fly, prepare, write_mission
 from auv_lse_shore.mission.options import add_mission_options
-from auv_lse_shore.mission.run_folder import begun, run_folder
+from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
 from auv_lse_sim.engine.processes import mission_processes
 
@@ -108,7 +108,7 @@ def _written(settings: Settings, folder: Path, options: argparse.Namespace) -> S
     """Writes the mission's files."""
     if options.apart:
         options.modem, options.vehicle_link = "emulated", "mavlink"
-    with begun(folder):
+    with removed_on_error(folder):
         settings = write_mission(settings, folder, options, record=not options.no_record)
         return _apart(settings, folder) if options.apart else settings
 

@@ -1,7 +1,7 @@
 """Estimates where the soundings of whole recordings were taken.
 
 Every vehicle of every dive has errors of its own. All dives share the ground, and the vehicles of a dive share ranges.
-A vehicle under way knows its mates by their packets only; here the mates' own recordings take their place.
+Under way, a vehicle has only its mates' packets. Here their own recordings replace these.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 TERRAIN_STEPS = 8
 #: A received sample is a mate's sounding within this distance (m): a packet rounds numbers to 32 bits.
 SAME_PLACE_M = 0.05
-#: Share of common soundings from which on two recordings are the same one.
+#: Two recordings with more than this share of common soundings count as one.
 SAME_RECORDING = 0.1
 
 

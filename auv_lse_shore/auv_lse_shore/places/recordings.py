@@ -1,4 +1,4 @@
-"""What recordings contribute to the estimate of where soundings were taken: tracks, fixes, ranges, soundings."""
+"""The content of recordings from which sounding positions are estimated: tracks, fixes, ranges, soundings."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MAX_SEGMENTS = 1200
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What was recorded of one vehicle in one run.
+    """The recording of one vehicle in one run.
 
     Attributes:
         run: Number of the run, from 0.
         dive: Number of the dive, from 0.
-        data: What was recorded.
+        data: Its content.
     """
 
     run: int
@@ -105,7 +105,7 @@ def segments_of(recordings: Sequence[Recording]) -> TrackSegments:
 
 @dataclass(slots=True)
 class TeamMeasurements:
-    """What all vehicles measured, recorded or heard, by their keys.
+    """The measurements of all vehicles, by key.
 
     Attributes:
         tracks: Raw track of each vehicle.
@@ -121,7 +121,7 @@ class TeamMeasurements:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], config: PlacesConfig) -> TeamMeasurements:
-        """The measurements of recordings; a mate's own recording stands in for what others heard of it."""
+        """The measurements of recordings; a mate's own recording replaces what others received from it."""
         found, recorded = cls(), {r.key: r.data for r in recordings}
         for recording in recordings:
             smoother, dive = _replayed(recording.data, config), recording.key - recording.data.vehicle
@@ -148,7 +148,7 @@ def _depth_at(vehicle: VehicleRun, stamp_s: float) -> float:
 
 
 def _replayed(vehicle: VehicleRun, config: PlacesConfig) -> PositionSmoother:
-    """A smoother that has received everything that a vehicle measured and heard."""
+    """A smoother with all measurements and receptions of a vehicle."""
     smoother = PositionSmoother(vehicle.vehicle, config)
     for stamp, north, east, heading, depth in vehicle.dead_reckoning.tolist():
         smoother.add_dead_reckoning(

@@ -1,8 +1,8 @@
-"""What the nodes of each vehicle were given and what they decided, by a recording.
+"""Reads the inputs and decisions of each vehicle's nodes from a recording.
 
-In lockstep a node took in each tick what the messages' own stamps say, so that the recording settles everything. In a
-paced mission or at sea each decision tells what its planner had taken; what a map had is known only to about 0.1 s,
-from the times at which the recorder heard the messages.
+In lockstep the stamps of the messages determine a node's inputs in each tick. In a paced mission or at sea each
+decision reports its planner's inputs. A map's inputs are known only to about 0.1 s, from the recorder's reception
+times.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class RecordedDecision:
         leg: The leg decided; None if no waypoint was recorded.
         jbar: Value of the plan; NaN if it was not recorded.
         deadline_hit: Whether the deadline ended the search, so that it cannot be repeated.
-        taken: What the planner had been given until then; None if it was not recorded.
+        taken: Inputs of the planner up to then; None if not recorded.
     """
 
     now_s: float
@@ -71,7 +71,7 @@ class RecordedDecision:
 
 @dataclass(slots=True)
 class VehicleInputs:
-    """One vehicle's inputs and outputs; each input comes with the time at which the node had it (s).
+    """One vehicle's inputs and outputs; each input has the time (s) at which the node received it.
 
     Attributes:
         vehicle: Its number.
@@ -104,11 +104,11 @@ class VehicleInputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedInputs:
-    """Everything that is needed to compute a mission's decisions again.
+    """The inputs from which a mission's decisions can be recomputed.
 
     Attributes:
         parameters: The mission file as flown.
-        software: Version of the software that recorded it; "" if the recording does not say.
+        software: Version of the software that recorded it; "" if not recorded.
         lockstep: Whether time waited for the nodes.
         vehicles: Each vehicle's inputs, by number.
     """
@@ -127,7 +127,7 @@ class Pending(Generic[T]):
     """
 
     def __init__(self, entries: Sequence[tuple[float, T]]) -> None:
-        """Args: entries: inputs, each with the time at which the node had it (s)."""
+        """Args: entries: inputs, each with the time (s) at which the node received it."""
         self._entries = entries
         self.taken = 0
 
@@ -160,9 +160,9 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
     with Recording(recording_in(path)) as recording:
         software = recording.text(SOFTWARE) or ""
         for recorded in recording.values(_TOPICS):
-            there_s = recorded.stamp_s if lockstep else recorded.log_ns * 1e-9
+            received_s = recorded.stamp_s if lockstep else recorded.log_ns * 1e-9
             vehicle = gathered.setdefault(recorded.vehicle, _Gathered(recorded.vehicle))
-            vehicle.take(recorded.topic.name, recorded.stamp_s, there_s, recorded.value)
+            vehicle.take(recorded.topic.name, recorded.stamp_s, received_s, recorded.value)
         for _, log_ns, message in recording.messages({_PARAMETER_EVENTS}):
             node = re.fullmatch(r"/[^/]*?(\d+)/planner_node", message.node)
             if node is not None:
@@ -193,17 +193,17 @@ class _Gathered:
             "team/plans": found.plans,
         }
 
-    def tune(self, there_s: float, changed: dict[str, Any]) -> None:
-        """Parameters changed by hand while the node ran."""
+    def tune(self, received_s: float, changed: dict[str, Any]) -> None:
+        """Takes parameters changed by hand while the node ran."""
         if changed:
-            self._found.tuned.append((there_s, changed))
+            self._found.tuned.append((received_s, changed))
 
-    def take(self, name: str, stamp_s: float, there_s: float, value: Any) -> None:
-        """A value of the vehicle's topic `name`, which the node had at `there_s` (s)."""
+    def take(self, name: str, stamp_s: float, received_s: float, value: Any) -> None:
+        """Takes a value of the vehicle's topic `name`, received at `received_s` (s)."""
         match name:
             case "modem/rx":
                 if not value.ping:
-                    self._found.packets.append((there_s, value))
+                    self._found.packets.append((received_s, value))
             case "kernel_centers":
                 self._found.centers.append((stamp_s, value))
             case "field":
@@ -215,19 +215,21 @@ class _Gathered:
             case "planner/bound":
                 self._bounds[stamp_s] = value
             case _:
-                self._inputs[name].append((there_s, value))
+                self._inputs[name].append((received_s, value))
 
-    def _there(self, there_s: float, entry: DeadReckoning | Fix | MateNavigation) -> float:
-        """When the node had an entry (s): a mate's is stamped at the start of a reception, and there at its end."""
-        if not isinstance(entry, MateNavigation) or there_s != entry.stamp_s:
-            return there_s
-        ends = [end_s for end_s, plan in self._found.plans if plan.vehicle == entry.source and end_s >= there_s - 0.1]
-        return min(ends, default=there_s)
+    def _reception_s(self, received_s: float, entry: DeadReckoning | Fix | MateNavigation) -> float:
+        """When the node received an entry (s); a mate's entry is stamped at the start of its reception."""
+        if not isinstance(entry, MateNavigation) or received_s != entry.stamp_s:
+            return received_s
+        ends = [
+            end_s for end_s, plan in self._found.plans if plan.vehicle == entry.source and end_s >= received_s - 0.1
+        ]
+        return min(ends, default=received_s)
 
     def inputs(self) -> VehicleInputs:
-        """What was gathered, each in order of time."""
+        """The values, each kind in order of time."""
         found = self._found
-        found.navigation = [(self._there(there_s, entry), entry) for there_s, entry in found.navigation]
+        found.navigation = [(self._reception_s(received_s, entry), entry) for received_s, entry in found.navigation]
         entries: list[Any]
         for entries in (
             found.navigation, found.odometry, found.corrected, found.soundings, found.samples, found.plans,
@@ -251,7 +253,7 @@ class _Gathered:
 
 
 def _taken(bound: BoundReport | None) -> InputsUsed | None:
-    """What a planner had taken, by its bound; None where it is not reported (older recordings, the fleet engine)."""
+    """A planner's inputs as its bound reports them; None if not reported (older recordings, the fleet engine)."""
     if bound is None or not (bound.odometry_taken or bound.map_revision or bound.plans_heard):
         return None
     return InputsUsed(map_revision=bound.map_revision, plans=bound.plans_heard, odometry_s=bound.odometry_taken)

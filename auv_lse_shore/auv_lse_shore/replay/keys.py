@@ -26,7 +26,7 @@ class Keys:
         self._before: list[Any] = []
 
     def __enter__(self) -> Keys:
-        """Delivers keys at once and without echo; Ctrl-C stays an interrupt."""
+        """Reads keys at once and without echo; Ctrl-C still interrupts."""
         if self.available:
             import termios
             import tty

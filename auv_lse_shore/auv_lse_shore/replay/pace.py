@@ -11,7 +11,7 @@ from auv_lse_record.recording import RecordedTopic
 
 #: Topics that carry the mission's time.
 CLOCK = "/clock"
-#: The rate changes by this much at a key, as in `ros2 bag play`.
+#: The rate changes by this factor with each key press, as in `ros2 bag play`.
 RATE_STEP = 1.1
 
 
@@ -20,7 +20,7 @@ class Pace:
 
     Attributes:
         rate: Seconds of the recording per second of wall clock.
-        paused: Whether it stands still.
+        paused: Whether it is paused.
     """
 
     def __init__(self, start_ns: int, rate: float, wall_s: float, paused: bool = False) -> None:
@@ -41,16 +41,16 @@ class Pace:
         return max(0.0, (stamp_ns - self.now_ns(wall_s)) * 1e-9 / self.rate)
 
     def toggle(self, wall_s: float) -> None:
-        """Pauses, or goes on."""
+        """Pauses or resumes."""
         self._settle(wall_s)
         self.paused = not self.paused
 
     def step_to(self, stamp_ns: int, wall_s: float) -> None:
-        """In a pause: on to a message."""
+        """Jumps to a message during a pause."""
         self._at_ns, self._at_wall_s = max(self._at_ns, stamp_ns), wall_s
 
     def change_rate(self, factor: float, wall_s: float) -> None:
-        """Faster or slower from now on."""
+        """Multiplies the rate."""
         self._settle(wall_s)
         self.rate *= factor
 
@@ -60,12 +60,12 @@ class Pace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """Which topics are played.
+    """Topics to play, and topics left out.
 
     Attributes:
-        played: Those that are, in the recording's order.
-        commands: Those left out because vehicles and modems act on them.
-        unknown: Patterns that fit no topic.
+        played: Topics to play, in the recording's order.
+        commands: Topics left out because vehicles and modems act on them.
+        unknown: Patterns that match no topic.
     """
 
     played: tuple[RecordedTopic, ...]
@@ -103,6 +103,6 @@ def is_command(name: str) -> bool:
 
 
 def last_of_each(messages: Iterable[tuple[str, int, bytes]]) -> list[tuple[str, int, bytes]]:
-    """The last message of each topic: what late readers of latched topics get."""
+    """The last message of each topic, in order of time, for late readers of latched topics."""
     last = {message[0]: message for message in messages}
     return sorted(last.values(), key=lambda message: message[1])

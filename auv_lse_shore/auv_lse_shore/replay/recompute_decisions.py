@@ -44,7 +44,7 @@ class DecisionStep:
         turns_deg: Heading change of the leg.
         plans: The plan in words.
         values: Its value.
-        note: Why, or what else differs.
+        note: The reason, or what else differs.
         differs: Whether the decisions differ.
     """
 
@@ -57,7 +57,8 @@ class DecisionStep:
     note: str
     differs: bool
 
-    TITLES = ("vehicle", "step", "time (s)", "turn (deg)", "now", "plan", "now", "value", "now", "by", "note")
+    TITLES = ("vehicle", "step", "time (s)", "turn (deg)", "turn now (deg)", "plan", "plan now", "value", "value now",
+              "difference", "note")  # fmt: skip
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -76,11 +77,11 @@ def recompute_decisions(
     tolerance: float,
     show: Callable[[float], None],
 ) -> list[DecisionStep]:
-    """Compares every recorded decision with the one that today's planner makes of the same inputs.
+    """Compares every recorded decision with the one that the current planner makes from the same inputs.
 
     Args:
         inputs: The recorded inputs and decisions.
-        settings: Today's parameters.
+        settings: The current parameters.
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference of values that is ignored.
         show: Called with the share done, 0 to 1.
@@ -89,7 +90,7 @@ def recompute_decisions(
 
 
 class _Recomputer:
-    """One vehicle's planner, fed with its recorded inputs."""
+    """One vehicle's planner with its recorded inputs."""
 
     def __init__(self, inputs: VehicleInputs, settings: Settings, lockstep: bool, tolerance: float) -> None:
         number = inputs.vehicle
@@ -126,11 +127,11 @@ class _Recomputer:
     def _take(self, now_s: float, taken: InputsUsed | None) -> None:
         """Takes the inputs up to `now_s` (s), or those that the planner reported as `taken`."""
 
-        def is_due(there_s: float, value: Any) -> bool:
-            return there_s <= now_s + 1e-9
+        def is_due(received_s: float, value: Any) -> bool:
+            return received_s <= now_s + 1e-9
 
-        def is_stamped(there_s: float, value: DeadReckoning | Odometry) -> bool:
-            return is_due(there_s, value) if taken is None else value.stamp_s <= taken.odometry_s + 1e-9
+        def is_stamped(received_s: float, value: DeadReckoning | Odometry) -> bool:
+            return is_due(received_s, value) if taken is None else value.stamp_s <= taken.odometry_s + 1e-9
 
         for changed in self._tuned.take(is_due):
             self._tune(changed)
@@ -140,16 +141,16 @@ class _Recomputer:
             self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
         # Without lockstep: the first decision had an odometry, whenever the recorder received it.
         for odometry in self._odometry.take(
-            lambda there_s, o: is_stamped(there_s, o) or not (self._lockstep or self._odometry.taken)
+            lambda received_s, o: is_stamped(received_s, o) or not (self._lockstep or self._odometry.taken)
         ):
             entry = (odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
-            if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
+            if not self._lockstep:  # each odometry advances the vehicle, as in the node
                 self._planner.odometry(*entry)
             self._intake.set_odometry(*entry)
         if self._map is not None:
             self._take_map(self._map, now_s)
         for found in self._centers.take(
-            is_due if taken is None else lambda there_s, found: found.revision <= taken.map_revision
+            is_due if taken is None else lambda received_s, found: found.revision <= taken.map_revision
         ):
             centers = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
             self._intake.set_centers(centers, found.revision)
@@ -226,10 +227,10 @@ def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float,
     where = f"{settings.where} (auv{number})"
     intake = BridgeIntake(bridge_of(parameters, where, number, ReceiversRisk.from_parameters))
     found = []
-    for there_s, packet in inputs.packets:
+    for received_s, packet in inputs.packets:
         intake.add_packet(packet.stamp_s, packet.source, packet.payload)
         found += [
-            (there_s, PlanReport(stamp_s=heard.stamp_s, vehicle=heard.source, plan=heard.packet.plan))
+            (received_s, PlanReport(stamp_s=heard.stamp_s, vehicle=heard.source, plan=heard.packet.plan))
             for heard in intake.process()
         ]
     return found

@@ -51,7 +51,17 @@ class MapStep:
     note: str
     differs: bool
 
-    TITLES = ("vehicle", "time (s)", "centers", "now", "mean differs by (m)", "std by (m)", "risk by", "at (m)", "note")
+    TITLES = (
+        "vehicle",
+        "time (s)",
+        "centers",
+        "centers now",
+        "mean differs by (m)",
+        "std by (m)",
+        "risk by",
+        "at (m)",
+        "note",
+    )
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -63,15 +73,15 @@ class MapStep:
 
 
 class RecomputedMap:
-    """The map of one vehicle, brought forward in time."""
+    """The map of one vehicle, advanced in time."""
 
     def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool) -> None:
         """Starts with the prior.
 
         Args:
             inputs: The recorded inputs.
-            settings: Today's parameters.
-            places: Those of the correction of places.
+            settings: The current parameters.
+            places: Parameters of the position correction.
             lockstep: Whether the mission flew in lockstep.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
@@ -99,8 +109,8 @@ class RecomputedMap:
     def _take(self, until_s: float) -> None:
         """One step of the node, with the inputs up to `until_s` (s)."""
 
-        def is_due(there_s: float, value: object) -> bool:
-            return there_s <= until_s + 1e-9
+        def is_due(received_s: float, value: object) -> bool:
+            return received_s <= until_s + 1e-9
 
         for entry in self._navigation.take(is_due):
             match entry:
@@ -129,8 +139,8 @@ def recompute_map(
 
     Args:
         inputs: The recorded inputs and maps.
-        settings: Today's parameters.
-        places: Those of the correction of places.
+        settings: The current parameters.
+        places: Parameters of the position correction.
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference that is ignored, in addition to the rounding of the published float32.
         show: Called with the share done, 0 to 1.

@@ -1,4 +1,4 @@
-"""The report of a mission, made again from its recording."""
+"""Renews the report of a mission from its recording."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
 
 
 def _wall_s(folder: Path) -> float:
-    """The wall clock that the mission took, by the summary that the folder holds already; NaN if it holds none."""
+    """The mission's wall-clock time (s) from the folder's summary; NaN without one."""
     try:
         found: Mapping[str, Any] = json.loads((folder / "summary.json").read_text())
     except (OSError, ValueError):

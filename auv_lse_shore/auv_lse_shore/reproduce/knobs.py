@@ -10,7 +10,7 @@ class Knob:
     """A tunable parameter.
 
     Attributes:
-        name: Short name, of its picture too.
+        name: Short name, also of its picture.
         parameter: Its full name.
         values: A low value, about the default, a high value.
         unit: Unit, "" for none.

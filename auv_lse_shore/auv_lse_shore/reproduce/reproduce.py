@@ -17,7 +17,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
 from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.progress_display import duration
-from auv_lse_shore.campaign.runner import CampaignState, made_folder
+from auv_lse_shore.campaign.runner import CampaignState, make_folder
 from auv_lse_shore.reproduce.examples import examples
 from auv_lse_shore.reproduce.reproduce_page import write_page
 from auv_lse_shore.reproduce.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
         if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
             raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
-        made_folder(folder)
+        make_folder(folder)
         states: dict[str, CampaignState] = {}
         if options.page:
             flown = examples(study, folder, None)

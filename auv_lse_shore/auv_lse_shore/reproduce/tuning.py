@@ -47,8 +47,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
         prog="python -m auv_lse_shore.reproduce.tuning",
-        description="Flies small missions with little and much of each tunable parameter, and draws them for "
-        "docs/guide/tuning.md. About 6 minutes of one idle core.",
+        description="Simulates small missions with a low, a default and a high value of each tunable parameter, and "
+        "draws them for docs/guide/tuning.md. Takes about 6 minutes on one idle core.",
     )
     p.add_argument("--out", type=Path, default=Path("runs/tuning"), metavar="DIR", help="folder (default: runs/tuning)")
     p.add_argument("--seeds", type=int, default=3, metavar="N", help="lakes; the first is drawn (default: 3)")
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def row(knob: Knob, means: Sequence[Mapping[str, float]]) -> str:
-    """One parameter's row of the table: its values, and what the missions came to with each."""
+    """One parameter's row of the table: its values, and the results with each."""
     loss = ", ".join(f"{m['loss']:.2f}" for m in means)
     error_m = ", ".join(f"{m['isobath_m']:.1f}" for m in means)
     return f"{heading(knob)} {loss} | {error_m} |"

@@ -38,7 +38,7 @@ def tuning_figure(knob: Knob, missions: Sequence[Evaluation], means: Sequence[Ma
         missions: One mission for each of its values.
         means: Figures of merit of each value, over all lakes.
     """
-    first, amounts = missions[0], ("little", "default", "much")
+    first, amounts = missions[0], ("low", "default", "high")
     panel_in = (WIDTH_IN - 1.4) / len(missions) * map_extent(first)[1] + 0.8
     figure = new_figure(WIDTH_IN, panel_in + 0.45 + legend_in(first, 5))
     axes = figure.subplots(1, len(missions), sharex=True, sharey=True)

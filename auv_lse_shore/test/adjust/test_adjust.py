@@ -189,7 +189,7 @@ def test_a_recording_that_is_given_twice_is_refused(synthetic_run):
         adjust([run, part])
 
 
-def test_the_script_writes_map_table_and_what_moved_and_does_so_again(synthetic_run, tmp_path, capsys):
+def test_the_command_writes_map_table_and_report_and_can_be_repeated(synthetic_run, tmp_path, capsys):
     run = dived(synthetic_run)
     folder = tmp_path / "a run"
     write_run(run, folder)
@@ -210,7 +210,7 @@ def test_the_script_writes_map_table_and_what_moved_and_does_so_again(synthetic_
     assert again == pytest.approx(adjust([run]).runs[0].vehicles[0].soundings.rows, abs=1e-5)
 
 
-def test_errors_of_the_script_name_the_thing(synthetic_run, tmp_path, capsys):
+def test_errors_of_the_command_name_the_cause(synthetic_run, tmp_path, capsys):
     assert main([str(tmp_path / "none")]) == 2
     assert "none" in capsys.readouterr().err
     run = synthetic_run(steps=4)

@@ -102,7 +102,7 @@ def test_the_campaigns_of_the_project_can_be_flown(path):
     assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
 
 
-def test_in_the_campaign_of_places_only_those_surface_that_say_so():
+def test_in_the_places_campaign_vehicles_surface_only_if_requested():
     path = Path(__file__).parents[3] / "config/campaigns/places.yaml"
     spec = CampaignSpec.load(path)
     for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():

@@ -144,7 +144,7 @@ def test_files_are_those_of_the_checked_computer(tmp_path: Path) -> None:
     assert error not in found(path, "error", "auv1")
 
 
-def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
+def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
     assert "packet.key_file: got '' with tag true" in found(write(tmp_path, packet={"tag": True}), "error")[0]
     assert "tdma.slot_s: got 3 s; expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
 
@@ -186,14 +186,14 @@ def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
         ({"sim": {"bathymetry": {"file": "/nowhere.csv"}}}, None, "error", "nowhere.csv"),
     ],
 )
-def test_what_it_finds(
+def test_each_mistake_is_reported(
     tmp_path: Path, sections: dict[str, Any], own: dict[str, Any] | None, level: str, words: str
 ) -> None:
     rows = found(write(tmp_path, own=own, **sections), level)
     assert any(re.search(words, row) for row in rows), rows
 
 
-def test_what_to_expect_of_the_papers_trial() -> None:
+def test_the_expectations_of_the_papers_trial() -> None:
     notes = found(ROOT / "config" / "missions" / "trial_3_augmented.yaml", "note")
     assert any("3 x 10 s = a cycle of 30 s" in note for note in notes)
     assert any("3 actions and 19 samples" in note for note in notes)
@@ -203,7 +203,7 @@ def test_what_to_expect_of_the_papers_trial() -> None:
     assert room_for_samples(plan) == 19
 
 
-def test_whether_this_machine_can_be_a_vehicle(tmp_path: Path) -> None:
+def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     port, key = tmp_path / "port", tmp_path / "key"
     port.write_text("")
     modem = {"kind": "micromodem", "port": str(port)}

@@ -274,7 +274,7 @@ def test_mutated_recordings_are_read_or_refused(recorded: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("gone", ["bag", "bag/metadata.yaml", "everything", "the folder"])
-def test_a_run_that_is_incomplete_is_refused(
+def test_an_incomplete_run_is_refused(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], gone: str
 ) -> None:
     run = tmp_path / "run"

@@ -104,7 +104,7 @@ def test_an_exported_depth_map_is_ground_for_another_mission(on_earth, ending, r
     np.testing.assert_allclose(depth[both], expected[both], atol=0.1)
 
 
-def test_the_isobath_lies_where_the_map_has_it(on_earth, local):
+def test_the_isobath_of_the_export_is_that_of_the_map(on_earth, local):
     for (folder, _, team), origin in ((on_earth, ORIGIN), (local, None)):
         features = json.loads((folder / "isobath.geojson").read_text())["features"]
         pieces = [f for f in features if f["properties"]["class"] in ("found", "likely", "guessed")]
@@ -239,7 +239,7 @@ def test_a_map_without_origin_leaves_no_projection_of_an_earlier_one(tmp_path, o
         assert (tmp_path / "depth.prj").exists() == there
 
 
-def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch, capsys):
+def test_a_missing_library_is_named_with_its_install_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(ExportError, match=r"fix: pip install rasterio"):
         rasterio()

@@ -103,7 +103,7 @@ def test_a_short_stretch_is_worth_no_more_than_what_is_beside_it():
     assert set(out[12:18]) == {1}
 
 
-def test_classes_are_as_sure_as_they_say():
+def test_the_classes_of_certainty_are_calibrated():
     """Lakes drawn from the prior, measured on a few lanes: what is found is within two standard deviations."""
     rng = np.random.default_rng(5)
     config = GpConfig(length_scale_m=60.0, noise_std_m=0.2)

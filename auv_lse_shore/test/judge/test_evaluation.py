@@ -109,7 +109,7 @@ def test_a_mission_without_truth_is_judged_by_its_own_maps(synthetic_run):
     assert s.distance_m[0] == pytest.approx(6 * 15.0 * np.pi / 2.0, rel=1e-2)
 
 
-def test_a_mission_that_never_began_is_judged_too(synthetic_run):
+def test_a_mission_without_decisions_is_evaluated(synthetic_run):
     run = synthetic_run(steps=1)
     run = RunData(parameters=run.parameters, vehicles=[VehicleRun(vehicle=1)], ground=run.ground)
     s = evaluate(run).summary

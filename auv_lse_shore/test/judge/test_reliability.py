@@ -22,7 +22,7 @@ def test_places_fall_into_their_classes():
     assert r.error == pytest.approx((0.995 + 0.01 + 0.11 + 0.01) / 7)
 
 
-def test_an_honest_map_has_no_error_and_a_bold_one_has():
+def test_a_calibrated_map_has_no_reliability_error_and_an_overconfident_one_has():
     rng = np.random.default_rng(1)
     p = rng.beta(0.3, 0.3, 200_000)
     honest = Reliability.of(p, rng.random(p.size) < p)

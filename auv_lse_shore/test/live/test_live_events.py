@@ -119,7 +119,7 @@ def test_a_tour_continues_the_actions_and_shows_its_waypoints(settings):
     assert len(told["line"]) == 2 * (1 + POINTS_PER_LEG * 8), "two actions, six legs of the tour"
 
 
-def test_what_says_nothing_new_makes_no_event(settings):
+def test_repetitions_make_no_event(settings):
     events = MissionEvents(settings)
     plan = ns(vehicle=1, step=0, heading_rad=0.0, north_m=50.0, east_m=60.0, actions=[5, 5], naive_path=0xF0)
     assert [e["kind"] for e in events.take("/auv1/plan", ns(header=header(0.0), **vars(plan)))] == ["plan"]
@@ -136,7 +136,7 @@ def test_what_says_nothing_new_makes_no_event(settings):
     assert events.take("/elsewhere", plan) == []
 
 
-def test_how_it_stands_with_a_mission_is_told_when_it_changes(settings):
+def test_the_state_of_a_mission_is_an_event_when_it_changes(settings):
     events = MissionEvents(settings)
 
     def state(revision, number, reason, *limits):
@@ -188,7 +188,7 @@ def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
     json.dumps(events, allow_nan=False)
 
 
-def test_a_growing_recording_gives_what_is_there_and_goes_on(run_folder, tmp_path):
+def test_a_growing_recording_is_read_as_it_grows(run_folder, tmp_path):
     whole, copy = run_folder / "bag" / "bag.mcap", tmp_path / "part" / "bag" / "bag.mcap"
     (tmp_path / "part").mkdir()
     (tmp_path / "part" / "mission.yaml").write_text((run_folder / "mission.yaml").read_text())
@@ -223,14 +223,14 @@ def test_the_mission_file_inside_a_recording_is_the_one_that_was_flown(run_folde
     assert Settings.from_patterns(patterns, where).mission.steps != 999
 
 
-def test_what_is_no_recording_is_named(tmp_path):
+def test_a_path_without_a_recording_is_named(tmp_path):
     text = tmp_path / "a.mcap"
     text.write_text("not a recording at all")
     with pytest.raises(RecordingError, match="expected an MCAP file"):
         list(RecordingFile(text).messages(frozenset()))
     empty = tmp_path / "b.mcap"
     empty.write_bytes(b"")
-    with pytest.raises(RecordingError, match="name it: --mission FILE"):
+    with pytest.raises(RecordingError, match="Name it: --mission FILE"):
         find_parameters(empty)
 
 

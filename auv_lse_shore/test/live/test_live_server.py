@@ -103,7 +103,7 @@ def test_text_of_a_mission_cannot_leave_its_element():
     assert "</script><script>alert" not in page
 
 
-def test_several_pages_get_every_event_and_one_that_comes_back_goes_on():
+def test_several_pages_get_every_event_and_a_reconnected_page_continues():
     async def collect(socket_, name, have):
         await socket_.write_message(json.dumps({"name": name, "have": have}))
         found, begins = [], []
@@ -145,7 +145,7 @@ def test_a_port_that_is_taken_is_named_with_its_option():
             LiveServer(Timeline(), port)
 
 
-def test_the_command_says_what_is_wrong(tmp_path, capsys):
+def test_the_command_reports_errors(tmp_path, capsys):
     assert main([str(tmp_path / "nowhere")]) == 2
     assert "nowhere: does not exist; expected a run folder" in capsys.readouterr().err
 
@@ -160,7 +160,7 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )
-def test_options_that_cannot_be_met_are_named(tmp_path, capsys, synthetic_run, arguments, expected):
+def test_impossible_options_are_named(tmp_path, capsys, synthetic_run, arguments, expected):
     write_run(synthetic_run(steps=1), tmp_path / "run")
     assert main([str(tmp_path / "run"), "--no-open", *arguments]) == 2
     assert expected in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
-from auv_lse_shore.mission.display import OF_THE_MAP, OF_THE_PATH, Display, MissionProgress, clock, reward_shown
+from auv_lse_shore.mission.display import MAP_REWARD, PATH_REWARD, Display, MissionProgress, clock, reward_shown
 
 
 def displayed(progress: MissionProgress, terminal: bool) -> str:
@@ -55,7 +55,7 @@ def test_the_papers_reward_adds_up_over_vehicles() -> None:
         steps_total=9,
         rewards={1: 10.0, 2: 5.25},
         bounds={1: 40.5, 2: 30.25},
-        reward=OF_THE_PATH,
+        reward=PATH_REWARD,
     )
     assert "path reward: so far 15, bound 71  " in progress.line
     assert "40.5" in displayed(progress, terminal=True)
@@ -73,7 +73,7 @@ def test_a_method_without_a_bound_shows_none_and_one_that_maximizes_neither_show
 
 @pytest.mark.parametrize(
     ("method", "shown"),
-    [("tour", OF_THE_MAP), ("fixed_tour", OF_THE_MAP), ("augmented", OF_THE_PATH), ("lawnmower", "")],
+    [("tour", MAP_REWARD), ("fixed_tour", MAP_REWARD), ("augmented", PATH_REWARD), ("lawnmower", "")],
 )
 def test_whose_reward_is_shown_follows_the_method(method: str, shown: str) -> None:
     assert reward_shown(PlannerConfig(method=method)) == shown

@@ -150,7 +150,7 @@ def test_topics_hz_and_bw(run: Run) -> None:
     assert re.search(r"B/s from \d+ messages\n\tMessage size mean: [\d.]+ K?B min: ", text)
 
 
-def test_a_message_of_before_does_not_count_in_a_rate(graph: Graph) -> None:
+def test_messages_from_before_a_time_jump_do_not_count_in_a_rate(graph: Graph) -> None:
     """A plan made minutes ago comes at once to a late reader: with the next one it made a rate of its own."""
     other, counted, read = rclpy.create_node("latched", namespace="/auv1"), [], []
     quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -173,7 +173,7 @@ def test_a_message_of_before_does_not_count_in_a_rate(graph: Graph) -> None:
         other.destroy_node()
 
 
-def test_topics_info_says_who_does_not_hear_whom(run: Run) -> None:
+def test_topics_info_reports_endpoints_with_incompatible_quality(run: Run) -> None:
     text = run("topics", "info", "/auv1/plan", "-v")
     assert text.startswith("Type: auv_lse_msgs/msg/Plan\n\nPublisher count: 1\n\nNode name: planner_node\n")
     assert "Endpoint type: PUBLISHER\n" in text

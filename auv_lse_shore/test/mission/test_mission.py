@@ -219,7 +219,7 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Pat
     assert read_run(folder).vehicles[0].decisions, "the recording is readable"
 
 
-def test_ctrl_c_before_the_first_tick_and_while_the_report_is_made_says_what_there_is(tmp_path: Path) -> None:
+def test_ctrl_c_before_the_first_tick_and_during_the_report_prints_what_was_recorded(tmp_path: Path) -> None:
     for folder, sign, last, there in (
         (tmp_path / "early", "to watch from another terminal", "interrupted before the first tick", False),
         (tmp_path / "late", None, "For its report: scripts/replay", True),

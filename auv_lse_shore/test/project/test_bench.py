@@ -273,7 +273,7 @@ def modules_in_pages():
 
 
 @pytest.mark.parametrize("name", modules_in_pages())
-def test_each_tells_what_it_does_and_refuses_what_it_does_not_know(name, capsys):
+def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys):
     main = importlib.import_module(name).main
     with pytest.raises(SystemExit) as ended:
         main(["--help"])

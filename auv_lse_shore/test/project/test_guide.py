@@ -123,7 +123,7 @@ def test_each_mission_file_is_valid(block: Block, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", GUIDE, ids=[page.stem for page in GUIDE])
-def test_a_page_first_says_who_needs_it(page: Path) -> None:
+def test_a_page_opens_with_its_readers(page: Path) -> None:
     title, first = page.read_text().split("\n\n")[:2]
     assert re.match(r"# \S", title)
     assert re.match(r"For [^:]+: [^.]+\.", first), first

@@ -220,7 +220,7 @@ def test_a_hostile_tour_is_decoded_as_it_is_and_not_sound(make: Any) -> None:
     assert not TOPICS["plan"].decode(hostile).plan.tour.is_sound
 
 
-def test_a_leg_with_numbers_that_are_none_is_refused(make: Any) -> None:
+def test_a_leg_with_numbers_that_are_not_finite_is_refused(make: Any) -> None:
     waypoint = VALUES["waypoint"]
     assert checked_leg(waypoint) == LEG
     assert not make(TOPICS["waypoint"], dataclasses.replace(waypoint, then=None)).last

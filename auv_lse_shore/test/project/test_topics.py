@@ -104,7 +104,7 @@ def test_the_end_of_a_phase_is_told_to_the_nodes_that_wait_for_it_and_to_no_othe
     assert set(VEHICLE_TOPICS["lockstep/modem"].readers) == {"gp_node", "safety_node", "planner_node"}
 
 
-def test_what_a_phase_waits_for_is_read_or_written_by_its_node() -> None:
+def test_each_phase_waits_for_topics_of_its_own_node() -> None:
     for name, topic in VEHICLE_TOPICS.items():
         for phase in topic.awaited_by:
             nodes = {node for entry in (*topic.readers, topic.writer) for node in entry.split("|")}

@@ -121,7 +121,7 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     assert any(row.differs for row in recompute_decisions(vehicle, settings, False, 1e-9, lambda share: None))
 
 
-def test_what_cannot_be_compared_is_said(flown: Path, tmp_path, capsys) -> None:
+def test_maps_that_cannot_be_compared_are_reported(flown: Path, tmp_path, capsys) -> None:
     assert main([str(flown), "--recompute", "gp"]) == 2
     assert "holds no maps (topic /auvN/field)" in capsys.readouterr().err, "the fleet engine publishes none"
     assert main([str(flown), "--recompute", "planner", "--set", "planner.horizn=5"]) == 2

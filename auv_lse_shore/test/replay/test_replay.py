@@ -99,7 +99,7 @@ def needs_ros() -> None:
         ),
     ],
 )
-def test_what_cannot_be_played_is_refused_with_words(
+def test_options_that_do_not_fit_the_recording_are_refused(
     tmp_path: Path, synthetic_run, capsys, arguments: list[str], expected: str
 ) -> None:
     if arguments != ["nowhere"]:  # that is seen before ROS is loaded

@@ -24,7 +24,7 @@ _PPS_EXTERNAL = 3 << 2
 
 
 class HostInterface:
-    """What an emulated modem shows its host: settings, clock and sentences.
+    """The host's side of an emulated modem: settings, clock and sentences.
 
     Attributes:
         settings: Values by name, as text.
@@ -115,7 +115,7 @@ class HostInterface:
     def set_clock(self, now_s: float, sentence: Sentence) -> None:
         """Answers `$CCTMS`: sets the clock."""
         text = sentence.fields[0] if sentence.fields else ""
-        # WHOI's acomms 3.1.1 ends the time in "ZZ", and real modems take it
+        # WHOI's acomms 3.1.1 ends the time in "ZZ", and real modems accept it
         wanted_s, _ = read_iso_time(text.rstrip("Z"), "time")
         at_edge = sentence.fields[1:2] == ("1",)  # the time holds from the next edge of the PPS on
         self.clock_error_s = wanted_s - (math.floor(now_s) + 1.0 if at_edge else now_s)

@@ -1,4 +1,4 @@
-"""An emulated modem's transmissions: from the host's cycle over its frames to the packet in the water."""
+"""An emulated modem's transmissions: the host's cycle, its frames, and the packet in the water."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class Transmitter:
         if self._host.settings["SNV"] != "0":
             if not self._host.pps:
                 if now_s - sending.asked_s >= SYNC_TIMEOUT_S:
-                    self._give_up(now_s, mode=2)
+                    self._drop(now_s, mode=2)
                 return
             start_s = math.ceil(sending.asked_s + self._host.clock_error_s - _EDGE_S) - self._host.clock_error_s
             if now_s < start_s - _EDGE_S:
@@ -172,10 +172,10 @@ class Transmitter:
         number = len(self._sending.frames) + 1
         time = self._host.clock_text(now_s)
         self._host.write(ErrorReport(time=time, module="DATA_TIMEOUT", number=number, detail=""))
-        self._give_up(now_s, mode=4)
+        self._drop(now_s, mode=4)
 
-    def _give_up(self, now_s: float, mode: int) -> None:
-        """Drops what was to be sent; `mode` says why (`NOT_SENT`)."""
+    def _drop(self, now_s: float, mode: int) -> None:
+        """Drops the packet; `mode` is the reason (`NOT_SENT`)."""
         sending, self._sending = self._sending, None
         assert sending is not None
         sending.start_s = now_s

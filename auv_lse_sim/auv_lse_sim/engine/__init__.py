@@ -1,1 +1,1 @@
-"""Flies missions: in one process (fleet) or as ROS 2 processes (mission)."""
+"""Runs missions: in one process (fleet), or with the vehicles' ROS 2 nodes (sim_node)."""

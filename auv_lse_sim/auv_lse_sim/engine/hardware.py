@@ -40,7 +40,7 @@ def hardware_of(
     if vehicle_link == "mavlink":
         for k, port in enumerate(_free_ports(vehicles), 1):
             wanted[f"auv{k}.link.kind"] = "mavlink"
-            wanted[f"auv{k}.link.soundings"] = False  # sim_node gives them
+            wanted[f"auv{k}.link.soundings"] = False  # sim_node publishes them
             wanted[f"auv{k}.link.endpoint"] = f"udpin://127.0.0.1:{port}"
     return wanted
 

@@ -8,14 +8,14 @@ Ideal vehicles run on rails: they are exactly where the leg says. Others are ste
     vehicle          rate' = (wanted - rate) / yaw_time, speed' = (wanted - speed) / speed_time,
                      place' = speed (cos h, sin h) + current
 
-A vehicle that surfaces stops where it is, climbs, stays up for fixes, dives, and goes on along its leg; the current
-carries it meanwhile.
+A vehicle that surfaces stops, climbs, stays up for fixes, dives, and continues along its leg. The current carries it
+meanwhile.
 
 (Fossen 2011, section 10.3: line-of-sight path following with a moving path reference; off = cross-track distance,
-positive to starboard.) Steering knows only the estimated state; the equations move the true one.
+positive to starboard.) Steering uses only the estimated state; the equations move the true one.
 
-Once a fix has come under way the filter runs twice, by the same instruments: with the fixes, which is what the vehicle
-steers by, and without any (the raw position). Until then both are the same, and only one is computed.
+After the first fix under way the filter runs twice with the same instruments: with the fixes, for steering, and without
+them (the raw position). Before it both are the same, and only one is computed.
 
 Written for numba like `navigation.py`: scalars and the records of `records.py`; all random numbers are drawn
 beforehand.
@@ -46,11 +46,11 @@ from auv_lse_sim.vehicle.records import Array, Draws, Filter, Model
 # -- surfacing
 NOT_SURFACING, TO_SURFACE, TO_DEPTH = 0.0, 1.0, 2.0
 
-#: Under way for less than this many time constants of its speed, a vehicle's velocity changes fast.
+#: A vehicle's velocity changes fast for this many time constants of its speed after it sets out.
 SETTING_OUT = 5.0
 #: Variance per second of the velocity while it does (m^2/s^3).
 SETTING_OUT_RATE = 0.3**2
-#: After this many refused DVL pings in a row the filter counts as wrong, and takes the next one.
+#: After this many rejected DVL pings in a row the filter accepts the next one: its velocity must be wrong.
 PATIENCE = 8.0
 
 # -- modes
@@ -198,10 +198,10 @@ def _keep_depth(m: Any, params: Any, normal: float) -> None:
 
 @compiled
 def _take_velocity(filter: Filter, surge: float, sway: float, variance: float, refused: float) -> float:
-    """Updates a filter with a DVL velocity (m/s). Returns how many it has refused in a row, `refused` before this."""
+    """Updates a filter with a DVL velocity (m/s); returns the number of rejections in a row, `refused` before."""
     gate = GATE
     if refused >= PATIENCE:
-        # Outliers do not come in rows: the velocity has changed as the filter did not expect.
+        # Outliers are isolated, so the velocity must have changed in a way that the filter does not model.
         gate = 1e9
         filter.p[SURGE, SURGE] += 1.0
         filter.p[SWAY, SWAY] += 1.0
@@ -343,7 +343,7 @@ def _can_ping(m: Any, params: Any, uniforms: Any) -> bool:
 
 @compiled
 def _write(model: Model, ping: bool, row: Any) -> None:
-    """Writes what a sub-step leaves to a record `RESULT`."""
+    """Writes the result of a sub-step to a record `RESULT`."""
     m, x = model.state, model.estimate.x
     raw = model.raw.x if m.raw_differs > 0.0 else x
     row.north, row.east, row.heading, row.depth = m.north, m.east, m.heading, m.depth

@@ -15,7 +15,7 @@ A compass reads HEADING + COMPASS_BIAS + COMPASS_SIN sin h + COMPASS_COS cos h: 
 field by an angle that depends on the heading. In turns the gyro makes these two observable, but not the bias.
 
 If the velocity over ground were a state instead, DVL measurements (1 + scale) * velocity would be products of two
-states. The filter would then seem to learn the scale from them, which only fixes can provide, and be overconfident.
+states. The filter would then wrongly estimate the scale from them, which only fixes can provide, and be overconfident.
 
 The state is at the same time the nominal state and, by its covariance, the error state: after each scalar
 measurement the error's estimate is put into the nominal state and starts from 0 again (Groves 2013, sections 14.2

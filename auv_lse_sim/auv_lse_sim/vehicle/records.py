@@ -45,7 +45,7 @@ STATE = _record(
     "compass_cos",
     "surface_age",  # seconds since the last surfacing ended
     "travelled",  # m over ground
-    "under_way",  # seconds since it set out, stopped or went on
+    "under_way",  # seconds since it set out, stopped or resumed
     "refused",  # DVL pings that the filter refused in a row
     "refused_raw",  # the same for the filter without fixes
     "surfacing",  # NOT_SURFACING, TO_SURFACE or TO_DEPTH
@@ -66,7 +66,7 @@ STATE = _record(
     "fix_step",  # sub-step, from 1, in which a fix was complete; 0: none
 )
 
-#: What the mission file sets (`motion_parameters`).
+#: Parameters from the mission file (`motion_parameters`).
 PARAMETERS = _record(
     "dt",
     "speed",  # true speed through the water when commanded
@@ -125,7 +125,7 @@ NORMALS = _record(
 #: Uniform numbers in [0, 1) of one sub-step.
 UNIFORMS = _record("dropout", "dropout_length", "lock_loss", "lock_loss_length", "outlier")
 
-#: What one sub-step leaves: truth, estimate, and the estimate without fixes under way ("raw").
+#: Result of one sub-step: truth, estimate, and the estimate without fixes under way ("raw").
 RESULT = _record(
     "north",
     "east",
@@ -152,7 +152,7 @@ class Filter(NamedTuple):
 
 
 class Model(NamedTuple):
-    """All that a vehicle's motion model works on.
+    """State, filters and parameters of a vehicle's motion model.
 
     Attributes:
         state: Record `STATE`, changed in place.

@@ -101,7 +101,7 @@ class Sub:
             self.say(mavlink.MAVLink_attitude_message(1000, 0, 0, 0.0, 0, 0, 0))
 
 
-def test_what_is_missing_is_named() -> None:
+def test_a_missing_package_is_named() -> None:
     sub = Sub()
     sub.listen(5)
     sub.answer({"FS_PILOT_INPUT": 2.0, "RNGFND1_ORIENT": 25.0, "SYSID_MYGCS": 255.0})
@@ -122,7 +122,7 @@ def test_what_is_missing_is_named() -> None:
     assert sub.check.findings()[-1].text == "flight: the autopilot is not armed"
 
 
-def test_an_autopilot_that_is_not_there_is_said_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_autopilot_is_reported_with_those_present(capsys: pytest.CaptureFixture[str]) -> None:
     sub = Sub()
     sub.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     sub.listen(2)

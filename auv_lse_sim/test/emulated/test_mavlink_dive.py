@@ -218,7 +218,7 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     assert raw == pytest.approx(dive.raw[up[0]], abs=1.0), "as the simulated vehicle's own"
 
 
-def test_gps_tells_of_no_fix_under_water():
+def test_gps_reports_no_fix_under_water():
     dive = Dive("position_target")
     seen = []
     reader = mavlink.MAVLink(None)

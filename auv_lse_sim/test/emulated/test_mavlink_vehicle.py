@@ -174,7 +174,7 @@ def test_a_hundred_legs_through_the_link_are_the_planners_legs(mode):
     assert len(sea.of(AutopilotEstimate)) == 101
 
 
-def test_a_path_that_leads_back_to_where_it_was_is_flown():
+def test_a_path_that_returns_to_an_earlier_place_is_travelled():
     """Four quarter turns: their last end is where they began, and the vehicle goes round once more."""
     sea = Sea()
     sea.tick()

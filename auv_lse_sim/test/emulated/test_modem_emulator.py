@@ -172,7 +172,7 @@ def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
         (Sentence("CCTXD", ("1", "0", "0", "ABC")).encode(), b"hexadecimal"),
     ],
 )
-def test_commands_that_are_wrong_are_refused_in_words(command, words):
+def test_wrong_commands_are_refused(command, words):
     modem = ModemEmulator(pytest.fail)
     modem.receive(NOW_S, command)
     said = modem.outgoing()

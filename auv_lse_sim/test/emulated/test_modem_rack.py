@@ -182,7 +182,7 @@ class EndlessPort:
         pass
 
 
-def test_a_host_that_never_stops_writing_holds_nobody_up():
+def test_a_host_that_never_stops_writing_blocks_no_other_modem():
     rack = ModemRack({1: EndlessPort(), 2: EndlessPort()}, lambda vehicle, packet: None, NOW_S)
     assert rack.serve(NOW_S) > 0
     assert [rack._ports[v].reads for v in (1, 2)] == [1, 1]

@@ -118,7 +118,7 @@ def test_twenty_vehicles():
     assert len({s.source for s in run.sent}) >= 4
 
 
-def test_mission_that_cannot_end_is_given_up(monkeypatch):
+def test_a_mission_that_cannot_end_is_stopped(monkeypatch):
     f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "planner.iterations": 5})
     monkeypatch.setattr(f.cores[0].planner, "due", lambda now_s: False)
     run = f.run()

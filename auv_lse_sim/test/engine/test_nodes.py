@@ -200,7 +200,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         assert "only at the start" in set_parameter(b, "/auv1/modem_node", "mission.steps", 5).reason
 
 
-def test_planner_node_plans_says_so_when_odometry_stops_and_goes_on_when_started_again(
+def test_planner_node_plans_reports_missing_odometry_and_resumes_after_a_restart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "journal"))

@@ -97,7 +97,7 @@ def test_the_mission_ends_when_every_planner_is_finished() -> None:
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
 
 
-def test_what_cannot_be_sent_is_reported_once() -> None:
+def test_an_item_that_cannot_be_sent_is_reported_once() -> None:
     sim = simulation()
     sim.advance()
     sim.take_packet(1, 1.0, PAYLOAD)

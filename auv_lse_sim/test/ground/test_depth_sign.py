@@ -97,6 +97,6 @@ def test_marks_for_no_data_are_unknown(tmp_path, ending, mark):
     assert f"; {41 * 21} nodes of {mark:g} taken as unknown" in ground.describe()
 
 
-def test_the_water_level_left_out_is_not_in_a_mission_file():
+def test_a_water_level_that_is_not_set_is_not_written_to_the_mission_file():
     """Campaigns name their missions by their parameters: those of a default mission are what they were."""
     assert set(to_mapping(BathymetryConfig())) == {"file", "resolution_m", "max_gap_m", "smoothing_m", "depth_sign"}

@@ -132,12 +132,12 @@ def test_deeper_vehicles_need_deeper_water():
         (lambda n, e: np.where(np.hypot(n - 250.0, e - 250.0) < 30.0, 20.0, 2.0), "turning circle"),
     ],
 )
-def test_nowhere_to_go_is_an_error(function, match):
+def test_an_area_without_navigable_water_is_an_error(function, match):
     with pytest.raises(GroundError, match=match):
         fit_to_ground(settings(), ground(function))
 
 
-def test_no_isobath_in_the_area_is_said():
+def test_an_area_without_the_isobath_is_reported():
     def said(function, **overrides):
         return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("level:")]
 
@@ -151,7 +151,7 @@ def test_no_isobath_in_the_area_is_said():
     assert "all of it is deeper (25.0 to 25.0 m)" in note
 
 
-def test_a_bottom_out_of_reach_is_said():
+def test_a_bottom_beyond_the_dvls_range_is_reported():
     def said(function, **overrides):
         return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("dvl:")]
 

@@ -142,7 +142,7 @@ def test_gps_moves_the_place_and_learns_the_scale():
     assert math.sqrt(p[7, 7]) < 3e-4
 
 
-def test_dvl_does_not_teach_its_own_scale():
+def test_the_dvl_does_not_estimate_its_own_scale():
     x, p = np.zeros(10), np.zeros((10, 10))
     p[7, 7] = 0.003**2
     rng = np.random.default_rng(0)

@@ -56,7 +56,7 @@ _LEVELS = ("ok", "warning", "error", "stale")
 
 def topics_of(vehicles: int) -> list[str]:
     """Full names of all topics that the page shows."""
-    rows = [topic for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items() if name in MissionEvents.TAKERS]
+    rows = [topic for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items() if name in MissionEvents.HANDLERS]
     names = {full_name(row, k) for row in (*rows, TRUTH_TOPIC) for k in range(1, vehicles + 1)}
     return sorted(names)
 
@@ -69,7 +69,7 @@ class MissionEvents:
     """
 
     def __init__(self, settings: Settings) -> None:
-        """Takes the mission file, from which plans are followed and maps are scaled."""
+        """Takes the mission file."""
         self._settings = settings
         self._area = OperatingArea(settings.area)
         self._scales = scales_of(settings.level_set.level_m, settings.level_set.largest_risk)
@@ -84,14 +84,14 @@ class MissionEvents:
         self.last_s: dict[str, float] = {}
 
     def take(self, topic: str, message: Any) -> list[Event]:
-        """The events of a message; none for one that says nothing new, or of another topic."""
+        """The events of a message; none for a repetition or another topic."""
         found = find_topic(topic)
-        if found is None or found.topic.name not in self.TAKERS or found.vehicle > self._settings.mission.vehicles:
+        if found is None or found.topic.name not in self.HANDLERS or found.vehicle > self._settings.mission.vehicles:
             return []
         stamp_s = seconds(message.header.stamp)
         self.last_s[topic] = stamp_s
         assert found.topic.decode is not None
-        return self.TAKERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
+        return self.HANDLERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
 
     def _is_due(self, key: str, stamp_s: float, period_s: float) -> bool:
         """Whether the last event of `key` is at least `period_s` of mission time away."""
@@ -287,7 +287,7 @@ class MissionEvents:
         return events
 
     def _run(self, vehicle: int, stamp_s: float, report: RunReport) -> list[Event]:
-        """How it stands with a vehicle's mission; safety_node says it again every second."""
+        """The state of a vehicle's mission; safety_node's repetitions are dropped."""
         event: Event = {
             "kind": "run",
             "vehicle": vehicle,
@@ -320,8 +320,8 @@ class MissionEvents:
         }
         return [event]
 
-    #: The topics that the page is made from, by their name in the table, and what makes events of their values.
-    TAKERS: ClassVar[dict[str, Callable[[Any, int, float, Any], list[Event]]]] = {
+    #: Handler of each topic that the page shows, by the topic's name in the table.
+    HANDLERS: ClassVar[dict[str, Callable[[Any, int, float, Any], list[Event]]]] = {
         "odometry": _pose,
         "truth/odometry": _truth,
         "sounding": _sounding,

@@ -16,7 +16,7 @@ Bytes = NDArray[np.uint8]
 #: The byte of a cell outside of the operating area.
 OUTSIDE = 255
 #: Maximum number of cells of a map on the page; larger maps are thinned.
-_MOST_CELLS = 40_000
+_MAX_CELLS = 40_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +56,7 @@ def scales_of(level_m: float, largest_risk: float) -> dict[str, Scale]:
 
 
 class LayerCoder:
-    """Codes the maps of one vehicle, one after another; a reader adds up the changes, modulo 256.
+    """Encodes the maps of one vehicle, one after another; a reader adds up the changes, modulo 256.
 
     After a change of size, coder and reader start again from zeros.
     """
@@ -84,6 +84,6 @@ class LayerCoder:
 def thinning(rows: int, columns: int) -> int:
     """The step with which rows and columns of a grid are sent to the page."""
     apart = 1
-    while (rows // apart) * (columns // apart) > _MOST_CELLS:
+    while (rows // apart) * (columns // apart) > _MAX_CELLS:
         apart += 1
     return apart

@@ -28,7 +28,7 @@ class OwnMap:
         self._stopped = False
 
     def stop(self) -> None:
-        """The vehicle tells its map itself."""
+        """Stops computing: the vehicle publishes its own map."""
         self._stopped = True
         self._waiting.clear()
 

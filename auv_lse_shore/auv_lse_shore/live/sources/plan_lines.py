@@ -27,7 +27,7 @@ class PlanLines:
     """Follows the plans of one vehicle."""
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
-        """Takes what a path follows from; the first plan compiles the inner loops if nothing has done so before."""
+        """Prepares the computation of paths; the first plan compiles the inner loops if needed."""
         self._motion = MotionTable(settings.motion)
         space = FreeSpace(area, self._motion, settings.area.raster_m)
         naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)

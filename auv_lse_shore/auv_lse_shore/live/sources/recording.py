@@ -25,7 +25,7 @@ class RecordingFile:
 
     Attributes:
         path: The file.
-        complete: True once its end has been read: nobody writes to it any more.
+        complete: True once its end has been read, so that nothing more will be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -57,7 +57,7 @@ class RecordingFile:
             raise RecordingError(f"{self.path}: damaged near byte {self._offset}: {error!r}") from error
 
     def _records(self, file: Any) -> Iterator[tuple[int, bytes]]:
-        """The records that are wholly there."""
+        """The complete records."""
         if self._offset == 0:
             start = file.read(len(_MAGIC))
             if not _MAGIC.startswith(start):
@@ -120,7 +120,7 @@ class WholeRecording:
     """Reads the messages of a complete recording: several files, or sqlite3.
 
     Attributes:
-        path: As `recording_in` gives it.
+        path: The path that `recording_in` returned.
         complete: True once it has been read.
     """
 
@@ -143,22 +143,24 @@ class WholeRecording:
 
 
 def open_recording(path: Path) -> RecordingFile | WholeRecording:
-    """The reader of what `recording_in` has found."""
+    """The reader for a path that `recording_in` returned."""
     return RecordingFile(path) if path.suffix == ".mcap" else WholeRecording(path)
 
 
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
-    """The mission file as flown and where it came from: inside of the recording, else beside it or above it.
+    """The flown mission file and its source: inside the recording, else beside it or above it.
 
     Raises:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
     """
-    with suppress(RecordingError):  # damaged: what can be read of it is shown by the file beside it
+    with suppress(RecordingError):  # a damaged recording is read with the mission file beside it
         for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
             where = f"{recording} ({MISSION_FILE})"
             return parse_parameters(str(message.data), where), where
     for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
             return read_parameter_file(path), str(path)
-    raise RecordingError(f"{recording}: no mission.yaml beside it or above it, and none in it; name it: --mission FILE")
+    raise RecordingError(
+        f"{recording}: got no mission file in it, beside it or above it; expected mission.yaml. Name it: --mission FILE"
+    )

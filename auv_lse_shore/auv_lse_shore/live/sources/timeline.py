@@ -1,4 +1,4 @@
-"""The events of a mission, in the order in which they became known."""
+"""The events of a mission, in order of arrival."""
 
 from __future__ import annotations
 

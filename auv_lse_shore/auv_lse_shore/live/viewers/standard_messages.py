@@ -189,7 +189,7 @@ class StandardMessages:
         source, vehicle = self._poses.get(event["source"]), self._poses.get(event["vehicle"])
         if source and vehicle:
             ends = [(p["north"], p["east"]) for p in (source, vehicle)]
-            name = f"heard from auv{event['source']}"
+            name = f"received from auv{event['source']}"
             yield self._flight(event["t"], name, event["vehicle"], event["source"], ends)
 
     def _flight(

@@ -1,8 +1,8 @@
-// Drawing on a canvas: lines on the map, lines that stand out from any ground, labels.
+// Helpers for drawing on a canvas: lines, outlined lines, labels.
 
 export const DM = 0.1; // lines come in decimetres
 
-// A canvas ready to be drawn on in CSS pixels, sharp on any screen.
+// Prepares a canvas for drawing in CSS pixels at the screen's resolution; returns its context.
 export function prepare(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1, wide = Math.round(width * ratio), high = Math.round(height * ratio);
   if (canvas.width !== wide || canvas.height !== high) {
@@ -29,7 +29,7 @@ export function stroke(c, p, line, color, width, dash = []) {
   c.setLineDash([]);
 }
 
-// Strokes the path twice: a casing, then the line, so that it stands out from any ground.
+// Strokes the path twice: a casing, then the line, so that it is visible on any background.
 export function strokeWithCasing(c, casing, wide, color, width) {
   c.strokeStyle = casing;
   c.lineWidth = wide;

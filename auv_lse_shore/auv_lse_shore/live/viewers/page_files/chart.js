@@ -57,7 +57,7 @@ export class Chart {
     return curves.map(({ name, points }) => ({ name, value: points[indexAfter(points, t) - 1]?.value ?? null }));
   }
 
-  // Draws the past of time t in full color and its future pale.
+  // Draws a curve in full color up to time t, and pale after it.
   line(c, x, y, t, points, steps, color, dash) {
     const past = indexAfter(points, t);
     for (const [alpha, list] of [[0.3, points.slice(Math.max(0, past - 1))], [1, points.slice(0, past)]]) {

@@ -1,4 +1,4 @@
-// Colors: of vehicles (Okabe and Ito's set, told apart by color-blind readers), of layers, of the theme.
+// Colors of vehicles (Okabe and Ito, distinguishable with color blindness), map layers and theme.
 
 const VEHICLES = ["#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#0072B2", "#F0E442", "#8C8C8C"];
 
@@ -6,8 +6,8 @@ export function vehicleColor(number) {
   return VEHICLES[(number - 1) % VEHICLES.length];
 }
 
-// Whether a vehicle has the color of another one: its track is drawn with a dashed core.
-export function colorAgain(number) {
+// Whether a vehicle shares its color with another one; its track then gets a dashed core.
+export function sharesColor(number) {
   return number > VEHICLES.length;
 }
 
@@ -30,7 +30,7 @@ function table(name) {
 
 const CIVIDIS = table("cividis"), VIRIDIS_R = table("viridis_r"), PUOR = table("PuOr");
 
-// What can be colored: words for the page, its key, its color table.
+// The map layers: name, key, label, title and color table.
 export const LAYERS = [
   { name: "risk", key: "r", label: "Risk", title: "Bayes risk (cost units)", colors: CIVIDIS },
   { name: "p_safe", key: "p", label: "P(safe)", title: "Probability that it is at least as deep as the isobath",
@@ -39,7 +39,7 @@ export const LAYERS = [
   { name: "std", key: "s", label: "Uncertainty", title: "Standard deviation of the depth (m)", colors: CIVIDIS },
 ];
 
-// The theme's colors as they are now; read once a change.
+// The current theme's colors.
 export function themeColors() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => style.getPropertyValue(name).trim();

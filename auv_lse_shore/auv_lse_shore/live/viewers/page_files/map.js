@@ -1,7 +1,7 @@
-// The map: what one vehicle knows, where all are, what they mean to do, and the packets on the way.
+// The map view: one vehicle's map, and the tracks, plans and packets of all vehicles.
 
 import { cross, DM, label, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
-import { colorAgain, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
+import { sharesColor, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
 import { number, tickDigits, ticks, tickStep } from "./format.js";
 import { packetsAt } from "./packets.js";
 import { OUTSIDE } from "./store.js";
@@ -18,7 +18,7 @@ export class MapView {
     this.shown = { band: true, plans: true, truth: false, samples: true, true_isobath: true };
     this.raster = { key: "" };
     this.pointers = new Map();
-    this.probe = null; // the place that the readout is about, in canvas pixels
+    this.probe = null; // place of the readout (canvas pixels)
     this.fit();
     this.listen();
   }
@@ -46,7 +46,7 @@ export class MapView {
     return { north: (north + south) / 2, east: (east + west) / 2, scale };
   }
 
-  // Canvas pixels of a place (north, east in metres) and back.
+  // Converts places (north, east in metres) to canvas pixels, and back.
   projection() {
     const { width, height } = this.size(), view = this.currentView();
     const x0 = (MARGIN.left + width - MARGIN.right) / 2, y0 = (MARGIN.top + height - MARGIN.bottom) / 2;
@@ -103,7 +103,7 @@ export class MapView {
     }, { passive: false });
   }
 
-  // The map's own keys; true if one was meant.
+  // Handles a key of the map; returns whether the key is one.
   key(event) {
     const step = 40, moves = { ArrowLeft: [step, 0], ArrowRight: [-step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] };
     if (moves[event.key] && document.activeElement === this.canvas) this.move(...moves[event.key]);
@@ -155,7 +155,7 @@ export class MapView {
     c.drawImage(this.raster.image, p.x(west), p.y(north), map.columns * map.cell * p.scale, map.rows * map.cell * p.scale);
   }
 
-  // The layer's colors, cell by cell, with a veil over the cells in which the isobath may be.
+  // Paints the layer's colors cell by cell, with a white tint where the isobath may be.
   paint(map) {
     const { rows, columns, layers } = map, bytes = layers[this.layer], image = new ImageData(columns, rows);
     const { name, colors } = LAYERS.find((l) => l.name === this.layer), level = this.store.facts.level_m;
@@ -231,7 +231,7 @@ export class MapView {
     };
     line(this.store.list("pose", vehicle), now);
     strokeWithCasing(c, "rgba(0, 0, 0, .7)", 4, color, 2.2);
-    if (colorAgain(vehicle)) {
+    if (sharesColor(vehicle)) {
       c.setLineDash([6, 6]);
       strokeWithCasing(c, "#ffffff", 1, "#ffffff", 1);
       c.setLineDash([]);
@@ -245,7 +245,7 @@ export class MapView {
     c.lineCap = "butt";
   }
 
-  // A plan from where the vehicle is: its own actions wide and pale, what continues them dashed.
+  // Draws the rest of a plan: its actions as a wide, pale line, their continuation dashed.
   drawPlan(c, p, vehicle, t) {
     const plan = this.store.at("plan", vehicle, t), bound = this.store.at("bound", vehicle, t);
     if (!plan || !plan.line.length) return;
@@ -272,7 +272,7 @@ export class MapView {
     c.lineCap = "butt";
   }
 
-  // The waypoints of a plan's tour that are still ahead: those behind the nearest one to where the tour goes on are gone.
+  // Draws the tour's waypoints that are still ahead, from the one nearest to the tour's next point on.
   drawWaypoints(c, p, plan, gonePoints, color) {
     const at = plan.own * this.store.facts.points_per_leg + gonePoints, north = plan.line[2 * at], east = plan.line[2 * at + 1];
     const away = (i) => Math.hypot(plan.waypoints[i] - north, plan.waypoints[i + 1] - east);
@@ -289,7 +289,7 @@ export class MapView {
     }
   }
 
-  // Packets in their slots: rings about the sender while it sends, lines to those who have heard, crosses where not.
+  // Draws packets: rings around the sender while it sends, a line to each receiver, a cross for a missed reception.
   drawPackets(c, p, t) {
     for (const packet of packetsAt(this.store, t, this.store.facts.tdma.slot_s)) {
       const from = this.store.pose(packet.vehicle, t), color = vehicleColor(packet.vehicle);
@@ -397,7 +397,7 @@ export class MapView {
     label(c, `${length} m`, x + long + 8, y - 3);
   }
 
-  // What is at the pointer, or at the middle if the map is used by keys.
+  // Describes the place under the pointer, or the center while the map has keyboard focus.
   describeProbe(c, p, map, width, height, theme) {
     const byKeys = this.canvas.matches(":focus-visible"), at = this.probe ?? (byKeys ? { x: width / 2, y: height / 2 } : null);
     if (!at) {
