@@ -93,15 +93,22 @@ class AutopilotCheck:
         problems: Problems that the link has reported.
     """
 
-    def __init__(self, config: LinkConfig, vehicle: int, mission: bool = False, key: bytes | None = None) -> None:
+    def __init__(
+        self,
+        config: LinkConfig,
+        vehicle: int,
+        mission: bool = False,
+        key: bytes | None = None,
+        nonce: int | None = None,
+    ) -> None:
         """Prepares the check; arguments as for `VehicleLink`, `mission`: uploads are used, in another flight mode."""
-        self.link = VehicleLink(config, vehicle, None, key=key)
+        self.link = VehicleLink(config, vehicle, None, key=key, nonce=nonce)
         self._mission = mission
         self.messages: Counter[str] = Counter()
         self.problems: list[str] = []
         self._config = config
         self._system = config.autopilot_system_id or vehicle
-        self._reader = MavlinkCodec(config.system_id, config.component_id, key)
+        self._reader = MavlinkCodec(config.system_id, config.component_id, key, nonce)
         self._others: Counter[int] = Counter()
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._origin = False

@@ -12,7 +12,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.mavlink.autopilot_check import AutopilotCheck, Finding
-from auv_lse_comms.packet.key import KeyFileError, read_key
+from auv_lse_comms.packet.key import KeyFileError, new_nonce, read_key
 from auv_lse_comms.transport import AddressError, Connection, open_transport, read_address
 
 _BAUD = 115200
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ParameterError, AddressError, KeyFileError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    check = AutopilotCheck(config, options.vehicle, options.mode == "mission", key)
+    check = AutopilotCheck(config, options.vehicle, options.mode == "mission", key, new_nonce())
     connection = Connection(lambda: open_transport(address, check.link.recognizes), 0.2, 1.0)
     try:
         return _print(_run(check, connection, options.seconds, options.legs))

@@ -13,7 +13,9 @@ def link_health(link: VehicleLink, port_problem: str) -> Health:
     values |= {f"wire {name}": count for name, count in link.wire.items()}
     report = link.report
     if not report.heard:
-        return Health(level=Level.ERROR, text=port_problem or "no autopilot heard", values=values)
+        unproven = "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
+        text = port_problem or ("no autopilot heard" if not link.wire["unproven"] else unproven)
+        return Health(level=Level.ERROR, text=text, values=values)
     found: list[tuple[Level, str]] = [(Level.OK, "armed" if link.armed else "not armed")]
     if not report.mode_obeys:
         found.append((Level.OK, f"mode {link.custom_mode}, expected one of {list(link.obeying_modes)} (link.modes)"))

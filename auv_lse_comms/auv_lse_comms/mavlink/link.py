@@ -87,6 +87,7 @@ class VehicleLink:
         origin: Origin | None,
         limits: TargetLimits | None = None,
         key: bytes | None = None,
+        nonce: int | None = None,
     ) -> None:
         """Starts in state DOWN.
 
@@ -96,6 +97,8 @@ class VehicleLink:
             origin: The mission's origin; None: local places only, no missions.
             limits: Limits of targets; None: any target passes.
             key: Key with which messages are signed, both ways; None: they are not signed.
+            nonce: With a key: a random number that the autopilot must repeat before it counts as heard, so that no
+                recorded message does (`wire.py`).
 
         Raises:
             ValueError: if missions are to be uploaded and there is no origin, or the key has a wrong length.
@@ -112,7 +115,7 @@ class VehicleLink:
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
-        self._codec = MavlinkCodec(config.system_id, config.component_id, key)
+        self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -181,6 +184,8 @@ class VehicleLink:
             self._beat_s = now_s
             kind = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
             self.send(mavlink.MAVLink_heartbeat_message(*kind, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
+            if not self._codec.proven(self._autopilot):
+                self.send(self._codec.challenge)
         if self.state is LinkState.UP and now_s - self._heard_s >= self._config.lost_after_s:
             self.state = LinkState.DOWN
             self.counts["lost"] += 1
@@ -331,9 +336,7 @@ class VehicleLink:
         if self._examined_bytes > EXAMINED_BYTES:
             self.counts["strangers_unread"] += 1
             return False
-        return self._autopilot in {
-            (m.get_srcSystem(), m.get_srcComponent()) for m in self._codec.would_decode(datagram)
-        }
+        return self._autopilot in self._codec.senders(datagram)
 
     # ------------------------------------------------------------------ messages
 

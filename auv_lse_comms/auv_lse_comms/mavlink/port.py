@@ -15,6 +15,7 @@ from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, P
 from auv_lse_comms.mavlink.messages.events import Event as LinkEvent
 from auv_lse_comms.mavlink.sounder import Sounder
 from auv_lse_comms.mavlink.targets import TargetLimits
+from auv_lse_comms.packet.key import new_nonce
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
 #: Default speed of a serial endpoint.
@@ -51,7 +52,7 @@ class AutopilotPort:
             ValueError: if `link.endpoint` is not an address; see also `VehicleLink`.
         """
         address = read_address(config.endpoint, BAUD)
-        self.link = VehicleLink(config, vehicle, origin, limits, key)
+        self.link = VehicleLink(config, vehicle, origin, limits, key, new_nonce())
         self.connection = Connection(
             lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
         )

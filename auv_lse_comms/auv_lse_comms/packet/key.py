@@ -18,6 +18,11 @@ class KeyFileError(ValueError):
     """A key file that cannot be used. Its message never contains the key."""
 
 
+def new_nonce() -> int:
+    """A random number, 1 to 2**63 - 1, that no recorded answer contains."""
+    return 1 + secrets.randbelow(2**63 - 1)
+
+
 def read_key(path: str | Path) -> bytes:
     """Reads the team's key.
 

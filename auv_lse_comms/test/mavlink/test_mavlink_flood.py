@@ -33,9 +33,10 @@ def position(mav, number=0):
     return mavlink.MAVLink_local_position_ned_message(5000 + number, number, 2.0, 3.0, 0.5, 0.0, 0.0).pack(mav)
 
 
-def autopilot_messages(key):
-    """An autopilot's datagrams without end: heartbeat, attitude, then positions."""
+def autopilot_messages(key, nonce):
+    """An autopilot's datagrams without end: the answer to TIMESYNC, heartbeat, attitude, then positions."""
     mav = speaker(key=key)
+    yield mavlink.MAVLink_timesync_message(1, nonce or 0).pack(mav)
     yield mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, mavlink.MAV_STATE_ACTIVE, 3).pack(mav)
     yield mavlink.MAVLink_attitude_message(5000, 0, 0, 0, 0, 0, 0).pack(mav)
     for number in itertools.count():
@@ -78,26 +79,26 @@ def flooded(flood, key, address=STRANGER):
     pilot = AutopilotPort(LinkConfig(kind="mavlink", endpoint="udpin://127.0.0.1:0"), 2, None, key=key)
     pilot.step(NOW_S, 0.0)
     pilot.transport.close()
-    pilot.transport._socket = EndlessSocket(flood, autopilot_messages(key), address)
+    pilot.transport._socket = EndlessSocket(flood, autopilot_messages(key, pilot.link._codec._mav.nonce), address)
     return pilot, pilot.transport._socket
 
 
 @pytest.fixture
 def parsed(monkeypatch):
     """Lengths of the data that were parsed: of the autopilot, and of strangers in order to recognize them."""
-    lengths = {"decode": 0, "would_decode": 0}
-    decode, would_decode = MavlinkCodec.decode, MavlinkCodec.would_decode
+    lengths = {"decode": 0, "senders": 0}
+    decode, senders = MavlinkCodec.decode, MavlinkCodec.senders
 
     def counted(codec, data):
         lengths["decode"] += len(data)
         return decode(codec, data)
 
     def examined(codec, data):
-        lengths["would_decode"] += len(data)
-        return would_decode(codec, data)
+        lengths["senders"] += len(data)
+        return senders(codec, data)
 
     monkeypatch.setattr(MavlinkCodec, "decode", counted)
-    monkeypatch.setattr(MavlinkCodec, "would_decode", examined)
+    monkeypatch.setattr(MavlinkCodec, "senders", examined)
     return lengths
 
 
@@ -114,24 +115,24 @@ def test_a_step_in_a_flood_is_bounded_and_handles_every_message_of_the_autopilot
         found = pilot.step(NOW_S + 0.05 * number, 0.05 * number)
         estimates += sum(isinstance(event, AutopilotEstimate) for event in found)
         assert 0 < sock.calls - calls <= MAX_DATAGRAMS
-        examined = parsed["would_decode"] - before["would_decode"]
+        examined = parsed["senders"] - before["senders"]
         assert examined <= EXAMINED_BYTES
         assert parsed["decode"] - before["decode"] - examined <= MAX_BYTES
     assert pilot.link.state is LinkState.UP
     assert sock.friendly > 10
-    assert estimates == sock.friendly - 2, "all but the heartbeat and the attitude"
+    assert estimates == sock.friendly - 3, "all but TIMESYNC, the heartbeat and the attitude"
     values = pilot.health().values
     assert values["strangers"] == sock.calls - sock.friendly
     assert values["port full_reads"] == 5
     if kind in ("garbage", "foreign", "foreign, signed"):
-        assert parsed["would_decode"] < 100, "only the autopilot's first datagram is parsed to recognize it"
+        assert parsed["senders"] < 100, "only the autopilot's first datagram is parsed to recognize it"
     else:
         assert 0 < values["strangers_unread"] <= values["strangers"]
 
 
 def test_when_the_autopilots_own_port_floods_the_oldest_datagrams_are_dropped(parsed):
     pilot, sock = flooded(position(speaker(system=77)) * 30, None, FRIEND)
-    for _ in range(2):  # heartbeat and attitude
+    for _ in range(3):  # TIMESYNC, heartbeat and attitude
         pilot.link.receive(NOW_S, next(sock.friend))
     for number in range(1, 4):
         calls, before = sock.calls, parsed["decode"]

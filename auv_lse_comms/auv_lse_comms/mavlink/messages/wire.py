@@ -2,6 +2,10 @@
 
 With a key every message is signed (https://mavlink.io/en/guide/message_signing.html). Received messages without a
 signature, with another key, or received before count as bad.
+
+A codec that has just started does not know what was received before, so recorded messages could be replayed to it. It
+therefore sends a nonce in a TIMESYNC request. A sender's messages count from its answer with that nonce on, which no
+recording contains. Nothing has to be remembered across restarts.
 """
 
 from __future__ import annotations
@@ -27,28 +31,82 @@ Message = Any
 _SIGNING_EPOCH_S, _SIGNING_PARTS = 1_420_070_400.0, 100_000
 #: Sizes of a key and of a signature in bytes.
 KEY_BYTES = 32
-_SIGNATURE_BYTES = 6
+_SIGNATURE_BYTES, _SIGNATURE_BLOCK_BYTES = 6, 13
+#: Where a MAVLink 2 message has its number and its payload, and TIMESYNC's payload the requester's time, `ts1`.
+_NUMBER, _PAYLOAD_FROM, _TS1 = slice(7, 10), 10, slice(8, 16)
 
 
 class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
-    """pymavlink's, except that a forged signature does not advance the time before which messages are refused."""
+    """pymavlink's with other rules for signatures.
+
+    A forged signature does not advance the time before which messages are refused. With a `nonce` a sender's first
+    message must be the answer to it, and a new stream of a known sender must be newer than all of its messages.
+
+    Attributes:
+        nonce: The nonce; None: new streams may be a minute old, as MAVLink prescribes.
+        claimed: Newest timestamps by sender of signed messages without an answer; None: they are refused.
+        unproven: Number of messages that were refused for lack of an answer.
+    """
+
+    nonce: int | None = None
+    claimed: dict[tuple[int, int], int] | None = None
+    unproven = 0
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
         made = hashlib.sha256(self.signing.secret_key + bytes(msgbuf[:-_SIGNATURE_BYTES])).digest()[:_SIGNATURE_BYTES]
         if not hmac.compare_digest(made, bytes(msgbuf[-_SIGNATURE_BYTES:])):
             return False
-        return bool(super().check_signature(msgbuf, srcSystem, srcComponent))
+        if self.nonce is None:
+            return bool(super().check_signature(msgbuf, srcSystem, srcComponent))
+        sender, link_id = (srcSystem, srcComponent), msgbuf[-_SIGNATURE_BLOCK_BYTES]
+        timestamp = int.from_bytes(msgbuf[-2 * _SIGNATURE_BYTES : -_SIGNATURE_BYTES], "little")
+        # the sender refuses older timestamps than those that it knows
+        self.signing.timestamp = max(self.signing.timestamp, timestamp)
+        newest = self.newest(sender)
+        if newest is None and not self._answers(msgbuf):
+            self.unproven += 1
+            return self._claims(sender, timestamp)
+        known = self.signing.stream_timestamps
+        if timestamp <= known.get((link_id, *sender), -1 if newest is None else newest):
+            return False
+        known[(link_id, *sender)] = timestamp
+        return True
+
+    def newest(self, sender: tuple[int, int]) -> int | None:
+        """Newest timestamp accepted of a sender; None: none was."""
+        return max((t for key, t in self.signing.stream_timestamps.items() if key[1:] == sender), default=None)
+
+    def _answers(self, msgbuf: bytearray) -> bool:
+        """Whether a message is TIMESYNC with the nonce."""
+        number = int.from_bytes(msgbuf[_NUMBER], "little")
+        payload = bytes(msgbuf[_PAYLOAD_FROM : _PAYLOAD_FROM + msgbuf[1]])
+        sent_at = payload[_TS1].ljust(8, b"\0")  # zeros at the end of a payload are not sent
+        return number == mavlink.MAVLINK_MSG_ID_TIMESYNC and int.from_bytes(sent_at, "little") == self.nonce
+
+    def _claims(self, sender: tuple[int, int], timestamp: int) -> bool:
+        if self.claimed is None or timestamp <= self.claimed.get(sender, -1):
+            return False
+        self.claimed[sender] = timestamp
+        return True
 
 
 class MavlinkCodec:
     """Encodes and decodes the messages of one endpoint.
 
     Attributes:
-        counts: "messages", "bad" (bytes that are not a message), "gaps" (messages lost, by the sequence numbers).
+        counts: "messages", "bad" (bytes that are not a message), "gaps" (messages lost, by the sequence numbers),
+            "unproven" (signed messages of senders that have not answered the nonce).
     """
 
-    def __init__(self, system_id: int, component_id: int, key: bytes | None = None) -> None:
-        """Writes as `system_id`, `component_id`; signs messages with the 32 bytes of `key`, if there is one.
+    def __init__(self, system_id: int, component_id: int, key: bytes | None = None, nonce: int | None = None) -> None:
+        """Writes as `system_id`, `component_id`.
+
+        Args:
+            system_id: MAVLink system id.
+            component_id: MAVLink component id.
+            key: 32 bytes to sign with; None: messages are not signed.
+            nonce: Random number, 1 to 2**63 - 1, that a sender must repeat before its messages count; None: they count
+                if they are at most a minute old.
 
         Raises:
             ValueError: if the key has another length.
@@ -59,6 +117,8 @@ class MavlinkCodec:
         self._mav = _Mavlink(None, srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True  # bad bytes come back as BAD_DATA, not as an exception
         self._mav.signing.secret_key, self._mav.signing.sign_outgoing = key, key is not None
+        self._mav.nonce = nonce if key is not None else None
+        self._claimed: dict[tuple[int, int], int] = {}
         self._next: dict[tuple[int, int], int] = {}
 
     def set_time(self, now_s: float) -> None:
@@ -66,12 +126,25 @@ class MavlinkCodec:
         signing = self._mav.signing
         signing.timestamp = max(signing.timestamp, int((now_s - _SIGNING_EPOCH_S) * _SIGNING_PARTS))
 
-    def would_decode(self, datagram: bytes) -> list[Message]:
-        """The messages that `decode` would accept from a single datagram; the codec's state does not change."""
-        other = MavlinkCodec(0, 0, self._mav.signing.secret_key)
+    def proven(self, sender: tuple[int, int]) -> bool:
+        """Whether a system and component has answered the nonce, or need not."""
+        return self._mav.nonce is None or self._mav.newest(sender) is not None
+
+    @property
+    def challenge(self) -> Message:
+        """The message that senders must answer."""
+        return mavlink.MAVLink_timesync_message(0, self._mav.nonce)
+
+    def senders(self, datagram: bytes) -> set[tuple[int, int]]:
+        """Systems and components whose messages in a single datagram `decode` would accept.
+
+        Also those that have not answered the nonce yet, but were signed later than all such messages before.
+        """
+        other = MavlinkCodec(0, 0, self._mav.signing.secret_key, self._mav.nonce)
         other._mav.signing.timestamp = self._mav.signing.timestamp
         other._mav.signing.stream_timestamps = dict(self._mav.signing.stream_timestamps)
-        return other.decode(datagram)
+        other._mav.claimed = self._claimed
+        return {(message.get_srcSystem(), message.get_srcComponent()) for message in other.decode(datagram)}
 
     def decode(self, data: bytes) -> list[Message]:
         """The messages in `data` and earlier incomplete data; bad bytes are counted and skipped."""
@@ -88,6 +161,7 @@ class MavlinkCodec:
             good.append(message)
         del self._mav.buf[: self._mav.buf_index]  # pymavlink frees it only when data end with a message
         self._mav.buf_index = 0
+        self.counts["unproven"] = self._mav.unproven
         return good
 
     def encode(self, message: Message) -> bytes:
