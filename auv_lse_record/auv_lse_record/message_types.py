@@ -52,6 +52,12 @@ def project_types() -> Any:
     return types_of({} if folder is None else definitions([folder], "auv_lse_msgs"))
 
 
+def frame_of(data: bytes) -> str:
+    """The frame in the header with which a serialized message begins (CDR); "" if it is too short."""
+    size = int.from_bytes(data[12:16], "little" if data[1:2] == b"\1" else "big")
+    return data[16 : 16 + size].rstrip(b"\0").decode(errors="replace")
+
+
 def make_message(store: Any, kind: str, fields: Mapping[str, Any]) -> Any:
     """A recorded message of a type; fields missing in `fields` are zero, false or empty.
 

@@ -17,12 +17,14 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.process.dive import dive_of, is_simulation, sender_of, vehicle_of
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class
-from auv_lse_common.topics.table import find_topic, recorded_topics
+from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_record.bag_writer import RecorderError
 from auv_lse_record.guard import GuardedWriter
+from auv_lse_record.message_types import frame_of
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.software import mission_text, version
@@ -100,12 +102,22 @@ class RecorderNode(BaseNode):
         return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
 
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
-        clock = self.get_clock()
+        clock, found = self.get_clock(), find_topic(topic)
+        with_dive = found is not None and found.topic.decode is not None
 
         def write(data: bytes) -> None:
-            self._bag.write(topic, clock.now().nanoseconds, data)
+            if not with_dive or not self._is_strangers(found, data):
+                self._bag.write(topic, clock.now().nanoseconds, data)
 
         return write
+
+    def _is_strangers(self, found: Found, data: bytes) -> bool:
+        """Whether a message is another dive's. Team mates in the same domain are recorded, too."""
+        sender = dive_of(frame_of(data))
+        vehicle, own_vehicle = f"auv{found.vehicle}", vehicle_of(self.dive)
+        if found.vehicle and own_vehicle not in ("", vehicle) and vehicle_of(sender) in ("", vehicle):
+            return is_simulation(sender)
+        return self.ignores(found.topic, sender)
 
     def _discover(self) -> None:
         """Records new topics; subscribes with best effort where a driver publishes that way."""
@@ -136,7 +148,9 @@ class RecorderNode(BaseNode):
             self.get_logger().error(self._bag.problem)
 
     def _on_tick(self, message: LockstepTick) -> None:
-        self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))
+        if self.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(message)):
+            return
+        self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick, dive=self.dive))
 
     def destroy_node(self) -> None:
         """Closes the recording, then ends the node."""

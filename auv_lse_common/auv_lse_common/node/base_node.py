@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import array
 import math
+import os
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,7 +18,10 @@ from rclpy.publisher import Publisher
 from auv_lse_common.mission_file.parameter_file import merge, nest
 from auv_lse_common.mission_file.parameters import describe, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.process.dive import own_dive
+from auv_lse_common.process.dive import Strangers, own_dive
+from auv_lse_common.process.heartbeat import Heartbeat
+from auv_lse_common.topics.table import Topic
+from auv_lse_common.vocabulary.health import NewProblems
 
 #: A clock that is never set back.
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -35,6 +40,7 @@ class BaseNode(Node):
         where: Origin of its parameters, for error messages.
         parameters: Its parameters, nested by section.
         dive: Id of the dive or simulation that it belongs to; "" if it was started by hand.
+        strangers: Messages of other dives that it has ignored.
         gather_s: How long (s) messages may gather before they are handled together, which costs less.
     """
 
@@ -44,6 +50,7 @@ class BaseNode(Node):
         """Reads the node's parameters; rejects unknown top-level sections."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.dive = own_dive()
+        self.strangers, self._new_strangers = Strangers(self.dive), NewProblems()
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
         own = {key: _plain(v) for key, v in flat.items()}
@@ -77,6 +84,25 @@ class BaseNode(Node):
     def recorded(self) -> int:
         """Number of recorders in this mission: 1 if `record.folder` is set, else 0."""
         return int(bool(self.parameters.get("record", {}).get("folder", "")))
+
+    def ignores(self, topic: Topic, sender: str) -> bool:
+        """Whether a message of a dive must be ignored; reports a dive that was not present before.
+
+        Args:
+            topic: The message's topic.
+            sender: Its id.
+        """
+        now_s = time.monotonic()
+        if not self.strangers.ignores(topic, sender, now_s):
+            return False
+        for text in self._new_strangers.of(self.strangers.problems(now_s)):
+            self.on_stranger(text)
+        return True
+
+    def on_stranger(self, text: str) -> None:
+        """Reports another dive on the log and on the terminal of the command that has started the node."""
+        self.get_logger().warning(text)
+        Heartbeat(os.environ).report(f"{self.get_fully_qualified_name()}: {text}")
 
     def now_s(self) -> float:
         """Time of the node's ROS clock (s)."""

@@ -9,6 +9,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.process.dive import DIVE_VARIABLE, dive_of
 from auv_lse_common.process.domain import temporary_environment
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
@@ -25,7 +26,7 @@ class SimStatusWatch:
         """Does not join a ROS domain yet.
 
         Args:
-            environment: Environment of the mission's nodes: ROS domain and discovery.
+            environment: Environment of the mission's nodes: ROS domain, discovery, id of the simulation.
         """
         self._environment = environment
         self._state: str | None = None
@@ -61,6 +62,8 @@ class SimStatusWatch:
 
     def _on_status(self, message: SimStatus) -> None:
         """Takes the end of a mission that this watch has seen waiting or running, not of an earlier one."""
+        if dive_of(message.header.frame_id) != self._environment.get(DIVE_VARIABLE, ""):
+            return
         self._begun = self._begun or message.state not in _ENDS
         if self._begun:
             self._state = _ENDS.get(message.state)

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile
+from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.records import HealthReport
@@ -70,6 +72,7 @@ class VehicleNode(BaseNode):
         self.journal, self.state = self._open_files()
         self._health = Health(level=Level.OK, text="started")  # published last
         self._storage_problem = ""  # published last
+        self._has_strangers = False  # published last
         self._readers: dict[Publisher, int] = {}
         self._only_recorded: list[Publisher] = []  # publishers that only the recorder reads
         self._handlers: dict[str, _Handler] = {}
@@ -125,21 +128,31 @@ class VehicleNode(BaseNode):
 
     def publish_health(self, now_s: float, health: Health, name: str = "") -> None:
         """Publishes the health of a device, `name`, or of this node and its files."""
+        if name and self._has_strangers:  # a driver reports its device's health alone
+            self.publish_health(now_s, Health(level=Level.OK, text="ok"))
         if not name:
             self._health, self._storage_problem = health, self._find_storage_problem()
-            name, health = self.get_fully_qualified_name(), self._with_storage(health)
+            name, health = self.get_fully_qualified_name(), self._with_problems(health)
         self._diagnostics.publish(
             HealthReport(stamp_s=now_s, name=name, level=health.level, text=health.text, values=health.values)
         )
 
+    def on_stranger(self, text: str) -> None:
+        """Reports another dive on the log, on the terminal and, with the node's last health, in the diagnostics."""
+        super().on_stranger(text)
+        self._has_strangers = True
+        self.publish_health(self.now_s(), self._health)
+
     def _find_storage_problem(self) -> str:
         return "; ".join(filter(None, (self.state.status, self.journal.stale, self.journal.problem)))
 
-    def _with_storage(self, health: Health) -> Health:
+    def _with_problems(self, health: Health) -> Health:
         values = {**health.values, "journal": self.journal.status} if self.journal.status else health.values
-        if not self._storage_problem:
+        strangers = self.strangers.problems(time.monotonic()).values()
+        self._has_strangers = bool(strangers)
+        found = "; ".join(filter(None, (self._storage_problem, *strangers)))
+        if not found:
             return dataclasses.replace(health, values=values)
-        found = self._storage_problem
         text = found if health.level is Level.OK else f"{health.text}; {found}"
         bad = self.state.status or self.journal.stale
         return Health(level=max(health.level, Level.ERROR if bad else Level.WARN), text=text, values=values)
@@ -162,7 +175,9 @@ class VehicleNode(BaseNode):
         self._readers[publisher] = readers + recorders
         if recorders and not readers:
             self._only_recorded.append(publisher)
-        return Outlet(publisher, topic, POST, lambda value: encoded(topic, value, self._vehicle))
+        return Outlet(
+            publisher, topic, POST, lambda value: tagged(encoded(topic, value, self._vehicle), topic, self.dive)
+        )
 
     def _possible_readers(self) -> list[str]:
         """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
@@ -179,7 +194,7 @@ class VehicleNode(BaseNode):
         Args:
             name: A key of `VEHICLE_TOPICS` that has this node among its readers.
             take: Takes the value of each message. In lockstep the message then counts as arrived. A message that
-                cannot be decoded is logged and counts as arrived, too.
+                cannot be decoded is logged and counts as arrived, too. One of another dive is ignored.
             raw: Whether `take` takes the messages themselves.
 
         Raises:
@@ -190,6 +205,8 @@ class VehicleNode(BaseNode):
         decode = None if raw else topic.decode
 
         def receive(message: Any) -> None:
+            if self.ignores(topic, sender_of(message)):
+                return
             try:
                 value = message if decode is None else decode(message)
             except ValueError as error:
@@ -247,7 +264,7 @@ class VehicleNode(BaseNode):
         self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
         for topic in VEHICLE_TOPICS.values():
             if topic.lockstep and self._role in topic.readers:
-                self._subscribe(topic, self._on_done)
+                self._subscribe(topic, partial(self._on_done, topic))
         self.when_matched(self._readers, self._on_matched)
 
     def now_s(self) -> float:
@@ -311,7 +328,7 @@ class VehicleNode(BaseNode):
             self._done.publish(self._done_message(tick, answer))
 
     def _done_message(self, tick: int, answer: Answer) -> LockstepDone:
-        fields = {"phase": answer.phase, "totals": answer.totals, "finished": answer.finished}
+        fields = {"phase": answer.phase, "totals": answer.totals, "finished": answer.finished, "dive": self.dive}
         return LockstepDone(vehicle=self.vehicle, tick=tick, **fields)
 
     def _answer(self) -> None:
@@ -346,11 +363,15 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_tick(self, message: LockstepTick) -> None:
+        if self.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(message)):
+            return
         counted = {row.name: getattr(message, row.tick_count) for row in VEHICLE_TOPICS.values() if row.tick_count}
         totals = {name: counts[self.vehicle - 1] for name, counts in counted.items()}
         self._ticks.begin(message.tick, seconds(message.stamp), totals)
         self.wake()
 
-    def _on_done(self, message: LockstepDone) -> None:
+    def _on_done(self, topic: Topic, message: LockstepDone) -> None:
+        if self.ignores(topic, sender_of(message)):
+            return
         self._ticks.done(message.phase, message.tick, message.totals)
         self.wake()

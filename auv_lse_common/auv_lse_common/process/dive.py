@@ -2,7 +2,11 @@
 
 An entry point begins a dive and names it in the environment of its nodes, "auv2-1123-184534-3f2a" for a vehicle's and
 "sim-1123-184534-3f2a" for a simulation's. Nodes prefix the frame in the header of each message with it, as the frames
-of several robots are prefixed: "sim-1123-184534-3f2a/map". Nodes that were started by hand have the id "".
+of several robots are prefixed: "sim-1123-184534-3f2a/map". Topics that only viewers read keep their frame.
+
+A node ignores the messages of another dive, and reports them. Messages without an id come from operators and from the
+drivers of users. Nodes accept them where these may publish; a simulation accepts only commands. Nodes that were started
+by hand have the id "", and ignore every message that has one: hardware never obeys a simulation.
 """
 
 from __future__ import annotations
@@ -10,7 +14,11 @@ from __future__ import annotations
 import os
 import re
 import secrets
+from collections.abc import Mapping
 from datetime import datetime
+from typing import Any
+
+from auv_lse_common.topics.table import Topic
 
 #: The environment variable that carries the id to a mission's nodes.
 DIVE_VARIABLE = "AUV_LSE_DIVE"
@@ -52,3 +60,87 @@ def dive_of(frame_id: str) -> str:
 def is_simulation(dive: str) -> bool:
     """Whether an id is that of a simulation."""
     return dive.startswith(f"{SIMULATION}-")
+
+
+def tagged(message: Any, topic: Topic, dive: str) -> Any:
+    """The same message, with the id in the frame of its header unless only viewers read the topic.
+
+    Args:
+        message: A message of the topic; one without a header stays as it is.
+        topic: The topic.
+        dive: The id.
+    """
+    if topic.decode is not None and (header := getattr(message, "header", None)) is not None:
+        header.frame_id = tagged_frame(dive, header.frame_id)
+    return message
+
+
+def vehicle_of(dive: str) -> str:
+    """The vehicle of a dive, "auv2"; "" for a simulation, and without an id."""
+    return "" if is_simulation(dive) else dive.partition("-")[0]
+
+
+def sender_of(message: Any) -> str:
+    """The id in a message: in the frame of its header, else in its field `dive`; "" if it has none."""
+    header = getattr(message, "header", None)
+    return getattr(message, "dive", "") if header is None else dive_of(header.frame_id)
+
+
+def is_foreign(topic: Topic, sender: str, own: str) -> bool:
+    """Whether a reader of a topic must ignore a message.
+
+    Args:
+        topic: The topic.
+        sender: The message's id.
+        own: The reader's id.
+    """
+    if sender or not own:
+        return sender != own
+    driver = any(writer in _DRIVERS for writer in topic.writer.split("|"))
+    return bool(topic.writer) and (is_simulation(own) or not driver)
+
+
+#: Nodes that a user's own driver may replace.
+_DRIVERS = ("vehicle_link_node", "micromodem_node")
+#: How long (s) another dive counts as present after its last message.
+_PRESENT_S = 60.0
+
+
+class Strangers:
+    """The messages of other dives that a node has ignored."""
+
+    def __init__(self, own: str) -> None:
+        """Args: own: the id of the node's dive."""
+        self._own = own
+        self._counts: dict[str, dict[str, int]] = {}
+        self._heard_s: dict[str, float] = {}
+
+    def ignores(self, topic: Topic, sender: str, now_s: float) -> bool:
+        """Whether to ignore a message; counts it then.
+
+        Args:
+            topic: The topic.
+            sender: The message's id.
+            now_s: A monotonic clock.
+        """
+        if not is_foreign(topic, sender, self._own):
+            return False
+        if now_s - self._heard_s.get(sender, now_s) > _PRESENT_S:
+            del self._counts[sender]
+        counts = self._counts.setdefault(sender, {})
+        counts[topic.name] = counts.get(topic.name, 0) + 1
+        self._heard_s[sender] = now_s
+        return True
+
+    def problems(self, now_s: float) -> Mapping[str, str]:
+        """A sentence for each dive that was heard within the last minute, by its id.
+
+        Args:
+            now_s: A monotonic clock.
+        """
+        return {
+            sender: f"{sender or 'somebody without an id'} publishes in this ROS domain, too: {sum(counts.values())} "
+            f"messages ignored ({', '.join(counts)}). End it, or use another domain"
+            for sender, counts in self._counts.items()
+            if now_s - self._heard_s[sender] <= _PRESENT_S
+        }

@@ -1,8 +1,8 @@
-"""Heartbeats of a watched process: systemd's protocol (sd_notify, WATCHDOG=1) over a Unix socket.
+"""Heartbeats of a watched process: systemd's protocol (sd_notify, WATCHDOG=1, STATUS=) over a Unix socket.
 
 A hanging or stopped process looks alive from outside. So a node sends a heartbeat once a second, from the thread that
 serves its callbacks. The socket is in Linux's abstract namespace, so it needs neither disk nor network. The kernel
-identifies the sender.
+identifies the sender. What the operator must read at once, a process reports the same way.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from collections.abc import Mapping
 SOCKET_VARIABLE = "NOTIFY_SOCKET"
 #: Period (s) of heartbeats.
 BEAT_PERIOD_S = 1.0
-_ALIVE = b"WATCHDOG=1"
+_ALIVE, _STATUS = b"WATCHDOG=1", b"STATUS="
+_LONGEST = 2000  # bytes of a datagram
 _CREDENTIALS = struct.Struct("3i")  # pid, uid, gid
 
 
@@ -33,9 +34,16 @@ class Heartbeat:
 
     def beat(self) -> None:
         """Sends a heartbeat; a keeper that has ended or is too busy is ignored."""
+        self._send(_ALIVE)
+
+    def report(self, text: str) -> None:
+        """Sends a line for the terminal of the command that keeps this process."""
+        self._send((_STATUS + text.encode())[:_LONGEST])
+
+    def _send(self, data: bytes) -> None:
         if self._socket is not None:
             with contextlib.suppress(OSError):
-                self._socket.sendto(_ALIVE, self._address)
+                self._socket.sendto(data, self._address)
 
 
 class Heartbeats:
@@ -43,10 +51,12 @@ class Heartbeats:
 
     Attributes:
         address: Value of `SOCKET_VARIABLE` in the processes' environment.
+        reports: Lines that this user's processes have reported, in their order; the reader removes them.
     """
 
     def __init__(self) -> None:
         """Opens the socket with a name from the kernel."""
+        self.reports: list[str] = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
         self._socket.bind("")  # autobind, unix(7)
@@ -57,11 +67,13 @@ class Heartbeats:
         alive = set()
         with contextlib.suppress(BlockingIOError):
             while True:
-                data, ancillary, _, _ = self._socket.recvmsg(len(_ALIVE), socket.CMSG_SPACE(_CREDENTIALS.size))
-                pids = [
-                    _CREDENTIALS.unpack(value)[:2] for _, kind, value in ancillary if kind == socket.SCM_CREDENTIALS
-                ]
-                alive |= {pid for pid, uid in pids if data == _ALIVE and uid == os.getuid()}
+                data, ancillary, _, _ = self._socket.recvmsg(_LONGEST, socket.CMSG_SPACE(_CREDENTIALS.size))
+                senders = [_CREDENTIALS.unpack(value) for _, kind, value in ancillary if kind == socket.SCM_CREDENTIALS]
+                own = [pid for pid, uid, _ in senders if uid == os.getuid()]
+                if data == _ALIVE:
+                    alive |= set(own)
+                elif own and data.startswith(_STATUS):
+                    self.reports.append(data.removeprefix(_STATUS).decode(errors="replace"))
         return alive
 
     def close(self) -> None:

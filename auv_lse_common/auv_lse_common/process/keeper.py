@@ -132,19 +132,17 @@ class ProcessKeeper:
         Args:
             logs: Folder of the log files, one for each task; restarts append.
             environment: Environment of the processes.
-            say: Called with a line for each start and death (with `restart`), and for long loading.
+            say: Called with a line for each start and death (with `restart`), for long loading, and for what a
+                process reports.
             restart: Whether a process that died or hangs is restarted.
             silent_s: Watchdog: longest silence (s) of a process; infinite: no watchdog.
             in_turn: As `ForkServer` takes it.
         """
         self._states = [_State(task) for task in tasks]
         self._logs, self._say, self._restart = logs, say, restart
-        self._silent_limit_s, self._in_turn = silent_s, in_turn
-        self._environment = dict(environment)
-        self._heartbeats: Heartbeats | None = None
-        if restart and math.isfinite(silent_s):
-            self._heartbeats = Heartbeats()
-            self._environment[SOCKET_VARIABLE] = self._heartbeats.address
+        self._silent_limit_s, self._in_turn = silent_s if restart else math.inf, in_turn
+        self._heartbeats = Heartbeats()
+        self._environment = {**environment, SOCKET_VARIABLE: self._heartbeats.address}
         self._forked = [task.node for task in tasks if task.node is not None and can_fork(task.node)]
         self._server: ForkServer | None = None
         self._first_tick_s = self._loading_s = self._ticked_s = math.nan
@@ -193,7 +191,9 @@ class ProcessKeeper:
             self._first_tick_s = self._loading_s = self._ticked_s = now_s
         passed_s = min(max(0.0, now_s - self._ticked_s), _LONGEST_TICK_S)
         self._ticked_s = now_s
-        alive = self._heartbeats.take() if self._heartbeats is not None else set()
+        alive = self._heartbeats.take()
+        while self._heartbeats.reports:
+            self._say(self._heartbeats.reports.pop(0))
         died = []
         for state in self._states:
             if state.process is not None and (code := state.process.poll()) is not None:
@@ -214,8 +214,7 @@ class ProcessKeeper:
         end((process for task, process in begun if task.last), LAST_STOP_S)
         if self._server is not None:
             self._server.close()
-        if self._heartbeats is not None:
-            self._heartbeats.close()
+        self._heartbeats.close()
         for state in self._states:
             state.process = None
 

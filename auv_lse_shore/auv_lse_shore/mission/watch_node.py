@@ -11,6 +11,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.executor import make_executor
+from auv_lse_common.process.dive import DIVE_VARIABLE, dive_of
 from auv_lse_common.process.domain import temporary_environment
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.vocabulary.stamps import seconds
@@ -33,7 +34,7 @@ class MissionWatch:
 
         Args:
             progress: Takes what the simulator and the planners publish.
-            environment: Environment of the mission's nodes: ROS domain and discovery.
+            environment: Environment of the mission's nodes: ROS domain, discovery, id of the simulation.
         """
         self._environment = environment
         self._progress = progress
@@ -66,7 +67,12 @@ class MissionWatch:
         self._executor.spin_once(timeout_sec=0.0)
         return self._state, self._message
 
+    def _is_own(self, message: SimStatus | Bound) -> bool:
+        return dive_of(message.header.frame_id) == self._environment.get(DIVE_VARIABLE, "")
+
     def _on_status(self, message: SimStatus) -> None:
+        if not self._is_own(message):
+            return
         self._state, self._message = _STATES[message.state], message.message
         p = self._progress
         p.sim_s = seconds(message.header.stamp)
@@ -75,6 +81,8 @@ class MissionWatch:
         p.speed = message.speed
 
     def _on_bound(self, vehicle: int, message: Bound) -> None:
+        if not self._is_own(message):
+            return
         p = self._progress
         p.rewards[vehicle] = message.reward_so_far
         p.expected[vehicle] = message.reward_so_far + message.jbar

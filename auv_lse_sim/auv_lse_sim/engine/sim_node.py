@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import rclpy
@@ -16,6 +15,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
+from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.topics.plan_codecs import decode_run, decode_waypoint
 from auv_lse_common.topics.quality import EVERY, writer_quality
 from auv_lse_common.topics.ros_conversions import encoded, message_class, stamp
@@ -89,7 +89,12 @@ class SimNode(BaseNode):
     def _subscribe(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
         topic = VEHICLE_TOPICS[name]
         quality = EVERY if name == "waypoint" else writer_quality(topic)  # ignores waypoints of an earlier mission
-        self.create_subscription(message_class(topic.kind), full_name(topic, k), partial(take, k), quality)
+
+        def receive(message: Any) -> None:
+            if not self.ignores(topic, sender_of(message)):
+                take(k, message)
+
+        self.create_subscription(message_class(topic.kind), full_name(topic, k), receive, quality)
 
     # ------------------------------------------------------------------ time
 
@@ -120,7 +125,7 @@ class SimNode(BaseNode):
                 sim.deliver(k, output)
             if self.lockstep:  # before the output: a vehicle starts its phase when its last input has arrived
                 self._waiting_since_s = time.monotonic()
-                self._tick.publish(_tick_message(sim))
+                self._tick.publish(_tick_message(sim, self.dive))
             for k, output in outputs.items():
                 self._topics[k].publish(output)
             for k, output in outputs.items():
@@ -142,7 +147,8 @@ class SimNode(BaseNode):
             return
         self._last_status, self._status_s = (state, message), now_s
         report = status_report(self._sim, state, message, self._speed.value)
-        self._status.publish(encoded(MISSION_TOPICS["/sim/status"], report, 0))
+        topic = MISSION_TOPICS["/sim/status"]
+        self._status.publish(tagged(encoded(topic, report, 0), topic, self.dive))
 
     # ------------------------------------------------------------------ incoming messages
 
@@ -167,6 +173,8 @@ class SimNode(BaseNode):
 
     def _on_command(self, message: MissionCommand) -> None:
         """Passes a command on to all vehicles."""
+        if self.ignores(MISSION_TOPICS["/mission/command"], sender_of(message)):
+            return
         for k, topics in self._topics.items():
             self._sim.commands[k - 1] += 1
             message.number = self._sim.commands[k - 1]
@@ -188,6 +196,8 @@ class SimNode(BaseNode):
         self._advance()
 
     def _on_done(self, message: LockstepDone) -> None:
+        if self.ignores(MISSION_TOPICS["/lockstep/done"], sender_of(message)):
+            return
         if message.phase == LockstepDone.RECORDER:
             self._sim.take_recorded(message.tick)
         else:
@@ -204,7 +214,7 @@ class SimNode(BaseNode):
         super().destroy_node()
 
 
-def _tick_message(sim: Simulation) -> LockstepTick:
+def _tick_message(sim: Simulation, dive: str) -> LockstepTick:
     """Announces the simulation's last tick."""
     every_tick = [sim.tick] * len(sim.vehicles)
     return LockstepTick(
@@ -216,6 +226,7 @@ def _tick_message(sim: Simulation) -> LockstepTick:
         commands=sim.commands,
         dead_reckonings=every_tick,
         fixes=sim.fixes,
+        dive=dive,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.process.dive import tagged, tagged_frame
 from auv_lse_common.topics.quality import writer_quality
 from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.topics.ros_conversions import encoded, message_class
@@ -42,10 +43,14 @@ class VehicleTopics:
         return publisher
 
     def _publish(self, name: str, value: Any) -> None:
-        self._publishers[name].publish(encoded(VEHICLE_TOPICS[name], value, self._vehicle))
+        self._publishers[name].publish(self._message(VEHICLE_TOPICS[name], value))
+
+    def _message(self, topic: Topic, value: Any) -> Any:
+        return tagged(encoded(topic, value, self._vehicle), topic, self._node.dive)
 
     def command(self, message: MissionCommand) -> None:
         """Sends a command to the vehicle's mission."""
+        message.header.frame_id = tagged_frame(self._node.dive, "map")
         self._publishers["mission/command"].publish(message)
 
     def publish(self, output: VehicleOutput) -> None:
@@ -68,4 +73,4 @@ class VehicleTopics:
         if self._vehicle not in self._sim.links.autopilots:
             pressure = Pressure(stamp_s=self._sim.now_s, pressure_pa=pressure_pa(output.pressure_depth_m))
             self._publish("pressure", pressure)
-        self._truth.publish(encoded(TRUTH_TOPIC, output.truth, self._vehicle))
+        self._truth.publish(self._message(TRUTH_TOPIC, output.truth))
