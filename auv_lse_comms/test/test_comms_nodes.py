@@ -20,12 +20,15 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import itertools
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.process.dive import DIVE_VARIABLE, tagged_frame
 from auv_lse_common.topics.plan_codecs import decode_waypoint
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.records import RunReport
@@ -40,7 +43,7 @@ from auv_lse_comms.mavlink.waypoints import ends_to_reach
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
 from auv_lse_comms.packet.codec import decode
-from auv_lse_msgs.msg import ModemTx, Plan, Sounding, Waypoint
+from auv_lse_msgs.msg import ModemTx, Plan, Sounding, TdmaStatus, Waypoint
 
 pytestmark = pytest.mark.ros
 
@@ -274,3 +277,48 @@ def test_a_mates_navigation_is_published_before_its_samples(tmp_path: Path) -> N
         s.node._intake.add_packet(2.5, 1, payload)
         s.node.publish_received(3.0)
     assert published == ["_team_navigation", "_team_samples"]
+
+
+SIM, DIVE, OTHER = "sim-1123-184534-3f2a", "auv2-1123-184534-77aa", "auv2-1123-184600-88bb"
+
+
+@pytest.mark.parametrize("own", ["", DIVE], ids=["started by hand", "a dive"])
+def test_hardware_takes_nothing_that_a_simulation_or_another_dive_has_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: str
+) -> None:
+    """It failed: a modem driver that was started by hand was handed the packets of a simulated mission."""
+    monkeypatch.setenv(DIVE_VARIABLE, own)
+    with spun(MicromodemNode, tmp_path / "p.yaml", "modem: {kind: micromodem, port: /dev/does-not-exist}") as s:
+        taken: list[int] = []
+        monkeypatch.setattr(s.node._modem, "send", lambda now_s, payload, to: taken.append(payload[0]) or len(taken))
+        reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
+        packets = s.bench.create_publisher(ModemTx, "/auv2/modem/tx", EVERY)
+        s.until(lambda: packets.get_subscription_count() and s.bench.count_publishers("/auv2/diagnostics"))
+        for number, dive in enumerate((SIM, OTHER, own)):
+            packets.publish(ModemTx(header=Header(frame_id=tagged_frame(dive, "map")), payload=bytes([number] * 252)))
+        s.until(lambda: taken)
+        assert taken == [2]
+        s.until(lambda: any(OTHER in status.message for report in reports for status in report.status))
+        status = reports[-1].status[0]
+        assert (status.name, int.from_bytes(status.level, "little")) == ("/auv2/micromodem_node", 1)
+        assert f"{SIM} publishes in this ROS domain, too: 1 messages ignored (modem/tx)" in status.message
+
+
+def test_an_autopilot_gets_no_waypoint_of_a_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(DIVE_VARIABLE, DIVE)
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
+        legs = s.bench.create_publisher(Waypoint, "/auv2/waypoint", LATCHED)
+        s.until(legs.get_subscription_count)
+        for step, dive in enumerate((SIM, "", OTHER, DIVE)):
+            legs.publish(Waypoint(header=Header(frame_id=tagged_frame(dive, "map")), step=step, end_north_m=9.0))
+            s.until(lambda n=step: sum(sum(c.values()) for c in s.node.strangers._counts.values()) + (n == 3) > n)
+        s.until(lambda: s.node._last is not None)
+        assert (s.node._waypoints, s.node._last[0]) == (1, 3)
+
+
+def test_a_node_names_its_dive_in_what_it_publishes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(DIVE_VARIABLE, DIVE)
+    with spun(ModemNode, tmp_path / "p.yaml", "mission: {vehicles: 2, steps: 3}") as s:
+        found = s.collect(TdmaStatus, "/auv2/tdma")
+        s.until(lambda: found)
+        assert found[0].header.frame_id == f"{DIVE}/map"

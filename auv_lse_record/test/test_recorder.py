@@ -18,6 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from auv_lse_record.bag_writer import BagWriter, RecorderError, message_texts, message_types
 from auv_lse_record.guard import GuardedWriter
+from auv_lse_record.message_types import frame_of
 from auv_lse_record.recording import Recording, RecordingError, recording_in
 from auv_lse_record.recover import main, recover
 
@@ -73,7 +74,11 @@ def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: An
     )
     raw = {"raw_north_m": 1.5, "raw_east_m": 2.5}
     message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0, **raw)
-    bag.write("/auv1/sounding", 1, bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding")))
+    data = bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding"))
+    assert frame_of(data) == "map"
+    assert frame_of(bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding", little_endian=False))) == "map"
+    assert frame_of(data[:12]) == ""
+    bag.write("/auv1/sounding", 1, data)
     bag.close()
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])

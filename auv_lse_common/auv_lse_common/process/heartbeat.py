@@ -51,20 +51,18 @@ class Heartbeats:
 
     Attributes:
         address: Value of `SOCKET_VARIABLE` in the processes' environment.
-        reports: Lines that this user's processes have reported, in their order; the reader removes them.
     """
 
     def __init__(self) -> None:
         """Opens the socket with a name from the kernel."""
-        self.reports: list[str] = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
         self._socket.bind("")  # autobind, unix(7)
         self.address = "@" + self._socket.getsockname()[1:].decode()
 
-    def take(self) -> set[int]:
-        """Ids of this user's processes that have sent a heartbeat since the last call."""
-        alive = set()
+    def take(self) -> tuple[set[int], list[str]]:
+        """Ids of this user's processes that have sent a heartbeat since the last call, and the lines they report."""
+        alive, reports = set(), []
         with contextlib.suppress(BlockingIOError):
             while True:
                 data, ancillary, _, _ = self._socket.recvmsg(_LONGEST, socket.CMSG_SPACE(_CREDENTIALS.size))
@@ -73,8 +71,8 @@ class Heartbeats:
                 if data == _ALIVE:
                     alive |= set(own)
                 elif own and data.startswith(_STATUS):
-                    self.reports.append(data.removeprefix(_STATUS).decode(errors="replace"))
-        return alive
+                    reports.append(data.removeprefix(_STATUS).decode(errors="replace"))
+        return alive, reports
 
     def close(self) -> None:
         """Closes the socket."""

@@ -23,6 +23,7 @@ import contextlib
 import math
 import os
 import signal
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,8 +142,10 @@ class ProcessKeeper:
         self._states = [_State(task) for task in tasks]
         self._logs, self._say, self._restart = logs, say, restart
         self._silent_limit_s, self._in_turn = silent_s if restart else math.inf, in_turn
-        self._heartbeats = Heartbeats()
-        self._environment = {**environment, SOCKET_VARIABLE: self._heartbeats.address}
+        self._heartbeats = Heartbeats() if sys.platform == "linux" else None
+        self._environment = dict(environment)
+        if self._heartbeats is not None:
+            self._environment[SOCKET_VARIABLE] = self._heartbeats.address
         self._forked = [task.node for task in tasks if task.node is not None and can_fork(task.node)]
         self._server: ForkServer | None = None
         self._first_tick_s = self._loading_s = self._ticked_s = math.nan
@@ -191,9 +194,9 @@ class ProcessKeeper:
             self._first_tick_s = self._loading_s = self._ticked_s = now_s
         passed_s = min(max(0.0, now_s - self._ticked_s), _LONGEST_TICK_S)
         self._ticked_s = now_s
-        alive = self._heartbeats.take()
-        while self._heartbeats.reports:
-            self._say(self._heartbeats.reports.pop(0))
+        alive, reports = self._heartbeats.take() if self._heartbeats is not None else (set(), ())
+        for text in reports:
+            self._say(text)
         died = []
         for state in self._states:
             if state.process is not None and (code := state.process.poll()) is not None:
@@ -214,7 +217,8 @@ class ProcessKeeper:
         end((process for task, process in begun if task.last), LAST_STOP_S)
         if self._server is not None:
             self._server.close()
-        self._heartbeats.close()
+        if self._heartbeats is not None:
+            self._heartbeats.close()
         for state in self._states:
             state.process = None
 

@@ -16,7 +16,7 @@ from auv_lse_common.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S
 class Desk:
     """A keeper with a clock of its own, and what it has said."""
 
-    def __init__(self, folder: Path, **commands: str) -> None:
+    def __init__(self, folder: Path, restart: bool = True, **commands: str) -> None:
         self.now_s, self.said = 100.0, []
         tasks = [
             Task(
@@ -24,7 +24,7 @@ class Desk:
             )
             for name, text in commands.items()
         ]
-        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append)
+        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append, restart=restart)
 
     def after(self, seconds: float) -> list[tuple[str, int]]:
         self.now_s += seconds
@@ -53,6 +53,19 @@ def alive_for(desk: Desk, seconds: float) -> None:
     for _ in range(round(seconds)):
         time.sleep(0.03)
         assert desk.after(1.0) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="as below")
+@pytest.mark.parametrize("restart", [True, False])
+def test_what_a_process_reports_is_shown_at_once(tmp_path: Path, restart: bool) -> None:
+    report = "import os; from auv_lse_common.process.heartbeat import Heartbeat as H; H(os.environ).report('é: hears')"
+    desk = Desk(tmp_path, restart=restart, node=f'{sys.executable} -c "{report}"; exec sleep 60')
+    until = time.monotonic() + 20.0
+    while "é: hears" not in desk.said:
+        assert time.monotonic() < until, desk.said
+        desk.after(0.0)
+        time.sleep(0.05)
+    desk.keeper.stop()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
