@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auv_lse_common.support.input_bounds import MAX_GRID_NODES, MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 Array = NDArray[np.float64]
@@ -227,6 +228,8 @@ def read_table(path: Path) -> SoundingsTable:
         OSError: if the file cannot be read.
         SoundingsError: naming the file, the line, what was found and what was expected.
     """
+    if too_large := over_size(path, MAX_TEXT_BYTES):
+        raise SoundingsError(f"{too_large}. Thin the soundings out, or grid them (.npz, .asc, .tif)")
     data = path.read_bytes()
     try:
         return _parse_table(path, data.decode("utf-8-sig"))
@@ -245,9 +248,14 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         raise SoundingsError(
             f"{path}: {len(rows)} lines; expected a header such as east_m,north_m,depth_m and soundings"
         )
+    if len(rows) - 1 > MAX_SOUNDINGS:
+        raise SoundingsError(
+            f"{path}: got {len(rows) - 1:,} soundings; expected at most {MAX_SOUNDINGS:,}. Thin them out, or grid them "
+            "(.npz, .asc, .tif)"
+        )
     header_line, header_text = rows[0]
     separator = next((c for c in ",;\t" if c in header_text), None)
-    header = [name.lower() for name in _fields(header_text, separator)]
+    header = [name.lower() for name in _fields(header_text, separator, f"{path}:{header_line}")]
 
     def column(names: tuple[str, ...]) -> int | None:
         return next((header.index(name) for name in names if name in header), None)
@@ -263,7 +271,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         raise SoundingsError(f"{path}:{header_line}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
     values: dict[str, list[float]] = {key: [] for key in indices}
     for number, line in rows[1:]:
-        fields = _fields(line, separator)
+        fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
             raise SoundingsError(f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}; expected {len(header)}")
         for key, index in indices.items():
@@ -290,9 +298,14 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     )
 
 
-def _fields(line: str, separator: str | None) -> list[str]:
+def _fields(line: str, separator: str | None, where: str) -> list[str]:
     """The fields of a line; separator None: any blanks."""
-    return line.split() if separator is None else [f.strip() for f in next(csv.reader([line], delimiter=separator))]
+    if separator is None:
+        return line.split()
+    try:
+        return [f.strip() for f in next(csv.reader([line], delimiter=separator))]
+    except csv.Error as error:  # a field longer than csv.field_size_limit()
+        raise SoundingsError(f"{where}: got {line[:60]!r}... ({error}); expected numbers. Check the line") from error
 
 
 def _number(text: str, key: str, where: str) -> float:
@@ -310,6 +323,31 @@ def _number(text: str, key: str, where: str) -> float:
 # npz grids ------------------------------------------------------------------------------------------------------------
 
 
+def _check_npz_size(path: Path) -> None:
+    """Compares the sizes that the arrays' headers state with the bound.
+
+    Raises:
+        SoundingsError: if one has more values.
+    """
+    if not zipfile.is_zipfile(path):
+        return  # np.load says what it is
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            with archive.open(name) as member:
+                if member.read(len(np.lib.format.MAGIC_PREFIX)) != np.lib.format.MAGIC_PREFIX:
+                    continue
+                version = tuple(member.read(2))
+                header = (
+                    np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+                )
+                shape, _, kind = header(member)
+            if math.prod(shape) * kind.itemsize > 8 * MAX_GRID_NODES:
+                raise SoundingsError(
+                    f"{path}: {name.removesuffix('.npy')} has shape {shape}; expected at most {MAX_GRID_NODES:,} "
+                    "values. Cut the grid, or make it coarser"
+                )
+
+
 def read_npz_grid(path: Path) -> NpzGrid:
     """Reads an npz grid: north_m (ny,), east_m (nx,), and depth_m or elevation_m (ny, nx).
 
@@ -319,8 +357,11 @@ def read_npz_grid(path: Path) -> NpzGrid:
     """
     with path.open("rb") as file:
         try:
+            _check_npz_size(path)
             data = np.load(file, allow_pickle=False)
             arrays = {key: np.asarray(data[key]) for key in data.files} if hasattr(data, "files") else None
+        except SoundingsError:
+            raise
         except _BROKEN_NPZ as error:
             raise SoundingsError(
                 f"{path}: got a file that is damaged or not npz ({error}); expected arrays east_m, north_m, depth_m"

@@ -10,9 +10,11 @@ import argparse
 import struct
 import sys
 import zlib
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,6 +22,9 @@ from auv_lse_common.support.missing_packages import missing
 from auv_lse_record.recording import STORAGES, Recording, RecordingError, recording_in
 
 _KEPT = ".torn"
+_METADATA = "metadata.yaml"
+#: First and last bytes of an MCAP file.
+_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,13 +50,13 @@ def recover(path: Path) -> Recovered:
     Raises:
         RecordingError: if it is missing, complete, unreadable or not an MCAP file.
     """
-    found = recording_in(path)
-    if found.is_dir():
-        raise RecordingError(f"{found}: is complete (it has its metadata.yaml); nothing to recover")
-    if found.suffix != ".mcap":
-        raise RecordingError(f"{found}: expected an .mcap; of {' and '.join(STORAGES)} only that can be recovered")
-    with suppress(RecordingError), Recording(found):
-        raise _Complete(f"{found}: is complete; nothing to recover")
+    recording = recording_in(path)
+    files = sorted(recording.glob("*.mcap")) if recording.is_dir() else [recording]
+    if not files or files[0].suffix != ".mcap":
+        raise RecordingError(f"{recording}: expected an .mcap; of {' and '.join(STORAGES)} only that can be recovered")
+    found = next((file for file in files if not _is_whole(file)), None)
+    if found is None:
+        raise _Complete(f"{recording}: is complete; nothing to recover")
     torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
     with found.open("rb") as source, new.open("wb") as target:
         messages, end = _copy(source, target)
@@ -61,11 +66,29 @@ def recover(path: Path) -> Recovered:
     lost = found.stat().st_size - end
     found.replace(torn)
     new.replace(found)
+    if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
+        (recording / _METADATA).replace(recording / (_METADATA + _KEPT))
     return Recovered(file=found, messages=messages, lost_bytes=lost)
 
 
-class _Complete(Exception):
+class _Complete(RecordingError):
     """The recording is complete already."""
+
+
+def _is_whole(file: Path) -> bool:
+    """Whether every record can be read, up to the marks at the end, and the recording can be opened."""
+    try:
+        from mcap.records import Footer
+    except ImportError as error:
+        raise missing(error, "recovering recordings") from error
+    with file.open("rb") as source:
+        last, end = deque(chain([(None, 0)], _records(source)), maxlen=1).pop()
+        source.seek(end)
+        if not isinstance(last, Footer) or source.read(len(_MAGIC) + 1) != _MAGIC:
+            return False
+    with suppress(RecordingError), Recording(file):
+        return True
+    return False
 
 
 def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:

@@ -186,8 +186,22 @@ def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsy
     assert main([str(tmp_path / "x.mcap")]) == 1
     assert "no message can be read" in capsys.readouterr().err
     written(tmp_path / "bag", types, 3)
-    assert main([str(tmp_path / "bag")]) == 1
-    assert "nothing to recover" in capsys.readouterr().err
+    assert main([str(tmp_path / "bag")]) == 0, "as its help says"
+    assert "nothing to recover" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("missing", [1, 8, 20, 400])
+def test_a_recording_that_was_copied_in_part_is_recovered_although_its_metadata_is_there(
+    tmp_path: Path, types: Any, missing: int
+) -> None:
+    written(tmp_path / "bag", types, 100)
+    file = tmp_path / "bag" / "bag.mcap"
+    file.write_bytes(file.read_bytes()[:-missing])
+    assert 0 < recover(tmp_path / "bag").messages <= 100
+    with Recording(recording_in(tmp_path / "bag")) as recording:
+        assert len(list(recording.messages({"/clock"}))) > 0
+    with pytest.raises(RecordingError, match="nothing to recover"):
+        recover(tmp_path / "bag")
 
 
 def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Path, types: Any) -> None:

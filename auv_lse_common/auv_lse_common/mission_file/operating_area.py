@@ -10,13 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.area import AreaConfig, corners
+from auv_lse_common.support.input_bounds import MAX_CELLS, MAX_RASTER_NODES
 
 Array = NDArray[np.float64]
-
-#: Maximum number of raster nodes, to detect mistakes in a mission file.
-MAX_NODES = 20_000_000
-#: Maximum number of cells of a grid, likewise.
-MAX_CELLS = 2_000_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -97,20 +93,24 @@ class OperatingArea:
         # The signed distance changes by at most the distance between the two places.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
-    def grid(self, resolution_m: float) -> Grid:
+    def grid(self, resolution_m: float, name: str = "resolution_m") -> Grid:
         """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
 
+        Args:
+            resolution_m: Cell size.
+            name: Its parameter, for messages.
+
         Raises:
-            ValueError: if the resolution is not positive or no cell center is in the area.
+            ParameterError: if the resolution is not positive, there are too many cells, or no center is in the area.
         """
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
-            raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
+            raise ParameterError(f"{name}: got {resolution_m!r}; expected a finite number > 0")
         low_n, high_n, low_e, high_e = self.extent_m
         cells = (high_n - low_n) * (high_e - low_e) / resolution_m**2
         if cells > MAX_CELLS:
-            raise ValueError(
-                f"resolution_m: got {resolution_m!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m "
-                f"would have {cells:.3g} cells; expected at most {MAX_CELLS}: choose a larger resolution"
+            raise ParameterError(
+                f"{name}: got {resolution_m!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would have "
+                f"{cells:.3g} cells; expected at most {MAX_CELLS:,}. Choose a larger resolution"
             )
         axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):
@@ -120,7 +120,7 @@ class OperatingArea:
         mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
         inside = self.contains(mesh).reshape(len(north), len(east))
         if not np.any(inside):
-            raise ValueError(f"resolution_m: got {resolution_m!r}; no cell center of that size is in the area")
+            raise ParameterError(f"{name}: got {resolution_m!r}; no cell center of that size is in the area")
         return Grid(north, east, inside, resolution_m)
 
     def _raster(self) -> None:
@@ -129,10 +129,10 @@ class OperatingArea:
         self._north0_m, self._east0_m = low_n - step, low_e - step
         rows = math.ceil((high_n - low_n) / step) + 3
         columns = math.ceil((high_e - low_e) / step) + 3
-        if rows * columns > MAX_NODES:
+        if rows * columns > MAX_RASTER_NODES:
             raise ParameterError(
                 f"area.raster_m: got {step!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would need "
-                f"{rows * columns} raster nodes; expected at most {MAX_NODES}: choose a larger raster_m"
+                f"{rows * columns} raster nodes; expected at most {MAX_RASTER_NODES}: choose a larger raster_m"
             )
         north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
         east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 
 def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,6 +99,8 @@ def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict
 
 def _read_text(path: Path) -> str:
     try:
+        if too_large := over_size(path, MAX_YAML_BYTES):
+            raise ParameterError(f"{too_large}. Is this a mission file?")
         return path.read_text()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -105,7 +109,17 @@ def _read_text(path: Path) -> str:
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
-    """Rejects duplicate keys; PyYAML would silently keep only the last one."""
+    """Rejects duplicate keys; PyYAML would silently keep only the last one.
+
+    Also rejects aliases that multiply a short file into more than `MAX_YAML_VALUES` values.
+    """
+
+    def get_single_node(self) -> yaml.Node | None:
+        node: yaml.Node | None = super().get_single_node()
+        if node is not None and (number := _count_values(node, {})) > MAX_YAML_VALUES:
+            what = f"got {number:.3g} values, aliases included; expected at most {MAX_YAML_VALUES}"
+            raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[tuple[str, str]] = set()
@@ -116,6 +130,16 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
             seen.add((key.tag, str(key.value)))
         found: dict[Any, Any] = super().construct_mapping(node, deep)
         return found
+
+
+def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
+    """Values below a node, each alias counted as what it stands for; inf where it stands for itself."""
+    if id(node) not in known:
+        known[id(node)] = math.inf  # until it is counted: met again meanwhile, it contains itself
+        parts = node.value if isinstance(node, yaml.CollectionNode) else ()
+        parts = [part for pair in parts for part in pair] if isinstance(node, yaml.MappingNode) else parts
+        known[id(node)] = 1.0 + sum(_count_values(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _parse_yaml(text: str, where: str) -> Any:

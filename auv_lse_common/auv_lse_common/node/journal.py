@@ -96,10 +96,11 @@ class Journal:
 
     def _take(self, line: bytes) -> None:
         checksum, _, text = line.partition(b" ")
-        if checksum != b"%08x" % zlib.crc32(text):
+        record = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else None
+        if isinstance(record, list) and record and isinstance(record[0], str):
+            self.records.append(record)
+        else:
             self.damaged += 1
-            return
-        self.records.append(json.loads(text))
 
     @property
     def kept(self) -> bool:

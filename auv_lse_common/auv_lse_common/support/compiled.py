@@ -9,9 +9,11 @@ of the cache folder contains a hash of all files of the package with compiled fu
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -24,16 +26,31 @@ USE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0" and importlib.util.find_
 
 
 def _choose_cache_folder() -> None:
-    """Puts numba's cache under /tmp if neither this package nor the home is writable."""
+    """Puts numba's cache under /tmp if neither this package nor the home is writable.
+
+    Code in the cache is run, and anyone can create folders in /tmp: one that others own or can write is not used, but
+    a new one of this process alone.
+    """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     package, home = Path(__file__).parent, Path(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~")))
-    if not any(os.access(folder, os.W_OK) for folder in (package, home)):
-        os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / f"auv_lse_numba_{os.getuid()}")
+    if any(os.access(folder, os.W_OK) for folder in (package, home)):
+        return
+    folder = Path(tempfile.gettempdir()) / f"auv_lse_numba_{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder) if _is_private(folder) else tempfile.mkdtemp(prefix=folder.name)
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether this is a folder, no link, that its owner, this user, alone can write."""
+    found = folder.lstat()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 
 
 if USE_NUMBA:
-    _choose_cache_folder()
+    with contextlib.suppress(OSError):  # no place to write: compiled at each start
+        _choose_cache_folder()
 
 
 @cache

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -198,3 +199,13 @@ def test_a_journal_that_cannot_be_continued_is_not_trusted(tmp_path: Path, monke
 def test_a_first_start_without_a_place_for_the_journal_is_not_out_of_date(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert not Journal(tmp_path / "file" / "safety.journal", MISSION).stale
+
+
+@pytest.mark.parametrize("text", ["5", "[]", "{}", "null", "[1,2]", '"step"', "[[]]"])
+def test_a_line_of_another_shape_counts_as_damaged_although_its_checksum_fits(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "gp.journal"
+    Journal(path, MISSION).write("step", 1)
+    with path.open("ab") as file:
+        file.write(b"%08x %s\n" % (zlib.crc32(text.encode()), text.encode()))
+    journal = Journal(path, MISSION)
+    assert (journal.records, journal.damaged) == ([["step", 1]], 1)

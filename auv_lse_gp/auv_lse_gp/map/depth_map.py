@@ -96,7 +96,7 @@ class DepthMap:
         self.gp = OnlineGp(gp_config)
         self.level_set = LevelSet.of(level_set)
         self.area = area
-        self.grid = area.grid(gp_config.map_resolution_m)
+        self.grid = area.grid(gp_config.map_resolution_m, "gp.map_resolution_m")
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._moments = CachedMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)

@@ -105,7 +105,7 @@ class VehiclePlanner:
             rollout=self.rollout,
             posterior=self.posterior,
             team=self.team,
-            map_grid=area.grid(self.planner.map_spacing_m),
+            map_grid=area.grid(self.planner.map_spacing_m, "planner.map_spacing_m"),
             coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m)),
             rng=rng,
         )

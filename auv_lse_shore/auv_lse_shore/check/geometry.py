@@ -44,6 +44,7 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
             findings.refuse("motion", f"{settings.where}: {error}")
     if area is not None:
         _check_starts(settings, area, motion, findings)
+        _check_cells(settings, area, findings)
     _check_recovery(settings, findings)
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
         _check_lanes(settings, area, motion, findings)
@@ -52,6 +53,17 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
         for text in expectations(settings):
             (findings.warning if " is too " in text or text.startswith("level_set") else findings.note)(text)
     _check_ground(settings, findings)
+
+
+def _check_cells(settings: Settings, area: OperatingArea, findings: Findings) -> None:
+    sizes = {"gp.map_resolution_m": {own.gp.map_resolution_m for own in settings.vehicles}}
+    sizes["planner.map_spacing_m"] = {own.planner.map_spacing_m for own in settings.vehicles}
+    for name in filter(findings.usable, sizes):
+        for size_m in sizes[name]:
+            try:
+                area.grid(size_m, name)
+            except ParameterError as error:
+                findings.refuse(name, f"{settings.where}: {error}")
 
 
 def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable | None, findings: Findings) -> None:

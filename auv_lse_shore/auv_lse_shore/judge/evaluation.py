@@ -95,7 +95,7 @@ class Evaluation:
 
 def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
     """The true ground on the grid on which missions with these settings are evaluated."""
-    grid = OperatingArea(settings.area).grid(settings.gp.map_resolution_m)
+    grid = OperatingArea(settings.area).grid(settings.gp.map_resolution_m, "gp.map_resolution_m")
     return GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_sim.ground.grid_ground import GridGround
+from auv_lse_common.support.input_bounds import MAX_TEXT_BYTES, over_size
+from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
 
@@ -22,6 +23,8 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     header: dict[str, float] = {}
     values: list[float] = []
     rows = 0
+    if too_large := over_size(path, MAX_TEXT_BYTES):
+        raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, 1):
             fields = line.split()
@@ -38,6 +41,8 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
                 count = key in ("ncols", "nrows")
                 if count and not (header[key].is_integer() and header[key] >= 2):
                     raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a whole number of at least 2")
+                if count:
+                    check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
                 if not (math.isfinite(header[key]) or key == "nodata_value"):
                     raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a finite number")
                 continue

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_sim.ground.grid_ground import GridGround
+from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
 
@@ -27,7 +27,8 @@ def read_geotiff_ground(path: Path, config: BathymetryConfig, origin: tuple[floa
             "gdal_translate -of AAIGrid in.tif out.asc"
         ) from None
     try:
-        with rasterio.open(path) as data:
+        with rasterio.open(path, driver="GTiff") as data:  # others, as VRT, name further files
+            check_nodes(str(path), data.height, data.width)
             grid = data.read(1).astype(float)
             nodata, transform, crs = data.nodata, data.transform, data.crs
     except (RasterioIOError, RasterioError) as error:

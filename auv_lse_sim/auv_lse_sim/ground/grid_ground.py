@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.ground import GroundError
 
@@ -123,6 +124,19 @@ class GridGround:
         return (
             f"{self._name}: {e.height_m:.0f} m x {e.width_m:.0f} m (north x east), {100.0 * self.known_share:.0f} % "
             f"sounded, {self._low:.1f} to {self._high:.1f} m deep{where}{land}{notes}"
+        )
+
+
+def check_nodes(name: str, rows: int, columns: int) -> None:
+    """Checks the size of a grid, before it is read.
+
+    Raises:
+        GroundError: if it is too large.
+    """
+    if rows * columns > MAX_GRID_NODES:
+        raise GroundError(
+            f"{name}: got {rows:,} x {columns:,} nodes; expected at most {MAX_GRID_NODES:,}. Cut the grid, or make it "
+            "coarser (gdal_translate -projwin, -tr)"
         )
 
 

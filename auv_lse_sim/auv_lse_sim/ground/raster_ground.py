@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.soundings import longitude_180
 from auv_lse_sim.ground.depth_sign import grid_depths
-from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
+from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near
 
@@ -90,6 +90,5 @@ def _local_axes(path: Path, north: Array, east: Array, shape: tuple[int, ...]) -
     step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
     north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)
     east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
-    if len(north_m) * len(east_m) > 25_000_000:
-        raise GroundError(f"{path}: {len(north_m)} x {len(east_m)} nodes; expected at most 25 million: cut the raster")
+    check_nodes(str(path), len(north_m), len(east_m))
     return north_m, east_m

@@ -13,6 +13,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.input_bounds import MAX_GRID_NODES
 from auv_lse_gp.soundings import FAR_M, is_far, local_places, read_table
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
@@ -95,7 +96,7 @@ def grid_soundings(
     for column in (0, 1):
         start = math.floor(places[:, column].min() / step) * step
         axes.append(start + step * np.arange(math.ceil((places[:, column].max() - start) / step) + 1))
-    if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > 25_000_000:
+    if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > MAX_GRID_NODES:
         raise GroundError(
             f"{name}: soundings span {np.ptp(places[:, 0]):.0f} m x {np.ptp(places[:, 1]):.0f} m; expected an area "
             f"that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.support.input_bounds import MAX_CORNERS
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,12 @@ class AreaConfig:
         Raises:
             ParameterError: naming the polygon and the error.
         """
+        number = (len(self.polygon_m) + sum(map(len, self.no_go.values()))) // 2
+        if number > MAX_CORNERS:
+            raise ParameterError(
+                f"area.polygon_m, area.no_go: got {number:,} corners in total; expected at most {MAX_CORNERS:,}. "
+                "Simplify the polygons"
+            )
         corners("area.polygon_m", self.polygon_m)
         for name, flat in self.no_go.items():
             corners(f"area.no_go.{name}", flat)

@@ -1,0 +1,35 @@
+"""Largest sizes of what users and strangers give: beyond them reading would take minutes, or all memory.
+
+Whoever reads an input compares its size with the bound before it does the work.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+#: Bytes of a mission, campaign or other YAML file.
+MAX_YAML_BYTES = 2_000_000
+#: Values of a YAML file, each alias counted as all that it stands for.
+MAX_YAML_VALUES = 200_000
+#: Corners of the operating area and its no-go areas together.
+MAX_CORNERS = 2_000
+#: Nodes of the raster of distances to the area's border.
+MAX_RASTER_NODES = 20_000_000
+#: Cells of a map.
+MAX_CELLS = 2_000_000
+#: Soundings of a table.
+MAX_SOUNDINGS = 500_000
+#: Nodes of a grid of depths, as read from a file and as made from soundings.
+MAX_GRID_NODES = 25_000_000
+#: Bytes of a table or of a grid as text.
+MAX_TEXT_BYTES = 500_000_000
+
+
+def over_size(path: Path, most_bytes: int) -> str:
+    """Says that a file is too large: "FILE: got 2,100 MB; expected at most 500 MB"; "" if it is not.
+
+    Raises:
+        OSError: if it cannot be read.
+    """
+    size = path.stat().st_size
+    return f"{path}: got {size / 1e6:,.0f} MB; expected at most {most_bytes / 1e6:,.0f} MB" if size > most_bytes else ""

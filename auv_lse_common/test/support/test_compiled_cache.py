@@ -1,0 +1,57 @@
+"""numba's cache in /tmp: code of others must not be run from it."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.support import compiled
+
+
+@pytest.fixture
+def nowhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A temporary folder, where neither the package nor the home can be written; returns the cache's usual folder."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(compiled.os, "access", lambda folder, mode: False)
+    return tmp_path / f"auv_lse_numba_{os.getuid()}"
+
+
+def chosen() -> Path:
+    compiled._choose_cache_folder()
+    return Path(os.environ.pop("NUMBA_CACHE_DIR"))
+
+
+def test_the_folder_is_ours_alone_and_used_again(nowhere_else: Path) -> None:
+    assert chosen() == nowhere_else
+    assert nowhere_else.stat().st_mode & 0o777 == 0o700
+    assert chosen() == nowhere_else
+
+
+@pytest.mark.parametrize("kind", ["anyone writes", "of another", "a link", "a file"])
+def test_a_folder_that_others_made_is_not_used(nowhere_else: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    if kind == "a link":
+        (nowhere_else.parent / "theirs").mkdir()
+        nowhere_else.symlink_to(nowhere_else.parent / "theirs")
+    elif kind == "a file":
+        nowhere_else.touch()
+    else:
+        nowhere_else.mkdir()
+        nowhere_else.chmod(0o777 if kind == "anyone writes" else 0o700)
+    if kind == "of another":
+        monkeypatch.setattr(compiled.os, "getuid", lambda uid=os.getuid(): uid)
+        real = Path.lstat
+
+        def of_another(path: Path) -> os.stat_result:
+            values = list(real(path))
+            values[4] += 1
+            return os.stat_result(values)
+
+        monkeypatch.setattr(Path, "lstat", of_another)
+    folder = chosen()
+    assert folder != nowhere_else
+    assert folder.is_dir()
+    assert folder.stat().st_mode & 0o777 == 0o700
