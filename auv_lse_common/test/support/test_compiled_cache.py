@@ -42,7 +42,6 @@ def test_a_folder_that_others_made_is_not_used(nowhere_else: Path, monkeypatch: 
         nowhere_else.mkdir()
         nowhere_else.chmod(0o777 if kind == "anyone writes" else 0o700)
     if kind == "of another":
-        monkeypatch.setattr(compiled.os, "getuid", lambda uid=os.getuid(): uid)
         real = Path.lstat
 
         def of_another(path: Path) -> os.stat_result:

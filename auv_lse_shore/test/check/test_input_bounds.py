@@ -56,7 +56,7 @@ def test_aliases_that_multiply_are_refused(tmp_path: Path) -> None:
 def test_the_index_of_a_recording_may_not_be_a_bomb_either(tmp_path: Path) -> None:
     (tmp_path / "bag.mcap").touch()
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n" + bomb(12, "  "))
-    with pytest.raises(RecordingError, match="metadata.yaml|cannot be read"), Recording(tmp_path):
+    with pytest.raises(RecordingError, match=r"metadata\.yaml|cannot be read"), Recording(tmp_path):
         pass
 
 
