@@ -165,7 +165,7 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             {},
             {"vehicle": {"at_end": "go_to", "recovery_north_m": 900.0, "recovery_east_m": 0.0}},
             "error",
-            "auv2.*: vehicle.recovery_north_m, .* = 900, 0 m, the target of vehicle.at_end: .* m outside of",
+            "auv2.*: vehicle.recovery_north_m, .* = 900, 0 m, the target of vehicle.at_end: .* m outside",
         ),
         ({"planner": {"lane_spacing_m": 20.0}}, None, "warning", "expected at least 30 m, twice motion.turn_radius_m"),
         ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m; expected .* at least 0.5 m"),
