@@ -1,1 +1,1 @@
-"""What every package of the stack shares: strict parameters, frames, named random streams, the lockstep gate."""
+"""Common code of all packages: strict parameters, frames, named random streams, topics, nodes, processes."""

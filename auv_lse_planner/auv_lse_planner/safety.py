@@ -30,7 +30,7 @@ class Safety:
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int) -> Safety:
-        """Builds both from a nested parameter mapping; other sections are ignored.
+        """Builds mission and watch from a nested parameter mapping; other sections are ignored.
 
         Args:
             where: Source of the parameters, for messages.

@@ -47,7 +47,7 @@ def written(folder: Path, types: Any, messages: int, close: bool = True) -> BagW
     return bag
 
 
-def test_a_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) -> None:
+def test_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) -> None:
     written(tmp_path / "bag", types, 10)
     with AnyReader([tmp_path / "bag"]) as reader:
         stamps = [stamp for _, stamp, _ in reader.messages()]
@@ -62,7 +62,7 @@ def test_a_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) 
     assert header.profile == "ros2"
 
 
-def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: Any) -> None:
+def test_definitions_are_complete_and_keep_their_comments(tmp_path: Path, types: Any) -> None:
     """Two independent readers read every message by them; units and meanings are there for a person."""
     bag = BagWriter(tmp_path / "bag", types, {})
     bag.texts = message_texts([MESSAGES])
@@ -98,7 +98,7 @@ def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: An
         assert reader.deserialize(data, connection.msgtype).depth_m == 3.0
 
 
-def test_types_that_come_up_later_can_be_recorded(tmp_path: Path, types: Any) -> None:
+def test_types_discovered_later_can_be_recorded(tmp_path: Path, types: Any) -> None:
     """It failed: the recorder read the new package's definitions, but the writer went on with the old ones."""
     bag = BagWriter(tmp_path / "bag", types, {})
     folder = tmp_path / "share" / "ctd_msgs" / "msg"
@@ -111,7 +111,7 @@ def test_types_that_come_up_later_can_be_recorded(tmp_path: Path, types: Any) ->
     bag.close()
 
 
-def test_a_power_cut_costs_no_more_than_the_flush_time(tmp_path: Path, types: Any) -> None:
+def test_power_failure_loses_at_most_the_flush_time(tmp_path: Path, types: Any) -> None:
     bag = written(tmp_path / "bag", types, 20, close=False)  # never closed: no index, no metadata
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
         found = []
@@ -123,7 +123,7 @@ def test_a_power_cut_costs_no_more_than_the_flush_time(tmp_path: Path, types: An
     bag.close()
 
 
-def test_what_cannot_be_recorded_is_said(tmp_path: Path, types: Any) -> None:
+def test_unrecordable_topic_is_reported(tmp_path: Path, types: Any) -> None:
     written(tmp_path / "bag", types, 1)
     with pytest.raises(RecorderError, match="exists already"):
         BagWriter(tmp_path / "bag", types, {})
@@ -149,7 +149,7 @@ os.kill(os.getpid(), 9)
 """
 
 
-def test_a_recorder_killed_loses_two_seconds_at_most_and_recover_makes_a_file_that_readers_open(tmp_path: Path) -> None:
+def test_killed_recorder_loses_at_most_two_seconds_and_is_recovered(tmp_path: Path) -> None:
     folder = tmp_path / "a dive" / "bag"
     folder.parent.mkdir()
     done = subprocess.run([sys.executable, "-c", KILLED.format(path=sys.path, folder=str(folder))], check=False)
@@ -168,7 +168,7 @@ def test_a_recorder_killed_loses_two_seconds_at_most_and_recover_makes_a_file_th
 
 
 @pytest.mark.parametrize("at", [0.5, 0.9])
-def test_a_recording_cut_off_anywhere_is_recovered_up_to_there(tmp_path: Path, types: Any, at: float) -> None:
+def test_truncated_recording_is_recovered_up_to_the_cut(tmp_path: Path, types: Any, at: float) -> None:
     written(tmp_path / "bag", types, 100)
     file = tmp_path / "bag" / "bag.mcap"
     data = file.read_bytes()
@@ -179,7 +179,7 @@ def test_a_recording_cut_off_anywhere_is_recovered_up_to_there(tmp_path: Path, t
         assert make_reader(whole).get_summary() is not None
 
 
-def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_files_are_not_recovered(tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / "none")]) == 1
     assert "does not exist" in capsys.readouterr().err
     (tmp_path / "x.mcap").write_bytes(b"no recording")
@@ -204,7 +204,7 @@ def test_a_recording_that_was_copied_in_part_is_recovered_although_its_metadata_
         recover(tmp_path / "bag")
 
 
-def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Path, types: Any) -> None:
+def test_nearly_full_disk_ends_the_recording_completely(tmp_path: Path, types: Any) -> None:
     bag, left = written(tmp_path / "bag", types, 5, close=False), [500.0]
     guarded = GuardedWriter(bag, tmp_path / "bag", 200.0, lambda folder: left[0])
     guarded.check_space()
@@ -236,7 +236,7 @@ class FullDisk:
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("No space left on device")])
-def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path, error: Exception) -> None:
+def test_full_disk_ends_the_recording_without_an_error(tmp_path: Path, error: Exception) -> None:
     guarded = GuardedWriter(FullDisk(error), tmp_path, 0.0)
     guarded.write("/clock", 1, b"")
     assert "No space left on device" in guarded.problem
@@ -245,7 +245,7 @@ def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path, error
     assert guarded.dropped == 1
 
 
-def test_a_disk_that_fills_with_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
+def test_disk_full_at_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
     guarded = GuardedWriter(FullDisk(OSError(28, "No space left on device")), tmp_path, 0.0)
     guarded.add_topic("/late", "std_msgs/msg/String")
     assert "No space left on device" in guarded.problem

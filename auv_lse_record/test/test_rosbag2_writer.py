@@ -65,7 +65,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
     return found
 
 
-def test_a_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
+def test_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
     bag = make_writer(tmp_path / "dive" / "bag", [], {"seed": "7"}, 5.0)
     assert isinstance(bag, Rosbag2Writer), "where rosbag2_py is there, it writes"
     bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
@@ -88,7 +88,7 @@ def test_a_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
     assert bag.count == 1
 
 
-def test_what_rosbag2_refuses_is_named(tmp_path: Path, calls: Calls) -> None:
+def test_rosbag2_errors_are_named(tmp_path: Path, calls: Calls) -> None:
     (tmp_path / "bag").mkdir()
     with pytest.raises(RecorderError, match=r"bag'?, which exists; expected a new folder"):
         Rosbag2Writer(tmp_path / "bag", {})
@@ -99,7 +99,7 @@ def test_what_rosbag2_refuses_is_named(tmp_path: Path, calls: Calls) -> None:
         bag.add_topic("/x", "unknown/msg/X")
 
 
-def test_without_rosbag2_our_own_writer_writes(tmp_path: Path) -> None:
+def test_without_rosbag2_the_project_writer_is_used(tmp_path: Path) -> None:
     bag = make_writer(tmp_path / "bag", [], {}, 5.0)
     assert isinstance(bag, BagWriter)
     bag.close()

@@ -24,7 +24,7 @@ def same(a, b):
     np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-8)
 
 
-def test_a_run_survives_the_recording(tmp_path, synthetic_run):
+def test_run_survives_the_recording(tmp_path, synthetic_run):
     run = synthetic_run(steps=6)
     tour = Tour(segment_legs=2, bearings=(0, 255, 64))
     decisions = run.vehicles[1].decisions
@@ -56,7 +56,7 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
     assert back.sim_s == pytest.approx(run.sim_s)
 
 
-def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, synthetic_run):
+def test_raw_positions_fixes_and_mate_navigation_survive_the_recording(tmp_path, synthetic_run):
     run = synthetic_run(steps=2)
     one, two = run.vehicles
     own = one.soundings
@@ -79,7 +79,7 @@ def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, s
     assert (heard.sent_s, heard.arrival_s, heard.travel_s) == (9.0, 9.25, 0.25)
 
 
-def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, synthetic_run):
+def test_odometry_without_covariance_has_no_position_error(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     for vehicle in run.vehicles:
         vehicle.place_std_m = np.empty((0, 2))
@@ -89,7 +89,7 @@ def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, syntheti
     assert np.isnan(back.vehicles[0].place_std_at(np.array([1.0, 2.0]))).all()
 
 
-def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, synthetic_run, monkeypatch):
+def test_recording_with_the_old_name_of_the_naive_path_is_read(tmp_path, synthetic_run, monkeypatch):
     run = synthetic_run(steps=2)
     kind = "auv_lse_msgs/msg/Plan"
     texts = definitions([message_folder()], "auv_lse_msgs")
@@ -114,7 +114,7 @@ def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, 
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
 
 
-def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
+def test_mcap_library_reads_the_recording(tmp_path, synthetic_run):
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     run = synthetic_run(steps=4)
@@ -135,7 +135,7 @@ def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
     assert counts["/truth/auv2/odometry"] == len(run.vehicles[1].truth)
 
 
-def test_a_recording_holds_the_mission_file_and_the_softwares_version(tmp_path, synthetic_run):
+def test_recording_contains_the_mission_file_and_the_software_version(tmp_path, synthetic_run):
     run = synthetic_run(steps=2)
     write_run(run, tmp_path)
     with Recording(recording_in(tmp_path)) as recording:
@@ -155,7 +155,7 @@ def test_a_recording_holds_the_mission_file_and_the_softwares_version(tmp_path, 
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])
-def test_a_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
+def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     run = synthetic_run(steps=3)
     write_run(run, tmp_path / "run")
     other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
@@ -169,14 +169,14 @@ def test_a_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin
     assert read_run(file, mission=tmp_path / "run" / "mission.yaml").steps == 3
 
 
-def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
+def test_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     write_run(run, tmp_path)
     with pytest.raises(RecordingError, match=r"bag: exists"):
         write_run(run, tmp_path)
 
 
-def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
+def test_truncated_recording_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     with pytest.raises(RecordingError, match=r"nothing: does not exist"):
         read_bag(tmp_path / "nothing", run.parameters)
@@ -189,7 +189,7 @@ def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
         read_bag(tmp_path / "bag", run.parameters)
 
 
-def test_a_recording_of_something_else_is_named(tmp_path, synthetic_run):
+def test_recording_without_a_mission_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     run.vehicles, run.sent, run.received = [], [], []
     write_run(run, tmp_path)

@@ -27,7 +27,7 @@ from auv_lse_common.vocabulary.health import NewProblems
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
-#: How often (s) a node that waits for its readers looks for them.
+#: Period (s) at which a waiting node checks for its readers.
 _MATCHED_PERIOD_S = 0.05
 #: In lockstep, wall clock (s) without a simulator after which a node warns.
 _NO_SIMULATOR_S = 30.0
@@ -40,8 +40,8 @@ class BaseNode(Node):
         where: Origin of its parameters, for error messages.
         parameters: Its parameters, nested by section.
         dive: Id of the dive or simulation that it belongs to; "" if it was started by hand.
-        strangers: Messages of other dives that it has ignored.
-        gather_s: How long (s) messages may gather before they are handled together, which costs less.
+        strangers: Number of ignored messages of other dives.
+        gather_s: Time (s) for which messages are collected and then handled together, which costs less.
     """
 
     gather_s = 0.0
@@ -62,7 +62,7 @@ class BaseNode(Node):
             self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
-        """A timer on a steady clock: on the system's clock it would stop for as long as that is set back."""
+        """A timer on a steady clock; on the system's clock it would stop when that is set back."""
         options.setdefault("clock", _STEADY)
         return super().create_timer(timer_period_sec, callback, *others, **options)
 

@@ -1,24 +1,23 @@
-"""An executor that keeps its wait set: serves a node's callbacks as rclpy's does, in a fraction of the processor time.
+"""An executor that keeps its wait set, and needs a fraction of the processor time of rclpy's.
 
-rclpy 7.1 makes a wait set anew, in Python, for every message: it lists every publisher, subscription, timer and
-service of the node, enters each one's handle, adds two event handlers for every publisher and subscription, waits, and
-runs one callback as a coroutine. `StandingExecutor` lists them once, and again only when something was made or
-destroyed (rclpy tells an executor so by `wake`). One round:
+For every message, rclpy 7.1 builds a new wait set in Python: it lists every publisher, subscription, timer and service
+of the node, enters their handles, adds two event handlers for every publisher and subscription, waits, and runs one
+callback as a coroutine. `StandingExecutor` rebuilds the list only when an entity was created or destroyed (rclpy then
+calls `wake`). One round:
 
-1. If entities have changed: give up their handles, list them anew, make a new wait set.
-2. Fill the wait set, which rcl empties with every wait, and wait.
-3. Mark every guard condition that is ready, as its trigger is gone by now.
-4. Run what is ready: waitables, timers, guard conditions, subscriptions, clients, services. Subscriptions take turns,
-   one message each, until all are empty or have had `_TURNS`, so that none keeps timers and services waiting. A
-   callback that makes or destroys an entity ends the round; what was ready still is in the next one.
+1. If entities have changed, release their handles, list them again and make a new wait set.
+2. Fill the wait set, which rcl clears in every wait, and wait.
+3. Mark every ready guard condition, because the wait has reset its trigger.
+4. Run ready waitables, timers, guard conditions, subscriptions, clients and services. Subscriptions take turns, one
+   message each, until all are empty or have had `_TURNS`, so that timers and services do not wait. A callback that
+   creates or destroys an entity ends the round; the other ready entities follow in the next one.
 
-Filling and waiting take as long as the wait set is. So services, of which every node has seven for its parameters,
-join it when nothing has come for `_SERVICES_PERIOD_S`, and at least once in that time. So do, by `_RARE_PERIOD_S`,
-handlers of an incompatible reader or writer, which rclpy makes for every publisher and subscription and which have
-something to say at discovery alone.
+The time to fill the wait set and to wait grows with its size. So services (every node has seven for its parameters) are
+included only once per `_SERVICES_PERIOD_S`. Event handlers for incompatible readers and writers, which matter only
+during discovery, are included once per `_RARE_PERIOD_S`.
 
-What may need a coroutine (a service, a client, a waitable, an `async def` callback) runs as rclpy runs it, and while a
-task is pending rclpy's own rounds are used.
+Callbacks that may need a coroutine (of a service, a client, a waitable, or `async def`) run as in rclpy. While a task
+is pending, rclpy's own rounds are used.
 """
 
 from __future__ import annotations
@@ -39,11 +38,11 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
-#: Environment variable by which scripts/bench asks for rclpy's own executor: "rclpy".
+#: Environment variable with which scripts/bench selects rclpy's own executor: "rclpy".
 CHOICE = "AUV_LSE_EXECUTOR"
-#: Messages of one subscription taken before timers and services have their turn again.
+#: Largest number of messages of one subscription per round.
 _TURNS = 100
-#: Wall clock (s) after which a busy node looks whether a service is called, and a reader or writer incompatible.
+#: Wall-clock period (s) of checks for service calls, and for incompatible readers and writers, in a busy node.
 _SERVICES_PERIOD_S, _RARE_PERIOD_S = 0.1, 1.0
 _RARE = (
     "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS",
@@ -51,7 +50,7 @@ _RARE = (
     "RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS",
     "RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE",
 )
-#: What is used of rclpy beyond its documented interface.
+#: Undocumented parts of rclpy that the executor uses.
 _EXECUTOR_NEEDS = (
     "_context",
     "_guard",
@@ -81,14 +80,14 @@ _WAIT_SET_NEEDS = (
 
 
 def missing_of(executor: Executor) -> list[str]:
-    """What `StandingExecutor` needs of rclpy's executor and wait set, and the installed rclpy lacks."""
+    """Parts of rclpy's executor and wait set that `StandingExecutor` needs and the installed rclpy lacks."""
     wait_set = getattr(_rclpy, "WaitSet", None)
     missing = [f"Executor.{name}" for name in _EXECUTOR_NEEDS if not hasattr(executor, name)]
     return missing + [f"WaitSet.{name}" for name in _WAIT_SET_NEEDS if not hasattr(wait_set, name)]
 
 
 def make_executor() -> Executor:
-    """The executor for a node of the stack. Where rclpy lacks what ours needs: rclpy's own, with a warning."""
+    """The executor for a node of the stack; rclpy's own, with a warning, if rclpy lacks needed parts."""
     plain = SingleThreadedExecutor()
     if os.environ.get(CHOICE) == "rclpy":
         return plain
@@ -104,10 +103,9 @@ def make_executor() -> Executor:
 
 
 class StandingExecutor(SingleThreadedExecutor):
-    """Serves the callbacks of nodes in the thread that spins; see the top of this file."""
+    """Serves the callbacks of nodes in the spinning thread; see the module's text."""
 
     def __init__(self) -> None:
-        """An executor of the default context, without nodes."""
         self._changed = True
         self._entities: _Entities | None = None
         self._serving = threading.RLock()  # held by the thread that uses the entities
@@ -120,7 +118,7 @@ class StandingExecutor(SingleThreadedExecutor):
         super().wake()
 
     def add_node(self, node: Node) -> bool:
-        """Starts serving a node; False if it was served already."""
+        """Starts serving a node; False if it is already served."""
         self._changed = True
         return super().add_node(node)
 
@@ -131,19 +129,19 @@ class StandingExecutor(SingleThreadedExecutor):
         self._release()
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Serves nothing any more; the thread that spins gives up every handle."""
+        """Stops serving; the spinning thread releases every handle."""
         done = super().shutdown(timeout_sec)
         self._changed = True
         self._release()
         return done
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """One round: waits until something is ready or `timeout_sec` is over (None: for ever), and runs all of it."""
+        """Waits until an entity is ready (at most `timeout_sec`; None: unlimited) and runs all ready ones."""
         if self._tasks:
             super().spin_once(timeout_sec)
             return
         with self._serving:
-            if self._cb_iter is not None:  # a round of rclpy's that was not finished; it holds handles
+            if self._cb_iter is not None:  # an unfinished round of rclpy, which holds handles
                 self._cb_iter.close()
                 self._cb_iter = None
             if not self._is_shutdown:
@@ -153,14 +151,14 @@ class StandingExecutor(SingleThreadedExecutor):
 
     def _round(self, timeout_s: float | None) -> None:
         if self._changed or self._entities is None:
-            self._changed = False  # first: what changes while they are listed is listed in the next round
+            self._changed = False  # reset first: changes during the listing are for the next round
             self._release()
             self._entities = _Entities(self._context, self.get_nodes(), (self._guard, self._sigint_gc))
         entities = self._entities
         self._wait(entities, timeout_s)
         if self._is_shutdown:
             return
-        if self._changed and not self._context.ok():  # the end of ROS wakes the executor
+        if self._changed and not self._context.ok():  # shutdown wakes the executor
             raise ExternalShutdownException()
         entities.mark_guards()
         for run, ready in (
@@ -175,7 +173,7 @@ class StandingExecutor(SingleThreadedExecutor):
                 run(ready)
 
     def _release(self) -> None:
-        """Gives up the handles, unless another thread is using them: that one will."""
+        """Releases the handles, unless another thread is using them, which then does it."""
         if self._serving.acquire(blocking=False):
             try:
                 if self._entities is not None:
@@ -207,7 +205,7 @@ class StandingExecutor(SingleThreadedExecutor):
             ready = left
 
     def _run_subscription(self, subscription: Subscription, node: Node) -> bool:
-        """Takes one message and handles it; False if there was none, or the round is over."""
+        """Takes and handles one message; False without a message, or at the end of the round."""
         group, callback = subscription.callback_group, subscription.callback
         if self._changed:
             return False
@@ -276,7 +274,7 @@ class StandingExecutor(SingleThreadedExecutor):
             raise task.exception()
 
 
-#: The name of each kind in a wait set (in the order of `NumberOfEntities`), and that of a node's list of them.
+#: Names of the kinds of entities in a wait set (in the order of `NumberOfEntities`), and of a node's lists of them.
 _KINDS = {
     "subscription": "subscriptions",
     "guard_condition": "guards",
@@ -284,12 +282,12 @@ _KINDS = {
     "client": "clients",
     "service": "services",
 }
-#: An entity of rclpy's, and its node.
+#: An rclpy entity and its node.
 _Served = tuple[Any, Node]
 
 
 class _Entities:
-    """What some nodes want to be served, in one wait set. Their handles stay in use until `close`.
+    """The entities of some nodes in one wait set. Their handles stay in use until `close`.
 
     Attributes:
         node_guards: The nodes' guard conditions.
@@ -335,12 +333,12 @@ class _Entities:
         return True
 
     def close(self) -> None:
-        """Gives the handles up."""
+        """Releases the handles."""
         self._wait_set = None
         self._stack.close()
 
     def wait(self, timeout_s: float | None, services: bool, rare: bool) -> None:
-        """Waits until something is ready or `timeout_s` is over (None: for ever), for services or rare events too."""
+        """Waits until an entity is ready, at most `timeout_s` (None: unlimited); includes services or rare events."""
         for guard, _ in self.node_guards:
             if guard._executor_triggered:  # its callback was not run
                 guard.trigger()
@@ -364,7 +362,7 @@ class _Entities:
         return [served for served in self._waited_for if served[0].is_ready(self._wait_set)]
 
     def mark_guards(self) -> None:
-        """Notes which guard conditions the last wait found ready: rcl has taken their triggers."""
+        """Marks the guard conditions that the last wait found ready, because rcl has reset their triggers."""
         if self.node_guards:
             ready = self._wait_set.get_ready_entities("guard_condition")
             for guard, _ in self.node_guards:
@@ -373,5 +371,5 @@ class _Entities:
 
 
 def _is_rare(waitable: Waitable) -> bool:
-    """Whether it handles an event that comes at discovery alone."""
+    """Whether it handles an event that occurs only during discovery."""
     return getattr(getattr(waitable, "event_type", None), "name", "") in _RARE

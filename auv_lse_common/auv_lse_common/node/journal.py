@@ -1,6 +1,6 @@
-"""A node's journal: what it needs after a restart, appended to a file as it happens.
+"""A node's journal: a file to which a node appends the data that it needs after a restart.
 
-A file of lines. The first one names the format and the mission; each further one is a record with its checksum:
+The first line of the file contains the format and the mission; each further line is a record with its checksum:
 
     {"format": 1, "mission": "9f0c..."}
     5d1c40a2 ["step", {...}]
@@ -29,24 +29,24 @@ from typing import Any
 
 #: Format of the lines; a journal of another one is not read.
 FORMAT = 1
-#: The environment variable that names the folder of the journals; without it no node keeps one.
+#: Environment variable with the folder of the journals; without it no node keeps one.
 FOLDER_VARIABLE = "AUV_LSE_JOURNAL"
 #: First byte of a file whose records are out of date, and of one from which they were dropped.
 _STALE_HERE, _STALE_BEFORE = b"?", b"!"
 
 
 class Journal:
-    """Records that outlive their process.
+    """Records that survive a restart of the process.
 
     Attributes:
-        records: What an earlier process of the same mission wrote, in its order: lists of JSON values.
-        damaged: Lines that could not be read.
+        records: Records of an earlier process of the same mission, in order: lists of JSON values.
+        damaged: Number of lines that could not be read.
         problem: Why records are not being written; "" if they are.
         stale: Why the state of an earlier process is out of date, so that none of it was restored; "" if it is not.
     """
 
     def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
-        """Reads what is there, and opens the file for more. A file that cannot be used is a `problem`, no error.
+        """Reads an existing file and opens it for appending. An unusable file sets `problem` and raises no error.
 
         Args:
             path: The file; its folder is made if it is missing. None: no journal is kept.

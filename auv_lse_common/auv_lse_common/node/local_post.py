@@ -19,7 +19,7 @@ Take = Callable[[Any], None]
 
 
 class LocalPost:
-    """The queue of messages between the nodes of one process, and their readers.
+    """Passes messages between the nodes of one process.
 
     Attributes:
         nodes: Names of the nodes that share this process; empty where a node is alone.
@@ -27,7 +27,6 @@ class LocalPost:
     """
 
     def __init__(self) -> None:
-        """Starts with no node sharing the process."""
         self.nodes: frozenset[str] = frozenset()
         self.answers = Answers()
         self._readers: dict[str, list[Take]] = {}
@@ -69,33 +68,33 @@ POST = LocalPost()
 
 
 class Publisher(Protocol):
-    """What an outlet needs of a publisher of rclpy's."""
+    """The part of an rclpy publisher that an outlet needs."""
 
     def publish(self, msg: Any) -> None:
         """Sends a message."""
         ...
 
     def get_subscription_count(self) -> int:
-        """How many readers it has."""
+        """Number of its readers."""
         ...
 
 
 class Outlet:
-    """Where a node publishes one topic: to the nodes beside it, and by ROS to everybody else."""
+    """Publishes one topic: directly to the nodes in the same process, and with ROS to all others."""
 
     def __init__(self, publisher: Publisher, topic: Topic, post: LocalPost, make: Callable[[Any], Any]) -> None:
-        """Args: publisher: of the topic. post: of the process. make: makes the message that carries a value."""
+        """Args: publisher: of the topic. post: of the process. make: returns the message for a value."""
         self._publisher = publisher
         self._topic = topic
         self._post = post
         self._make = make
 
     def publish(self, value: Any) -> None:
-        """Publishes the message that carries a value."""
+        """Publishes a value as a message."""
         self.publish_message(self._make(value))
 
     def publish_message(self, message: Any) -> None:
-        """Publishes a message, which must not change afterwards; by ROS only if somebody reads it or may come late."""
+        """Publishes a message, which must not change afterwards; with ROS only if it has readers or is latched."""
         self._post.send(self._topic.name, message)
         if self._topic.latched or self._publisher.get_subscription_count():
             self._publisher.publish(message)

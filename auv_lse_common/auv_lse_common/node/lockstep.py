@@ -1,9 +1,9 @@
-"""Lockstep: when each phase of a tick may begin. The phases are in `auv_lse_common.topics.table`.
+"""Lockstep: decides when each phase of a tick may begin (`auv_lse_common.topics.table` lists the phases).
 
-In lockstep the simulator announces with each tick how many messages it has published so far. Each node announces, with
-every phase of the tick that it has handled, how many messages it has published so far. DDS keeps the order of one topic
-but not across topics, so a node counts what has arrived and begins a phase only when every announced message is there.
-No clock is involved: a run repeats from its seed whatever the order in which the processes run.
+With each tick, the simulator announces the number of messages it has published so far. So does each node with every
+phase it has handled. DDS keeps the order within a topic but not across topics, so a node counts arrivals and begins a
+phase only when every announced message has arrived. No clock is involved: a run is repeatable from its seed, whatever
+the scheduling of the processes.
 """
 
 from __future__ import annotations
@@ -26,35 +26,34 @@ class Answer:
 
 
 class Answers:
-    """Combines the answers of one process's phases that end a tick: the simulator waits for all of them anyway.
+    """Combines the answers of those phases of one process that end a tick, since the simulator waits for all of them.
 
-    A second answer of a phase, or an unexpected one, is passed on at once.
+    Repeated and unexpected answers of a phase are passed on immediately.
     """
 
     def __init__(self) -> None:
-        """Expects no phase yet."""
         self._expected: list[str] = []
         self._answers: dict[int, dict[str, Answer]] = {}
-        self._complete = 0  # the last tick that was answered by all
+        self._complete = 0  # the last tick that all phases have answered
 
     def expect(self, phase: str) -> None:
         """Expects an answer of `phase` to every tick."""
         self._expected.append(phase)
 
     def add(self, tick: int, answer: Answer) -> Answer | None:
-        """Takes a phase's answer to `tick`; returns the answer to pass on, None while others are missing."""
+        """Takes a phase's answer to `tick`; returns the answer to pass on, or None while other answers are missing."""
         if answer.phase not in self._expected or tick <= self._complete:
             return answer
-        told = self._answers.setdefault(tick, {})
-        told[answer.phase] = answer
-        if len(told) < len(self._expected):
+        given = self._answers.setdefault(tick, {})
+        given[answer.phase] = answer
+        if len(given) < len(self._expected):
             return None
         self._complete = tick
         del self._answers[tick]
         return Answer(
-            phase="+".join(told),
-            totals=tuple(total for each in told.values() for total in each.totals),
-            finished=any(each.finished for each in told.values()),
+            phase="+".join(given),
+            totals=tuple(total for each in given.values() for total in each.totals),
+            finished=any(each.finished for each in given.values()),
         )
 
 
@@ -77,20 +76,20 @@ class Gate:
         self.tick = 0  # last tick handled
 
     def count(self, name: str, number: int = 1) -> None:
-        """One more message (or `number`) of input `name` has arrived."""
+        """Counts `number` arrived messages of input `name`."""
         self._seen[name] += number
 
     def reach(self, name: str, total: int) -> None:
-        """`total` messages of input `name` have arrived by now, or a revision that stands for as many."""
+        """Records that `total` messages of input `name` have arrived, or a revision that replaces them."""
         self._seen[name] = max(self._seen[name], total)
 
     def announce(self, tick: int, name: str, total: int) -> None:
-        """For `tick`, `total` messages of input `name` have been published since the start."""
+        """Records that `total` messages of input `name` were published until `tick`."""
         if tick > self.tick:
             self._announced.setdefault(tick, {})[name] = total
 
     def ready(self) -> int | None:
-        """The next tick to handle, if everything it announces has arrived; else None."""
+        """The next tick, if all its announced messages have arrived; else None."""
         tick = self.tick + 1
         announced = self._announced.get(tick, {})
         if len(announced) < len(self.inputs):
@@ -100,12 +99,12 @@ class Gate:
         return tick
 
     def handled(self, tick: int) -> None:
-        """`tick` has been handled; the next one may follow."""
+        """Records that `tick` has been handled."""
         self.tick = tick
         self._announced.pop(tick, None)
 
     def missing(self) -> dict[str, str]:
-        """What the next tick still waits for, for error messages."""
+        """The missing inputs of the next tick, for error messages."""
         announced = self._announced.get(self.tick + 1, {})
         return {
             name: f"{self._seen[name]} of {announced.get(name, 'unannounced')}"
@@ -116,7 +115,7 @@ class Gate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ready:
-    """A phase that may begin: its name, the tick's number, and the tick's stamp (s)."""
+    """A phase that may begin: its name, and the tick's number and stamp (s)."""
 
     phase: str
     tick: int
@@ -124,10 +123,10 @@ class Ready:
 
 
 class Ticks:
-    """The ticks of one node: what was announced, what has arrived, and which of its phases may begin.
+    """The ticks of one node: announcements, arrivals, and the phases that may begin.
 
     Attributes:
-        now_s: Stamp of the last tick announced (s), or a later time that a message carried; 0 before.
+        now_s: Stamp of the last announced tick (s), or a later time in a message; 0 before the first tick.
     """
 
     def __init__(self, phases: Sequence[str]) -> None:
@@ -137,7 +136,7 @@ class Ticks:
         self._stamps: dict[int, float] = {}
 
     def begin(self, tick: int, now_s: float, totals: Mapping[str, int]) -> None:
-        """The simulator has announced `tick`.
+        """Takes the simulator's announcement of `tick`.
 
         Args:
             tick: Its number, from 1.
@@ -149,21 +148,21 @@ class Ticks:
         self._announce(tick, totals)
 
     def done(self, phase: str, tick: int, totals: Sequence[int]) -> None:
-        """Another node has handled its `phase` of `tick`; `totals` as in LockstepDone."""
+        """Records that another node has handled its `phase` of `tick`; `totals` as in LockstepDone."""
         self._announce(tick, dict(zip(announces(phase), totals, strict=True)))
 
     def arrived(self, topic: str, number: int = 1) -> None:
-        """`number` more messages of `topic` have arrived."""
+        """Counts `number` arrived messages of `topic`."""
         for gate in self._gates.values():
             gate.count(topic, number)
 
     def arrived_up_to(self, topic: str, total: int) -> None:
-        """The messages of `topic` up to number `total` have arrived, or a later one that replaces them."""
+        """Records that message number `total` of `topic` has arrived, or a later one that replaces it."""
         for gate in self._gates.values():
             gate.reach(topic, total)
 
     def ready(self) -> Ready | None:
-        """The first phase that may begin now; None if each still waits."""
+        """The first phase that may begin; None if all phases wait."""
         for phase, gate in self._gates.items():
             tick = gate.ready()
             if tick is not None and tick in self._stamps:
@@ -171,7 +170,7 @@ class Ticks:
         return None
 
     def handled(self, phase: str, tick: int) -> None:
-        """The node has handled its `phase` of `tick`."""
+        """Records that this node has handled its `phase` of `tick`."""
         self._gates[phase].handled(tick)
         over = min(gate.tick for gate in self._gates.values())
         for old in [number for number in self._stamps if number <= over]:

@@ -15,7 +15,7 @@ from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 
 _ENDS = {SimStatus.FINISHED: "finished", SimStatus.FAILED: "failed"}
-#: The simulator is lost if so many checks in a row do not find it: its last status may arrive after it has ended.
+#: The simulator is lost after this many failed checks in a row, since its last status may arrive after its end.
 _CHECKS = 10
 
 
@@ -61,7 +61,7 @@ class SimStatusWatch:
         return self._state
 
     def _on_status(self, message: SimStatus) -> None:
-        """Takes the end of a mission that this watch has seen waiting or running, not of an earlier one."""
+        """Takes the end of a mission that this watch has seen waiting or running; ignores earlier missions."""
         if dive_of(message.header.frame_id) != self._environment.get(DIVE_VARIABLE, ""):
             return
         self._begun = self._begun or message.state not in _ENDS

@@ -1,4 +1,4 @@
-"""Runs a function in a forked process on another core, while this process goes on."""
+"""Runs a function in a forked process on another core, in parallel to this process."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ T = TypeVar("T")
 
 
 def run_in_background(work: Callable[[], T]) -> Callable[[], T]:
-    """Starts `work` in a forked process; on a machine with one core it runs when its result is asked for.
+    """Starts `work` in a forked process; on a machine with one core it runs when its result is requested.
 
     Args:
-        work: Its changes to memory are lost, files that it writes stay. Its result must be picklable.
+        work: Function with a picklable result. Its changes to memory are lost; files that it writes remain.
 
     Returns:
         A function that waits for the work and returns its result, or raises its error.

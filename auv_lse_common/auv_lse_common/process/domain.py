@@ -176,7 +176,7 @@ def _user(domain: int, vehicle: int = 0) -> str:
 
 
 def has_participants(domain: int) -> bool:
-    """Whether nodes use `domain` on this machine, also such as reserved nothing: whether a UDP port of it is in use."""
+    """Whether nodes use `domain` on this machine, even unreserved: whether one of its UDP ports is in use."""
     first = _FIRST_PORT + _DOMAIN_GAIN * domain
     return any(
         _is_bound(port)

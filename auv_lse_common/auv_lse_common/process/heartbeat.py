@@ -26,14 +26,13 @@ class Heartbeat:
     """Sender: sends heartbeats to the keeper that the environment names, if any."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        """Sends nothing yet."""
         address = environment.get(SOCKET_VARIABLE, "")
         self.wanted = bool(address)
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) if address else None
 
     def beat(self) -> None:
-        """Sends a heartbeat; a keeper that has ended or is too busy is ignored."""
+        """Sends a heartbeat; ignores a keeper that has ended or is too busy."""
         self._send(_ALIVE)
 
     def report(self, text: str) -> None:

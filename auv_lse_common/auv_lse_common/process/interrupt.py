@@ -10,22 +10,21 @@ class Interrupt:
     """Takes over SIGINT and SIGTERM.
 
     Attributes:
-        signal: The first of the two signals that has come; None before.
+        signal: The first received signal; None before.
     """
 
     def __init__(self) -> None:
-        """Takes over both signals."""
         self.signal: signal.Signals | None = None
         for sign in (signal.SIGINT, signal.SIGTERM):
             signal.signal(sign, self._note)
 
     @property
     def came(self) -> bool:
-        """Whether one of the signals has come."""
+        """Whether one of the signals was received."""
         return self.signal is not None
 
     def release(self) -> None:
-        """From now on either signal raises KeyboardInterrupt."""
+        """Restores KeyboardInterrupt for both signals."""
         for sign in (signal.SIGINT, signal.SIGTERM):
             signal.signal(sign, signal.default_int_handler)
 

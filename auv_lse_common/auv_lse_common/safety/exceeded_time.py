@@ -1,10 +1,10 @@
-"""How long a limit has been exceeded of late: a time that single readings can neither reset nor reach."""
+"""Measures how long a limit has recently been exceeded, robust against single readings."""
 
 from __future__ import annotations
 
 from collections import deque
 
-#: Without new readings the majority of this many stands.
+#: Number of last readings whose majority applies in a step without readings.
 _HELD = 3
 #: Rounding (s) of sums of steps.
 _ROUNDING_S = 1e-6
@@ -13,16 +13,15 @@ _ROUNDING_S = 1e-6
 class ExceededTime:
     """The exceeded time of one limit within the last `2 * patience_s`.
 
-    Each step has a share: the part of its new readings that exceed the limit. It counts until the next step. A step
-    without readings takes the majority of the last three, and after `patience_s` of silence the last one. So neither
-    an outlier nor a good reading decides about a short gap, and silence hides no last reading.
+    Each step has a share: the fraction of its new readings that exceed the limit, valid until the next step. In a step
+    without readings it is the majority of the last three readings, and after `patience_s` of silence the last reading.
+    So a single reading does not decide about a short gap, and the last reading counts in a long one.
 
     Attributes:
         share: Share of the last step, 0 to 1; 0 before the first reading.
     """
 
     def __init__(self, patience_s: float) -> None:
-        """Starts without readings."""
         self.share = 0.0
         self._patience_s = patience_s
         self._new: list[bool] = []
@@ -36,7 +35,7 @@ class ExceededTime:
         self._new.append(exceeded)
 
     def shift(self, passed_s: float) -> None:
-        """The clock was set by `passed_s`: moves all times with it."""
+        """Shifts all times by `passed_s`, when the clock was set by that much."""
         self._heard_s += passed_s
         self._step_s += passed_s
         self._pieces = deque((start_s + passed_s, end_s + passed_s, share) for start_s, end_s, share in self._pieces)

@@ -12,7 +12,7 @@ from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.topics.table import VEHICLE_TOPICS
 
 
-def test_every_node_may_use_every_topic_of_its_own_vehicle() -> None:
+def test_nodes_may_use_all_topics_of_their_vehicle() -> None:
     root = ElementTree.fromstring(policy(2).partition("\n")[2])
     assert [enclave.get("path") for enclave in root.iter("enclave")] == ["/auv2"]
     nodes = {(profile.get("ns"), profile.get("node")) for profile in root.iter("profile")}
@@ -38,7 +38,7 @@ SCHEMA = {
 }
 
 
-def test_it_is_what_the_schema_of_policies_allows() -> None:
+def test_policy_follows_the_schema() -> None:
     text = policy(3)
     assert text.startswith('<?xml version="1.0" encoding="UTF-8"?>\n<policy version="0.2.0">\n')
     for element in ElementTree.fromstring(text.partition("\n")[2]).iter():
@@ -53,7 +53,7 @@ def test_it_is_what_the_schema_of_policies_allows() -> None:
             assert re.fullmatch(r"(/[a-z_][a-z0-9_]*)+", element.text or ""), "a name from the root, so of one meaning"
 
 
-def test_a_name_that_is_no_vehicles_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_vehicle_name_is_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["auv3"]) == 0
     assert 'path="/auv3"' in capsys.readouterr().out
     assert main(["boat"]) == 2

@@ -32,7 +32,7 @@ def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
     return crew_of("auv2", file, file.parent / "dive", simulated, record)
 
 
-def test_the_file_says_which_nodes_run(tmp_path: Path) -> None:
+def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
     found = crew(write(tmp_path))
     names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
     assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
@@ -45,7 +45,7 @@ def test_the_file_says_which_nodes_run(tmp_path: Path) -> None:
     assert crew(write(tmp_path), record=False).recording is None
 
 
-def test_a_file_with_a_section_sim_follows_the_simulator_which_records(tmp_path: Path) -> None:
+def test_file_with_section_sim_follows_the_simulator_and_its_recorder(tmp_path: Path) -> None:
     file = write(tmp_path, sim={"lockstep": True, "tick_s": 1.0})
     found = crew(file)
     assert (found.simulated, found.lockstep, found.recording, found.file) == (True, True, None, file)
@@ -53,7 +53,7 @@ def test_a_file_with_a_section_sim_follows_the_simulator_which_records(tmp_path:
     assert (paced.simulated, paced.lockstep) == (True, False)
 
 
-def test_a_file_without_a_section_sim_can_follow_the_simulator(tmp_path: Path) -> None:
+def test_file_without_section_sim_can_follow_the_simulator(tmp_path: Path) -> None:
     found = crew(write(tmp_path), simulated=True)
     assert (found.simulated, found.lockstep) == (True, True)
     whole = read_parameter_file(found.file)["/**"]
@@ -61,7 +61,7 @@ def test_a_file_without_a_section_sim_can_follow_the_simulator(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["auv0", "auv256", "auv", "uav2", "auv-1", ""])
-def test_a_name_that_is_no_vehicles_is_refused(name: str) -> None:
+def test_invalid_vehicle_name_is_rejected(name: str) -> None:
     with pytest.raises(ParameterError, match="expected a name from auv1 to auv255"):
         vehicle_number(name)
     assert vehicle_number("auv7") == vehicle_number("/auv7") == vehicle_number("7") == 7
@@ -69,12 +69,12 @@ def test_a_name_that_is_no_vehicles_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
 @pytest.mark.parametrize("value", [5, None, [1]])
-def test_a_section_that_is_none_is_refused(name: str, value: object, tmp_path: Path) -> None:
+def test_unknown_section_is_rejected(name: str, value: object, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: got .*; expected a mapping of parameters"):
         crew(write(tmp_path, **{name: value}))
 
 
-def test_what_cannot_run_is_said_and_nothing_is_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = write(tmp_path), tmp_path / "dive"
     assert main(["auv4", str(file), "--out", str(out)]) == 2
     assert "mission.vehicles: got 3; expected at least 4 for auv4" in capsys.readouterr().err

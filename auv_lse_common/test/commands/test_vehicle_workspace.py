@@ -121,7 +121,7 @@ print([call.kwargs["executable"] for call in sys.modules["launch_ros.actions"].N
     assert sorted(yaml.safe_load(done.stdout)) == sorted(NODES), done.stderr
 
 
-def test_the_loops_are_compiled_and_other_commands_name_what_is_missing(vehicle_workspace: dict[str, str]) -> None:
+def test_loops_are_compiled_and_commands_name_missing_packages(vehicle_workspace: dict[str, str]) -> None:
     for package in ("auv_lse_sim", "auv_lse_shore"):
         assert "Error" in run(vehicle_workspace, "-c", f"from {package} import engine, mission").stderr
     warmed = run(vehicle_workspace, "-m", "auv_lse_common.commands.warm_up")

@@ -29,7 +29,7 @@ STATUS = Message(
 )
 
 
-def test_a_message_is_printed_as_ros2_topic_echo_prints_it() -> None:
+def test_messages_are_printed_as_by_ros2_topic_echo() -> None:
     assert yaml_text(plain(STATUS)) == (
         "header:\n  frame_id: map\nvalues:\n- key: a\n  value: 1.5\n- key: b\n  value: 2.0\n"
         "payload:\n- 0\n- 1\n- 2\n- 3\n- 4\ncovariance:\n- 0.0\n- 0.0\non: true\n".replace("on: true", "'on': true")
@@ -38,14 +38,14 @@ def test_a_message_is_printed_as_ros2_topic_echo_prints_it() -> None:
     assert yaml_text(plain(STATUS.header), flow=True) == "{frame_id: map}\n"
 
 
-def test_long_arrays_and_texts_are_cut_or_left_out() -> None:
+def test_long_arrays_and_texts_are_cut_or_omitted() -> None:
     assert plain(array.array("d", [1.0, 2.0, 3.0]), truncate=2) == [1.0, 2.0, "..."]
     assert plain("abcdef", truncate=3) == "abc..."
     assert plain(list(range(200)), truncate=None) == list(range(200))
     assert plain(STATUS, arrays=False)["payload"] == "<sequence of 5>"
 
 
-def test_a_field_by_its_path() -> None:
+def test_field_of_a_path() -> None:
     assert field_of(STATUS, "header.frame_id") == "map"
     assert field_of(STATUS, "values[1].key") == field_of(STATUS, "values[-1].key") == "b"
     assert yaml_text(plain(field_of(STATUS, "values[0].value"))) == "1.5\n"
@@ -61,6 +61,6 @@ def test_a_field_by_its_path() -> None:
         ("header.frame_id.x", "header.frame_id has no 'x'; it has no fields"),
     ],
 )
-def test_a_field_that_is_not_there_is_named(path: str, words: str) -> None:
+def test_missing_field_is_named(path: str, words: str) -> None:
     with pytest.raises(FieldError, match=words):
         field_of(STATUS, path)

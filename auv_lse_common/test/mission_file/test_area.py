@@ -24,7 +24,7 @@ def distance_to_border(places, polygons):
 
 
 @pytest.mark.parametrize("raster_m", [1.0, 2.0, 5.0])
-def test_clearance_is_never_too_large_and_close_to_the_truth(raster_m):
+def test_clearance_is_conservative_and_accurate(raster_m):
     area = OperatingArea(AreaConfig(polygon_m=L_SHAPE, no_go={"island": ISLAND}, raster_m=raster_m))
     places = np.random.default_rng(0).uniform([-40, -40], [240, 340], (20_000, 2))
     inside = area.contains(places)
@@ -36,7 +36,7 @@ def test_clearance_is_never_too_large_and_close_to_the_truth(raster_m):
     assert not np.any(clearance[~inside] > 0.0)
 
 
-def test_contains_by_hand():
+def test_contains_worked_by_hand():
     area = OperatingArea(AreaConfig(polygon_m=L_SHAPE, no_go={"island": ISLAND}))
     places = [[50, 50], [150, 50], [150, 150], [50, 250], [50, 170], [-1, 50], [50, 301], [35, 151], [31, 190]]
     assert area.contains(places).tolist() == [True, True, False, True, False, False, False, False, True]
@@ -63,7 +63,7 @@ def test_grid_covers_the_area():
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 3.0, 0.0, 3.0, 3.0), raster_m=0.5)).grid(500.0)
 
 
-def test_a_raster_does_not_miss_a_thin_wall():
+def test_raster_represents_a_thin_wall():
     wall = (0.0, 50.0, 100.0, 50.0, 100.0, 50.2, 0.0, 50.2)
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 100.0, 0.0, 100.0, 100.0, 0.0, 100.0), no_go={"wall": wall},
                                     raster_m=4.0))  # fmt: skip
@@ -87,14 +87,14 @@ def test_a_raster_does_not_miss_a_thin_wall():
         ((0.0, 0.0, 1e7, 0.0, 1e7, 1e7), r"expected finite, within 1000 km"),
     ],
 )
-def test_bad_polygons_are_named(polygon, message):
+def test_invalid_polygons_are_named(polygon, message):
     with pytest.raises(ParameterError, match=message):
         AreaConfig(polygon_m=polygon)
     with pytest.raises(ParameterError, match=r"area\.no_go\.reef: "):
         AreaConfig(no_go={"reef": polygon})
 
 
-def test_other_refusals():
+def test_other_invalid_arguments():
     with pytest.raises(ParameterError, match=r"origin_lon_deg: got 17\.0, None; expected both or neither"):
         AreaConfig(origin_lat_deg=17.0)
     with pytest.raises(ParameterError, match=r"area\.raster_m: got 0\.1; .*choose a larger raster_m"):
@@ -105,7 +105,7 @@ def test_other_refusals():
         )
 
 
-def test_a_closed_ring_and_the_mapping_round_trip():
+def test_closed_ring_survives_the_mapping_round_trip():
     config = AreaConfig(
         polygon_m=(*L_SHAPE, 0.0, 0.0), no_go={"island": ISLAND}, origin_lat_deg=1.0, origin_lon_deg=2.0
     )
@@ -124,7 +124,7 @@ def test_random_simple_polygons_are_accepted():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_raster_of_borders_is_that_of_every_edge_at_every_node(seed):
+def test_raster_distance_equals_the_minimum_over_all_edges(seed):
     """The blocks that look at a few edges only, and the rows that an edge spans, against all edges at all nodes."""
     from auv_lse_common.mission_file.operating_area import (
         _border_distance_2,

@@ -80,13 +80,13 @@ def test_defaults_and_values() -> None:
         ({"limit": -1.0}, r"f: s\.limit: got -1\.0"),
     ],
 )
-def test_what_does_not_fit_is_refused_by_name(mapping: dict[str, object], message: str) -> None:
+def test_invalid_values_are_rejected_by_name(mapping: dict[str, object], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         section(Outer, {"s": mapping}, "s", "f")
 
 
 @pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("2E5", 2e5), ("1.5e3", 1.5e3)])
-def test_numbers_that_yaml_1_1_takes_for_text(text: str, value: float) -> None:
+def test_numbers_that_yaml_1_1_reads_as_text(text: str, value: float) -> None:
     assert isinstance(yaml.safe_load(text), str)
     assert from_mapping(Inner, {"gain": yaml.safe_load(text)}, "f").gain == value
 
@@ -98,7 +98,7 @@ def test_missing_and_cross_checked() -> None:
         from_mapping(Needy, {"must": 13.0}, "f")
 
 
-def test_sections_nobody_owns() -> None:
+def test_unknown_sections() -> None:
     check_sections({"gp": {}, "planner": {}}, "f")
     with pytest.raises(ParameterError, match=r"f: planer: unknown section; did you mean 'planner'\?"):
         check_sections({"planer": {}}, "f")
@@ -119,13 +119,13 @@ def test_nest_keeps_every_leaf(flat: dict[str, int]) -> None:
     assert leaves(nest(flat)) == flat
 
 
-def test_merge_goes_deep_and_leaves_its_arguments_alone() -> None:
+def test_merge_is_deep_and_does_not_change_its_arguments() -> None:
     base = {"a": {"x": 1, "y": 2}, "b": 3}
     assert merge(base, {"a": {"y": 5}, "c": 4}) == {"a": {"x": 1, "y": 5}, "b": 3, "c": 4}
     assert base == {"a": {"x": 1, "y": 2}, "b": 3}
 
 
-def test_a_nodes_parameters_follow_rcls_patterns(tmp_path: Path) -> None:
+def test_node_parameters_follow_rcl_patterns(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text(
         "/**: {ros__parameters: {a: 1, s.x: 2}}\n/auv1/**: {ros__parameters: {a: 5}}\n"
@@ -154,7 +154,7 @@ def test_a_nodes_parameters_follow_rcls_patterns(tmp_path: Path) -> None:
         ("/auv[1]/**", "/auv1/gp_node", False),
     ],
 )
-def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, matches: bool) -> None:
+def test_star_matches_one_name_and_two_stars_any_number(pattern: str, node: str, matches: bool) -> None:
     assert parameters_for({pattern: {"a": 1}}, node) == ({"a": 1} if matches else {})
 
 
@@ -173,7 +173,7 @@ def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, ma
         ("/**:\n  ros__parameters:\n    gp: {}\n    gp: {}\n", "line 4, column 5: the key 'gp' appears twice"),
     ],
 )
-def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_files_of_another_shape_are_rejected(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "m.yaml"
     path.write_text(text)
     with pytest.raises(ParameterError, match=message):
@@ -182,7 +182,7 @@ def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: 
         read_parameter_file(tmp_path / "none.yaml")
 
 
-def test_a_merged_key_may_be_given_again(tmp_path: Path) -> None:
+def test_yaml_merge_key_may_be_overridden(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("x: &x {a: 1, b: 2}\ny: {<<: *x, b: 3}\n")
     assert read_yaml(path)["y"] == {"a": 1, "b": 3}

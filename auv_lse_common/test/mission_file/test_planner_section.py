@@ -8,7 +8,7 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings, check_planner
 
 
-def test_methods_are_the_papers_and_single_parameters_go_before():
+def test_parameters_of_the_file_override_those_of_the_method():
     paper = PlannerConfig(method="augmented").complete()
     assert (paper.proposals, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
     assert (paper.naive_paths, paper.incumbent) == ((0xF0,), True)
@@ -22,19 +22,19 @@ def test_methods_are_the_papers_and_single_parameters_go_before():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_nothing_that_follows_from_the_method_is_left_out(method):
+def test_complete_resolves_every_parameter_of_the_method(method):
     complete = PlannerConfig(method=method).complete()
     missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
     assert not missing
     assert complete.complete() == complete
 
 
-def test_a_methods_values_are_parameters_that_a_file_may_give():
+def test_values_of_a_method_are_valid_parameters():
     for method, entry in METHODS.items():
         assert from_mapping(PlannerConfig, {"method": method, **entry.parameters}, "methods.py").method == method
 
 
-def test_the_default_bounds_the_maps_reward_and_the_papers_methods_bound_their_paths():
+def test_default_method_bounds_the_map_reward_and_paper_methods_the_path_reward():
     assert PlannerConfig().method == "tour"
     assert {m for m in METHODS if PlannerConfig(method=m).family.bound_of == "map"} == {"tour", "fixed_tour"}
 
@@ -48,12 +48,12 @@ def test_the_default_bounds_the_maps_reward_and_the_papers_methods_bound_their_p
         ({"naive_paths": [0x10]}, r"planner.naive_paths\[0\]: got 16"),
     ],
 )
-def test_wrong_parameters_are_named(planner, message):
+def test_invalid_parameters_are_named(planner, message):
     with pytest.raises(ParameterError, match=message):
         PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
 
 
-def test_the_depth_left_out_follows_from_the_vehicles_number():
+def test_default_depth_follows_from_the_vehicles_number():
     depths = [PlannerSettings.from_parameters({"area": {}}, "f", k).vehicle.depth_m for k in (1, 2, 3, 4)]
     assert depths == [3.0, 4.0, 5.0, 3.0]
     given = {"area": {}, "vehicle": {"depth_m": 7.0, "speed_mps": 1.0}}
@@ -68,7 +68,7 @@ def test_configuration_round_trip():
 
 
 @pytest.mark.parametrize(("method", "most"), [("augmented", 8000), ("tour", 4000), ("lawnmower", 8000)])
-def test_a_mission_too_long_to_be_valued_at_once_is_refused(method: str, most: int) -> None:
+def test_mission_too_long_to_evaluate_is_rejected(method: str, most: int) -> None:
     """Before, the first decision ended in a MemoryError."""
     message = rf"mission.steps: got 65535 with planner.method '{method}'.* GB; expected at most {most} steps"
     with pytest.raises(ParameterError, match=message):
@@ -76,11 +76,11 @@ def test_a_mission_too_long_to_be_valued_at_once_is_refused(method: str, most: i
     check_planner(MissionConfig(steps=most), PlannerConfig(method=method), "m.yaml")
 
 
-def test_a_method_that_looks_some_legs_ahead_may_have_any_length() -> None:
+def test_method_with_a_short_horizon_allows_any_length() -> None:
     check_planner(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
 
 
-def test_parameters_of_the_planner_that_contradict_each_other_are_refused_with_their_place():
+def test_contradictory_planner_parameters_are_rejected_with_their_source():
     message = r"m\.yaml: planner\.coordination: 'dec_mcts' is a tree search .* got planner\.method 'tour'"
     with pytest.raises(ParameterError, match=message):
         PlannerSettings.from_parameters({"area": {}, "planner": {"coordination": "dec_mcts"}}, "m.yaml")

@@ -36,7 +36,7 @@ MISSION = """
 """
 
 
-def test_defaults_are_the_papers_field_trial():
+def test_defaults_are_those_of_the_papers_field_trial():
     s = Settings.load()
     assert (s.mission.vehicles, s.mission.steps) == (3, 100)
     assert [own.vehicle.depth_m for own in s.vehicles] == [3.0, 4.0, 5.0]
@@ -73,7 +73,7 @@ def test_complete_file_loads_to_the_same(tmp_path):
     assert again.sim == s.sim
 
 
-def test_complete_file_holds_every_default(tmp_path):
+def test_complete_file_contains_every_default(tmp_path):
     path = write(tmp_path, Settings.load().to_parameter_file())
     values = parameters_for(read_parameter_file(path), "/auv1/gp_node")["sim"]
     for name, default, *_ in describe(SimConfig):
@@ -95,7 +95,7 @@ def test_ros_reads_the_complete_file(tmp_path):
         assert word not in text
 
 
-def test_parameters_of_a_vehicle_are_its_own(tmp_path):
+def test_parameters_of_a_vehicle_apply_only_to_it(tmp_path):
     s = Settings.load(write(tmp_path, MISSION))
     assert s.parameters(2)["vehicle"]["depth_m"] == 4.5
     assert s.parameters(3)["vehicle"]["depth_m"] == 5.0
@@ -124,7 +124,7 @@ def test_parameters_of_a_vehicle_are_its_own(tmp_path):
         ("", r"is empty; expected a ROS 2 parameter file"),
     ],
 )
-def test_errors_name_the_fault_and_what_was_expected(tmp_path, text, match):
+def test_errors_name_the_problem_and_the_expectation(tmp_path, text, match):
     with pytest.raises(ParameterError, match=match):
         Settings.load(write(tmp_path, text))
 
@@ -136,13 +136,13 @@ def test_errors_name_the_fault_and_what_was_expected(tmp_path, text, match):
         "/auv2/**: {ros__parameters: {vehicle: {depth_m: 8.0}}}\n/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}",
     ],
 )
-def test_an_override_of_one_vehicle_wins_over_every_pattern_of_the_file(tmp_path, text):
+def test_override_of_one_vehicle_replaces_all_patterns(tmp_path, text):
     path = write(tmp_path, text)
     assert Settings.load(path).vehicle(2).vehicle.depth_m == 9.0
     assert Settings.load(path, {"auv2.vehicle.depth_m": 6.0}).vehicle(2).vehicle.depth_m == 6.0
 
 
-def test_overrides_are_checked_as_the_file_is(tmp_path):
+def test_overrides_are_checked_like_the_file(tmp_path):
     with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: is the same for the whole team"):
         Settings.load(None, {"auv2.tdma.slot_s": 20.0})
     with pytest.raises(ParameterError, match="vehicle 0; expected 1 to 3"):
@@ -160,18 +160,18 @@ def test_reading_a_mission_file_imports_no_recorder_cluster_or_drawing():
     assert done.stdout.strip() == "[]", done.stderr
 
 
-def test_no_such_vehicle():
+def test_unknown_vehicle_is_rejected():
     with pytest.raises(ValueError, match="vehicle 4: expected 1 to 3"):
         Settings.load().vehicle(4)
 
 
-def test_a_complete_file_flown_by_a_larger_team_gives_the_new_ones_depths_in_turn():
+def test_complete_file_gives_default_depths_to_a_larger_team():
     complete = Settings.load(None, {"mission.vehicles": 2, "auv2.vehicle.depth_m": 7.5}).to_patterns()
     larger = Settings.from_patterns(complete, "mission.yaml", {"mission.vehicles": 5})
     assert [own.vehicle.depth_m for own in larger.vehicles] == [3.0, 7.5, 5.0, 3.0, 4.0]
 
 
-def test_what_follows_from_the_method_follows_the_method_that_is_flown():
+def test_method_defaults_follow_an_overridden_method():
     """`places.correct` is left out: it is off with the paper's methods, and on again with others."""
     settings = Settings.load(None, {"planner.method": "plain"})
     assert settings.places_in_force(1).correct is False
@@ -183,7 +183,7 @@ def test_what_follows_from_the_method_follows_the_method_that_is_flown():
 
 
 @pytest.mark.parametrize("ideal", ["sim.ideal", "sim.navigation.ideal"])
-def test_a_vehicle_that_knows_its_place_does_not_surface_for_a_fix(ideal):
+def test_vehicle_with_ideal_navigation_does_not_surface(ideal):
     settings = Settings.load(None, {ideal: True})
     assert settings.planner_settings(1).vehicle.surfacings == 0
     assert PlannerSettings.from_parameters(settings.parameters(1), "node", 1).vehicle.surfacings == 0

@@ -75,7 +75,7 @@ def change(node: BaseNode, name: str, value: object) -> Any:
     return node.set_parameters([Parameter(name, value=value)])[0]
 
 
-def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[str], BaseNode]) -> None:
+def test_tunable_parameter_without_a_value_can_be_set(make: Callable[[str], BaseNode]) -> None:
     node = make("planner: {deadline_s: 1.5}")
     now = section(Config, node.parameters, "planner", "test")
 
@@ -97,7 +97,7 @@ def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[st
     assert change(node, "planner.iterations", 50).successful, "the refusals left it as it was"
 
 
-def test_a_list_set_from_outside_is_one_that_a_journal_can_hold(make: Callable[[str], BaseNode]) -> None:
+def test_list_parameter_can_be_written_to_a_journal(make: Callable[[str], BaseNode]) -> None:
     node, noted = make("planner: {deadline_s: 1.5}"), []
     node.note_tuned = noted.append  # type: ignore[method-assign]
     node.show_parameters({"planner": section(Config, node.parameters, "planner", "test")}, TUNABLE, lambda _: None)
@@ -106,7 +106,7 @@ def test_a_list_set_from_outside_is_one_that_a_journal_can_hold(make: Callable[[
     assert json.loads(json.dumps(noted)) == [{"planner.naive_paths": [0xF4, 0xF5]}]
 
 
-def test_every_parameter_tells_what_it_means(make: Callable[[str], BaseNode]) -> None:
+def test_every_parameter_has_a_description(make: Callable[[str], BaseNode]) -> None:
     node = make("planner: {deadline_s: 1.5}")
     node.show_parameters({"planner": section(Config, node.parameters, "planner", "test")}, TUNABLE, lambda _: None)
     for name in ("planner.iterations", "planner.deadline_s"):  # not set; from the file
@@ -117,7 +117,7 @@ def test_every_parameter_tells_what_it_means(make: Callable[[str], BaseNode]) ->
     assert node.describe_parameter("planner.deadline_s").description.endswith("[s]")
 
 
-def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: Callable[[str], BaseNode]) -> None:
+def test_change_rejected_with_a_value_error_does_not_end_the_node(make: Callable[[str], BaseNode]) -> None:
     def refuse(parameters: dict[str, Any]) -> None:
         raise ValueError("tdma order (9,): [9] are not among the vehicles")
 
@@ -129,7 +129,7 @@ def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: C
     assert node.get_parameter("planner.deadline_s").value == 1.5
 
 
-def test_a_node_that_cannot_be_made_ends_with_words(signals: None, capfd: pytest.CaptureFixture[str]) -> None:
+def test_node_with_invalid_parameters_ends_with_a_message(signals: None, capfd: pytest.CaptureFixture[str]) -> None:
     def make() -> BaseNode:
         raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
 
@@ -162,9 +162,7 @@ class Closing(BaseNode):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("at", ["made", "callback", "waiting"])
-def test_a_node_that_is_to_end_is_closed_and_no_callback_is_cut_short(
-    signals: None, at: str, number: signal.Signals
-) -> None:
+def test_stopped_node_completes_its_callback_and_is_closed(signals: None, at: str, number: signal.Signals) -> None:
     Closing.closed.clear()
     began = time.monotonic()
     assert Main(lambda: Closing(at, number))(arguments=[]) == 0
@@ -172,13 +170,13 @@ def test_a_node_that_is_to_end_is_closed_and_no_callback_is_cut_short(
     assert time.monotonic() - began < 10.0, "it does not wait for something to happen"
 
 
-def test_timers_do_not_wait_for_the_system_clock_to_catch_up(make: Callable[[str], BaseNode]) -> None:
+def test_timers_continue_when_the_system_clock_is_set_back(make: Callable[[str], BaseNode]) -> None:
     timer = make("sim: {lockstep: false}").create_timer(0.1, lambda: None)
     assert timer.clock.clock_type is ClockType.STEADY_TIME
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
-def test_in_lockstep_without_a_simulator_a_node_says_so_once(
+def test_missing_simulator_in_lockstep_is_logged_once(
     make: Callable[[str], BaseNode],
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -193,7 +191,7 @@ def test_in_lockstep_without_a_simulator_a_node_says_so_once(
 
 
 @pytest.mark.parametrize("recorder_comes", [True, False])
-def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not_for_ever(
+def test_recorded_node_waits_for_the_recorder_with_a_timeout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorder_comes: bool
 ) -> None:
     monkeypatch.setattr(vehicle_node, "_RECORDER_WAIT_S", 60.0 if recorder_comes else 0.5)
@@ -236,7 +234,7 @@ def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not
         rclpy.try_shutdown()
 
 
-def test_a_recorded_node_does_not_wait_for_readers_of_what_is_not_recorded(
+def test_recorded_node_waits_only_for_readers_of_recorded_topics(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "p.yaml"

@@ -59,9 +59,7 @@ def spin_until(executor: StandingExecutor, reached: Callable[[], bool], *, for_s
     return reached()
 
 
-def test_every_message_arrives_once_and_in_order_beside_timers_and_services(
-    node: Node, executor: StandingExecutor
-) -> None:
+def test_messages_arrive_once_and_in_order_with_timers_and_services(node: Node, executor: StandingExecutor) -> None:
     heard: dict[str, list[int]] = {"a": [], "b": []}
     ticks: list[float] = []
     for topic, numbers in heard.items():
@@ -87,7 +85,7 @@ def test_every_message_arrives_once_and_in_order_beside_timers_and_services(
     assert answer.result().message == "heard"
 
 
-def test_a_service_is_served_by_a_node_whose_messages_never_stop(node: Node, executor: StandingExecutor) -> None:
+def test_service_is_served_despite_continuous_messages(node: Node, executor: StandingExecutor) -> None:
     publisher = node.create_publisher(Int32, "busy", EVERY)
     node.create_subscription(Int32, "busy", publisher.publish, EVERY)  # each message brings the next
     node.create_service(Trigger, "ask", lambda request, response: Trigger.Response(success=True))
@@ -101,7 +99,7 @@ def test_a_service_is_served_by_a_node_whose_messages_never_stop(node: Node, exe
         assert answer.result().success
 
 
-def test_what_callbacks_make_is_served_and_what_they_destroy_is_let_go(node: Node, executor: StandingExecutor) -> None:
+def test_entities_created_and_destroyed_in_callbacks_are_handled(node: Node, executor: StandingExecutor) -> None:
     heard: list[int] = []
     made: list[Any] = []
     publisher = node.create_publisher(Int32, "late", EVERY)
@@ -120,7 +118,7 @@ def test_what_callbacks_make_is_served_and_what_they_destroy_is_let_go(node: Nod
     assert not spin_until(executor, lambda: len(heard) > 1, for_s=0.2)
 
 
-def test_parameters_can_be_asked_for_and_an_async_callback_may_await(node: Node, executor: StandingExecutor) -> None:
+def test_parameter_services_and_async_callbacks_work(node: Node, executor: StandingExecutor) -> None:
     node.declare_parameter("depth_m", 4.5)
     found: list[float] = []
     client = node.create_client(GetParameters, "served/get_parameters")
@@ -138,7 +136,7 @@ def test_parameters_can_be_asked_for_and_an_async_callback_may_await(node: Node,
     assert spin_until(executor, lambda: bool(plain)), "after it, rounds are the executor's own again"
 
 
-def test_a_guard_condition_and_a_task_from_another_thread_end_the_wait(node: Node, executor: StandingExecutor) -> None:
+def test_guard_condition_and_task_of_another_thread_end_the_wait(node: Node, executor: StandingExecutor) -> None:
     seen: list[str] = []
     guard = node.create_guard_condition(lambda: seen.append("guard"))
     executor.spin_once(timeout_sec=0.0)
@@ -147,7 +145,7 @@ def test_a_guard_condition_and_a_task_from_another_thread_end_the_wait(node: Nod
     assert spin_until(executor, lambda: seen == ["guard", "task"])
 
 
-def test_a_timer_of_simulated_time_follows_the_clock(node: Node, executor: StandingExecutor) -> None:
+def test_timer_of_simulated_time_follows_the_clock(node: Node, executor: StandingExecutor) -> None:
     fired: list[int] = []
     assert node.set_parameters([Parameter("use_sim_time", value=True)])[0].successful
     publisher = node.create_publisher(Clock, "/clock", 10)
@@ -163,7 +161,7 @@ def test_a_timer_of_simulated_time_follows_the_clock(node: Node, executor: Stand
     assert [second for second in fired if second > 1] == [12, 22]
 
 
-def test_a_reader_that_can_never_be_served_is_told_of(
+def test_incompatible_reader_is_reported(
     node: Node, executor: StandingExecutor, capfd: pytest.CaptureFixture[str]
 ) -> None:
     node.create_publisher(Int32, "mismatch", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
@@ -179,7 +177,7 @@ def test_a_reader_that_can_never_be_served_is_told_of(
     assert spin_until(executor, warned)
 
 
-def test_a_callbacks_exception_and_the_end_of_ros_leave_spin(node: Node, executor: StandingExecutor) -> None:
+def test_callback_exception_and_shutdown_end_spin(node: Node, executor: StandingExecutor) -> None:
     def fail() -> None:
         timer.cancel()
         raise RuntimeError("no bottom echo")
@@ -193,7 +191,7 @@ def test_a_callbacks_exception_and_the_end_of_ros_leave_spin(node: Node, executo
     executor.spin()  # returns at once
 
 
-def test_a_wait_ends_in_time_and_by_shutdown(node: Node, executor: StandingExecutor) -> None:
+def test_wait_ends_by_timeout_and_shutdown(node: Node, executor: StandingExecutor) -> None:
     executor.spin_once(timeout_sec=0.0)
     began = time.monotonic()
     while time.monotonic() - began < 0.05:  # what happened at start may end the first waits
@@ -206,7 +204,7 @@ def test_a_wait_ends_in_time_and_by_shutdown(node: Node, executor: StandingExecu
     assert executor._entities is None, "the thread that spins has given up its handles"
 
 
-def test_an_rclpy_without_what_is_needed_gets_its_own_executor_and_one_warning(
+def test_unsupported_rclpy_uses_its_own_executor_with_one_warning(
     node: Node, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(executor_module, "_EXECUTOR_NEEDS", ("_context", "_no_such_thing"))

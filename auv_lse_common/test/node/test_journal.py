@@ -19,7 +19,7 @@ from auv_lse_common.node.journal import Journal
 MISSION = {"vehicle": 2, "steps": 100}
 
 
-def test_records_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
+def test_records_are_read_back_exactly(tmp_path: Path) -> None:
     path = tmp_path / "a folder" / "gp é.journal"
     values = [0.1 + 0.2, 1e-300, -0.0, math.inf, "Zürich", None, True, 2**100, [1, [2.5]], {"a": [1]}]
     first = Journal(path, MISSION)
@@ -33,7 +33,7 @@ def test_records_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
     assert again.status == "2 records read back"
 
 
-def test_another_mission_is_put_aside(tmp_path: Path) -> None:
+def test_journal_of_another_mission_is_set_aside(tmp_path: Path) -> None:
     path = tmp_path / "gp.journal"
     Journal(path, MISSION).write("step", 1)
     other = Journal(path, {**MISSION, "steps": 101})
@@ -43,7 +43,7 @@ def test_another_mission_is_put_aside(tmp_path: Path) -> None:
     assert b'["step",1]' in (tmp_path / "gp.journal.old").read_bytes()
 
 
-def test_a_file_cut_anywhere_gives_the_whole_lines_before_the_cut(tmp_path: Path) -> None:
+def test_truncated_file_yields_its_complete_lines(tmp_path: Path) -> None:
     path = tmp_path / "gp.journal"
     journal = Journal(path, MISSION)
     for number in range(3):
@@ -59,7 +59,7 @@ def test_a_file_cut_anywhere_gives_the_whole_lines_before_the_cut(tmp_path: Path
         assert Journal(path, MISSION).records[whole:] == [["after"]]
 
 
-def test_any_bytes_are_passed_over(tmp_path: Path) -> None:
+def test_damaged_bytes_are_skipped(tmp_path: Path) -> None:
     path, rng = tmp_path / "gp.journal", np.random.default_rng(1)
     for _ in range(100):
         path.unlink(missing_ok=True)
@@ -72,7 +72,7 @@ def test_any_bytes_are_passed_over(tmp_path: Path) -> None:
         assert Journal(path, MISSION).records in ([], [["step", 1]])
 
 
-def test_a_journal_that_cannot_be_written_is_told_and_not_an_error(tmp_path: Path) -> None:
+def test_unwritable_journal_is_reported_without_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     journal = Journal(tmp_path / "file" / "gp.journal", MISSION)
     journal.write("step", 1)
@@ -93,7 +93,7 @@ def test_a_journal_that_cannot_be_written_is_told_and_not_an_error(tmp_path: Pat
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sends SIGKILL")
-def test_a_killed_process_leaves_whole_records(tmp_path: Path) -> None:
+def test_killed_process_leaves_complete_records(tmp_path: Path) -> None:
     path = tmp_path / "gp.journal"
     writer = (
         "import sys; from pathlib import Path; from auv_lse_common.node.journal import Journal\n"
@@ -120,7 +120,7 @@ def fill_the_disk(journal: Journal) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_journal_that_could_not_be_continued_is_not_restored(tmp_path: Path) -> None:
+def test_journal_that_could_not_be_continued_is_not_restored(tmp_path: Path) -> None:
     """An aborted vehicle once came back without its abort, and dived again: its journal ended before the abort."""
     path = tmp_path / "safety.journal"
     journal = Journal(path, MISSION)
@@ -142,7 +142,7 @@ def test_a_journal_that_could_not_be_continued_is_not_restored(tmp_path: Path) -
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_journal_that_fails_again_is_out_of_date_again(tmp_path: Path) -> None:
+def test_journal_that_fails_again_is_stale_again(tmp_path: Path) -> None:
     path = tmp_path / "safety.journal"
     for text in ("first", "second"):
         journal = Journal(path, MISSION)
@@ -155,7 +155,7 @@ def test_a_journal_that_fails_again_is_out_of_date_again(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("mark", [b"?", b"!"])
-def test_a_process_that_dies_while_it_marks_its_journal_leaves_it_out_of_date(tmp_path: Path, mark: bytes) -> None:
+def test_process_killed_while_marking_leaves_a_stale_journal(tmp_path: Path, mark: bytes) -> None:
     path = tmp_path / "safety.journal"
     journal = Journal(path, MISSION)
     journal.write("standing", "running")
@@ -167,14 +167,14 @@ def test_a_process_that_dies_while_it_marks_its_journal_leaves_it_out_of_date(tm
     assert Journal(path, MISSION).stale
 
 
-def test_a_journal_of_another_mission_is_not_out_of_date(tmp_path: Path) -> None:
+def test_journal_of_another_mission_is_not_stale(tmp_path: Path) -> None:
     path = tmp_path / "safety.journal"
     Journal(path, MISSION).write("standing", "running")
     path.write_bytes(b"!" + path.read_bytes()[1:])
     assert not Journal(path, {**MISSION, "steps": 101}).stale
 
 
-def test_a_journal_that_cannot_be_read_is_not_trusted(tmp_path: Path) -> None:
+def test_unreadable_journal_is_stale(tmp_path: Path) -> None:
     path = tmp_path / "safety.journal"
     path.mkdir()
     journal = Journal(path, MISSION)
@@ -182,7 +182,7 @@ def test_a_journal_that_cannot_be_read_is_not_trusted(tmp_path: Path) -> None:
     assert journal.problem
 
 
-def test_a_journal_that_cannot_be_continued_is_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_journal_that_cannot_be_continued_is_stale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On a disk that has become read-only the mark cannot be written either."""
     path = tmp_path / "safety.journal"
     Journal(path, MISSION).write("standing", "running")
@@ -196,7 +196,7 @@ def test_a_journal_that_cannot_be_continued_is_not_trusted(tmp_path: Path, monke
     assert "Read-only file system" in journal.stale
 
 
-def test_a_first_start_without_a_place_for_the_journal_is_not_out_of_date(tmp_path: Path) -> None:
+def test_first_start_without_a_journal_folder_is_not_stale(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert not Journal(tmp_path / "file" / "safety.journal", MISSION).stale
 

@@ -21,7 +21,7 @@ class Ros:
         return self.readers
 
 
-def test_only_what_a_node_of_the_process_alone_writes_is_carried() -> None:
+def test_only_topics_with_a_single_writer_in_the_process_are_carried() -> None:
     post = LocalPost()
     assert not post.carries(TOLD), "nobody shares the process"
     post.share(["gp_node"])
@@ -33,7 +33,7 @@ def test_only_what_a_node_of_the_process_alone_writes_is_carried() -> None:
     assert not post.carries(VEHICLE_TOPICS["odometry"]), "not the vehicle's own"
 
 
-def test_messages_come_in_the_order_sent_and_never_within_a_reader_at_work() -> None:
+def test_messages_keep_their_order_and_never_interrupt_a_reader() -> None:
     post = LocalPost()
     told: list[str] = []
 
@@ -53,7 +53,7 @@ def test_messages_come_in_the_order_sent_and_never_within_a_reader_at_work() -> 
     assert told == ["first a begins", "first a ends", "second a", "first b begins", "first b ends", "second b"]
 
 
-def test_after_a_reader_has_failed_the_others_are_still_served() -> None:
+def test_failing_reader_does_not_affect_the_others() -> None:
     post = LocalPost()
     told: list[str] = []
 
@@ -70,7 +70,7 @@ def test_after_a_reader_has_failed_the_others_are_still_served() -> None:
     assert told == ["a"]
 
 
-def test_ros_carries_what_somebody_outside_reads_or_a_late_reader_is_to_get() -> None:
+def test_ros_carries_topics_with_outside_readers_and_latched_ones() -> None:
     post = LocalPost()
     told: list[str] = []
     for name in (TOLD.name, "kernel_centers"):
@@ -83,7 +83,7 @@ def test_ros_carries_what_somebody_outside_reads_or_a_late_reader_is_to_get() ->
     assert told == ["a", "a", "a"]
 
 
-def test_a_node_is_known_by_the_module_that_makes_it() -> None:
+def test_node_name_is_that_of_its_module() -> None:
     def make() -> Any: ...
 
     make.__module__ = "auv_lse_gp.gp_node"

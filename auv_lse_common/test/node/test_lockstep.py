@@ -20,7 +20,7 @@ def test_gate_opens_only_when_every_announced_message_has_arrived() -> None:
     assert gate.ready() is None
 
 
-def test_early_messages_and_announcements_of_later_ticks_wait_their_turn() -> None:
+def test_early_messages_and_announcements_wait_for_their_tick() -> None:
     gate = Gate(("a",))
     gate.announce(2, "a", 3)
     gate.count("a", 3)
@@ -35,7 +35,7 @@ def test_early_messages_and_announcements_of_later_ticks_wait_their_turn() -> No
     assert gate.tick == 2
 
 
-def test_a_revision_counts_as_all_before_it() -> None:
+def test_revision_counts_as_all_earlier_messages() -> None:
     gate = Gate(("centers",))
     gate.announce(1, "centers", 5)
     gate.reach("centers", 4)
@@ -45,7 +45,7 @@ def test_a_revision_counts_as_all_before_it() -> None:
     assert gate.ready() == 1
 
 
-def test_a_gate_without_inputs_is_always_open() -> None:
+def test_gate_without_inputs_is_always_open() -> None:
     gate = Gate(())
     assert gate.ready() == 1
     gate.handled(1)
@@ -61,7 +61,7 @@ def planner_at_tick_1() -> Ticks:
     return ticks
 
 
-def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
+def test_phase_begins_when_all_its_inputs_have_arrived() -> None:
     ticks = planner_at_tick_1()
     ticks.arrived("odometry")
     ticks.arrived("team/plans")
@@ -75,7 +75,7 @@ def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
     assert ticks.last("planner") == 1
 
 
-def test_what_others_announce_may_come_before_the_tick() -> None:
+def test_announcements_may_precede_the_tick() -> None:
     ticks = Ticks(("modem", "modem_sent"))
     ticks.done("planner", 1, (0, 0))
     ticks.done("safety", 1, (0,))
@@ -86,14 +86,14 @@ def test_what_others_announce_may_come_before_the_tick() -> None:
     assert ticks.ready() == Ready(phase="modem_sent", tick=1, now_s=1.0)
 
 
-def test_a_phase_that_waits_for_nothing_waits_for_the_tick() -> None:
+def test_phase_without_inputs_waits_for_the_tick() -> None:
     ticks = Ticks(("micromodem",))
     assert ticks.ready() is None
     ticks.begin(1, 1.0, {"sounding": 3, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     assert ticks.ready() == Ready(phase="micromodem", tick=1, now_s=1.0)
 
 
-def test_a_mates_call_to_abort_is_there_before_the_safety_watch_handles_the_tick_in_which_it_was_heard() -> None:
+def test_mates_abort_arrives_before_the_safety_phase_of_the_same_tick() -> None:
     ticks = Ticks(("safety",))
     ticks.begin(1, 1.0, {"odometry": 1, "altitude": 1, "mission/command": 0})
     ticks.arrived("odometry")
@@ -105,7 +105,7 @@ def test_a_mates_call_to_abort_is_there_before_the_safety_watch_handles_the_tick
     assert ticks.ready() == Ready(phase="safety", tick=1, now_s=1.0)
 
 
-def test_the_time_never_goes_back() -> None:
+def test_time_is_monotonic() -> None:
     ticks = planner_at_tick_1()
     ticks.now_s = 3.0  # a message overtook the announcement of tick 2
     ticks.begin(2, 2.75, {})
@@ -133,7 +133,7 @@ def test_the_message_has_a_constant_for_every_phase() -> None:
     assert constants == {name.upper(): name for name in PHASES}
 
 
-def test_answers_of_one_process_are_told_together_once_all_are_there() -> None:
+def test_answers_of_one_process_are_combined() -> None:
     safety = Answer(phase="safety", totals=(2,), finished=False)
     planner = Answer(phase="planner", totals=(7, 8), finished=True)
     sent = Answer(phase="modem_sent", totals=(5,), finished=False)
@@ -157,7 +157,7 @@ def test_answers_of_one_process_are_told_together_once_all_are_there() -> None:
     assert answers.add(2, sent) is not None
 
 
-def test_a_phase_alone_is_told_at_once() -> None:
+def test_answer_of_a_single_phase_is_passed_on_immediately() -> None:
     answers = Answers()
     answers.expect("modem_sent")
     sent = Answer(phase="modem_sent", totals=(0,), finished=False)

@@ -46,7 +46,7 @@ class _Node:
 
 
 @pytest.mark.parametrize(("gather_s", "last"), [(0.001, [0.0, 0.0]), (0.0, [])])
-def test_what_has_gathered_is_served_before_the_end(
+def test_collected_messages_are_handled_before_the_end(
     monkeypatch: pytest.MonkeyPatch, gather_s: float, last: list[float]
 ) -> None:
     stopping = _Stopping()

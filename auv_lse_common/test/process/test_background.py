@@ -13,7 +13,7 @@ from auv_lse_common.process.background import run_in_background
 
 
 @pytest.mark.parametrize("cores", [1, 2])
-def test_the_result_comes_back(cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_result_is_returned(cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: cores)
     rest = run_in_background(lambda: (os.getpid(), list(range(100_000))))
     pid, numbers = rest()
@@ -21,14 +21,14 @@ def test_the_result_comes_back(cores: int, monkeypatch: pytest.MonkeyPatch) -> N
     assert (pid == os.getpid()) == (cores == 1)
 
 
-def test_an_error_is_raised_where_the_result_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_is_raised_when_the_result_is_requested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
     rest = run_in_background(lambda: (tmp_path / "no" / "such").write_text("x"))
     with pytest.raises(FileNotFoundError, match="such"):
         rest()
 
 
-def test_a_process_that_is_killed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_killed_process_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
     rest = run_in_background(lambda: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(RuntimeError, match="ended with exit code -9 and without a result"):

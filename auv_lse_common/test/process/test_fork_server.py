@@ -29,7 +29,7 @@ def _command_line(pid: int) -> list[str]:
     return Path(f"/proc/{pid}/cmdline").read_text().rstrip("\0").split("\0")
 
 
-def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> None:
+def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> None:
     server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
     try:
         asked = server.start(MODEM, ["modem_node", "--help"], tmp_path / "help.log")
@@ -63,7 +63,7 @@ def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> N
     assert last.poll() is not None
 
 
-def test_a_server_that_was_started_early_is_used_with_a_log_told_later(tmp_path: Path) -> None:
+def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:
     fork_server.load_early([MODEM], dict(os.environ))
     early = fork_server._early
     server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
@@ -78,13 +78,13 @@ def test_a_server_that_was_started_early_is_used_with_a_log_told_later(tmp_path:
         server.close()
 
 
-def test_a_process_that_is_not_installed_is_named(tmp_path: Path) -> None:
+def test_missing_process_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
     with pytest.raises(LaunchError, match="auv_lse_gp has no executable sonar_node"):
         ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
 
 
-def test_a_keeper_starts_everything_again_when_the_fork_server_dies(tmp_path: Path) -> None:
+def test_keeper_restarts_everything_when_the_fork_server_dies(tmp_path: Path) -> None:
     command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
     task = Task(name="auv7.modem_node", command=lambda starts: command, node=MODEM)
     keeper = ProcessKeeper([task], tmp_path, {**os.environ, "ROS_DOMAIN_ID": "103"}, lambda text: None)
@@ -112,7 +112,7 @@ def test_a_keeper_starts_everything_again_when_the_fork_server_dies(tmp_path: Pa
     assert not Path(f"/proc/{again}").exists()
 
 
-def test_what_nodes_load_is_loaded_once_before_the_forks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_are_loaded_once_before_the_forks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "prepared_node.py").write_text("calls = []\ndef prepare():\n    calls.append(1)\n")
     (tmp_path / "broken_node.py").write_text("def prepare():\n    raise RuntimeError\n")
     monkeypatch.syspath_prepend(str(tmp_path))

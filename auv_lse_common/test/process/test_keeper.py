@@ -69,7 +69,7 @@ def test_what_a_process_reports_is_shown_at_once(tmp_path: Path, restart: bool) 
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
-def test_a_process_that_hangs_is_killed_and_started_again(tmp_path: Path) -> None:
+def test_hanging_process_is_killed_and_restarted(tmp_path: Path) -> None:
     desk = Desk(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
     desk.after(0.0)
     time.sleep(0.5)
@@ -91,7 +91,7 @@ def test_a_process_that_hangs_is_killed_and_started_again(tmp_path: Path) -> Non
     desk.keeper.stop()
 
 
-def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) -> None:
+def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None:
     desk = Desk(tmp_path, node="echo start START; exit 3")
     desk.after(0.0)
     waits = []
@@ -111,7 +111,7 @@ def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) ->
     desk.keeper.stop()
 
 
-def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_path: Path) -> None:
+def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None:
     desk = Desk(tmp_path, node="sleep 60")
     desk.after(0.0)
     for _ in range(3):
@@ -126,7 +126,7 @@ def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_pa
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")
-def test_a_signal_without_a_name_is_named_by_its_number(tmp_path: Path) -> None:
+def test_unnamed_signal_is_reported_by_its_number(tmp_path: Path) -> None:
     desk = Desk(tmp_path, node="kill -40 $$")
     desk.after(0.0)
     assert desk.death() == ("node", -40)
@@ -134,7 +134,7 @@ def test_a_signal_without_a_name_is_named_by_its_number(tmp_path: Path) -> None:
     desk.keeper.stop()
 
 
-def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> None:
+def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
     said: list[str] = []
     keeper = ProcessKeeper([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
     assert keeper.tick(0.0) == []
@@ -158,7 +158,7 @@ def _started_in_the_background():
 
 @pytest.mark.usefixtures("_started_in_the_background")
 @pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
-def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
+def test_recorder_is_ended_last(tmp_path: Path) -> None:
     trap = f"trap 'echo NAME >> {tmp_path}/order; exit 0' INT; touch {tmp_path}/NAME; while true; do sleep 0.05; done"
     desk = Desk(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
     desk.after(0.0)
@@ -170,7 +170,7 @@ def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
     assert (tmp_path / "order").read_text().split() == ["first", "last"]
 
 
-def test_a_recorder_has_the_time_to_close_its_file(tmp_path: Path) -> None:
+def test_recorder_has_time_to_close_its_file(tmp_path: Path) -> None:
     closing = "import pathlib,signal,time; signal.signal(15, signal.SIG_IGN); signal.signal(2, lambda *_: 1/0)\n"
     closing += "print('up', flush=True)\ntry: time.sleep(60)\n"
     closing += f"except ZeroDivisionError: time.sleep(5); pathlib.Path({str(tmp_path / 'closed')!r}).touch()"

@@ -24,7 +24,7 @@ def start(folder: Path, text: str, *arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def test_ctrl_c_while_a_module_is_imported_is_one_word_and_130(tmp_path: Path) -> None:
+def test_ctrl_c_during_an_import_prints_one_word_and_returns_130(tmp_path: Path) -> None:
     with start(tmp_path, SLOW.format("")) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "there\n"
@@ -34,12 +34,12 @@ def test_ctrl_c_while_a_module_is_imported_is_one_word_and_130(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("end", "code"), [("sys.exit(3)\n", 3), ("sys.exit(int(len(sys.argv) != 3))\n", 0)])
-def test_exit_code_and_arguments_are_the_modules_own(tmp_path: Path, end: str, code: int) -> None:
+def test_exit_code_and_arguments_belong_to_the_module(tmp_path: Path, end: str, code: int) -> None:
     with start(tmp_path, SLOW.format(end), "a", "b c") as process:
         process.communicate(timeout=30)
     assert process.returncode == code
 
 
-def test_every_script_that_is_python_is_run_so() -> None:
+def test_every_python_script_uses_the_command_module() -> None:
     for script in sorted((ROOT / "scripts").iterdir()):
         assert "exec python -m" not in script.read_text() or script.name == "environment.sh", script.name

@@ -7,14 +7,14 @@ import pytest
 from auv_lse_common.support.user_error import error_text
 
 
-def test_a_file_that_cannot_be_opened_is_named_without_a_number(tmp_path: Path) -> None:
+def test_unopened_file_is_named_without_an_error_number(tmp_path: Path) -> None:
     missing = tmp_path / "no such file"
     with pytest.raises(OSError) as caught:  # noqa: PT011  # any of its kinds
         missing.read_bytes()
     assert error_text(caught.value) == f"{missing}: No such file or directory"
 
 
-def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
+def test_file_instead_of_a_folder_is_reported(tmp_path: Path) -> None:
     file = tmp_path / "a file"
     file.write_text("")
     with pytest.raises(FileExistsError) as caught:
@@ -23,7 +23,7 @@ def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
     assert error_text(FileExistsError("there already")) == "there already"
 
 
-def test_an_error_of_our_own_keeps_its_words_and_one_without_has_its_name() -> None:
+def test_error_text_is_the_message_or_the_class_name() -> None:
     assert error_text(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
     assert error_text(OSError("the disk is full")) == "the disk is full"
     assert error_text(RuntimeError()) == "RuntimeError"

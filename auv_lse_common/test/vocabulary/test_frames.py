@@ -31,7 +31,7 @@ def test_north_is_yaw_90_and_clockwise_becomes_counter_clockwise(heading_deg: fl
 
 
 @given(angles)
-def test_headings_come_back(heading_rad: float) -> None:
+def test_headings_survive_the_round_trip(heading_rad: float) -> None:
     for back in (
         heading_from_yaw(yaw_from_heading(heading_rad)),
         heading_from_quaternion(*quaternion_from_heading(heading_rad)),
@@ -41,13 +41,13 @@ def test_headings_come_back(heading_rad: float) -> None:
 
 
 @given(angles)
-def test_wrapped_angles_lie_in_half_open_range(angle_rad: float) -> None:
+def test_wrapped_angles_are_in_the_half_open_range(angle_rad: float) -> None:
     wrapped = float(wrap_pi(angle_rad))
     assert -math.pi <= wrapped < math.pi
     assert math.sin(wrapped) == pytest.approx(math.sin(angle_rad), abs=1e-12)
 
 
-def test_a_degree_of_latitude_is_as_long_as_the_ellipsoid_says() -> None:
+def test_degree_of_latitude_has_the_ellipsoids_length() -> None:
     # Meridian arc of WGS84 from 45 N: 111 131.8 m per degree about 45 deg (from 44.5 to 45.5).
     north, east = local_from_geodetic(45.5, 7.0, 44.5, 7.0)
     assert float(north) == pytest.approx(111_131.8, abs=0.5)
@@ -55,7 +55,7 @@ def test_a_degree_of_latitude_is_as_long_as_the_ellipsoid_says() -> None:
 
 
 @given(st.floats(-5000.0, 5000.0), st.floats(-5000.0, 5000.0))
-def test_places_come_back_from_the_globe(north_m: float, east_m: float) -> None:
+def test_places_survive_the_geodetic_round_trip(north_m: float, east_m: float) -> None:
     lat, lon = geodetic_from_local(north_m, east_m, 17.1221, -91.6281)
     north, east = local_from_geodetic(lat, lon, 17.1221, -91.6281)
     assert math.hypot(float(north) - north_m, float(east) - east_m) < 1e-3  # PROJ takes the last 0.6 mm for the origin

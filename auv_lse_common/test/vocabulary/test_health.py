@@ -1,7 +1,7 @@
 from auv_lse_common.vocabulary.health import RECENT_S, NewProblems, Recent
 
 
-def test_a_problem_is_new_once_for_as_long_as_it_lasts() -> None:
+def test_lasting_problem_is_new_once() -> None:
     new = NewProblems()
     assert new.of({"plan of 2 missing": "no plan of 2"}) == ["no plan of 2"]
     assert new.of({"plan of 2 missing": "no plan of 2 for 3 s"}) == []
@@ -9,7 +9,7 @@ def test_a_problem_is_new_once_for_as_long_as_it_lasts() -> None:
     assert new.of({"plan of 2 missing": "again"}) == ["again"]
 
 
-def test_a_problem_of_one_mate_does_not_hide_that_of_another() -> None:
+def test_problems_of_different_mates_are_separate() -> None:
     new = NewProblems()
     new.of({"plan of 2 missing": "team: no plan of vehicle 2"})
     assert new.of({"plan of 2 missing": "team: ...", "plan of 3 missing": "team: no plan of vehicle 3"}) == [
@@ -17,7 +17,7 @@ def test_a_problem_of_one_mate_does_not_hide_that_of_another() -> None:
     ]
 
 
-def test_what_was_counted_long_ago_is_no_longer_recent() -> None:
+def test_old_counts_are_not_recent() -> None:
     recent = Recent()
     assert recent.of(0.0, {"jump": 0}) == {}
     assert recent.of(10.0, {"jump": 1, "late": 2}) == {"jump": 1, "late": 2}

@@ -31,7 +31,7 @@ def test_points_of_a_leg_worked_by_hand():
     assert leg_point(quarter, 15.0, -3.0) == pytest.approx((0.0, -3.0, 0.0))  # behind the start
 
 
-def test_a_leg_is_travelled_from_where_it_starts():
+def test_leg_starts_at_its_first_state():
     leg = _leg(90.0, heading_rad=math.pi / 2.0, straight_m=0.0)  # heading east, turns to the south
     assert leg.length_m == pytest.approx(7.5 * math.pi)
     assert leg.state_at(0.0) == pytest.approx([math.pi / 2.0, 50.0, 60.0])

@@ -59,13 +59,13 @@ def test_every_command_in_every_state(state: RunState, after: tuple[RunState | N
         assert run.status.state is (state if expected is None else expected), (state, command)
 
 
-def test_the_numbers_are_those_of_the_messages() -> None:
+def test_numbers_agree_with_the_message_definitions() -> None:
     state = constants("MissionState")
     assert {m.name: m.value for m in RunState} | {m.name: m.value for m in Action} == state
     assert {m.name: m.value for m in Command} == constants("MissionCommand")
 
 
-def test_what_the_vehicle_is_to_do_follows_from_the_state() -> None:
+def test_action_follows_from_the_state() -> None:
     assert in_state(W).status.stop == HOLD
     assert in_state(R).status.stop is None
     assert in_state(E).status.stop is None, "its last waypoint says what follows"
@@ -80,7 +80,7 @@ def test_what_the_vehicle_is_to_do_follows_from_the_state() -> None:
     assert "auv2" in run.status.reason
 
 
-def test_an_abort_can_lead_to_a_place_and_the_place_must_be_known() -> None:
+def test_abort_can_lead_to_a_known_place() -> None:
     run = MissionRun(True, Stop(action=Action.GO_TO, place_m=(5.0, -7.0)))
     assert run.status.stop is None
     run.command(Command.ABORT, "test")
@@ -109,7 +109,7 @@ def test_a_tripped_limit_is_latched_until_reset() -> None:
     assert run.status.state is A, "nothing milder than an abort undoes it"
 
 
-def test_an_autopilot_that_is_not_ready_keeps_the_mission_waiting_and_later_holds_it() -> None:
+def test_unready_autopilot_delays_the_mission_and_later_holds_it() -> None:
     run = MissionRun(at_once=True, on_abort=SURFACE)
     run.set_ready("the autopilot is not armed")
     assert (run.status.state, run.status.reason) == (W, "the autopilot is not armed")
@@ -122,7 +122,7 @@ def test_an_autopilot_that_is_not_ready_keeps_the_mission_waiting_and_later_hold
 
 
 @pytest.mark.parametrize("state", RunState)
-def test_a_restarted_mission_stands_as_it_did(state: RunState) -> None:
+def test_restarted_mission_keeps_its_state(state: RunState) -> None:
     run = in_state(state)
     run.trip("depth", SURFACE, "12.0 m deep")
     again = MissionRun(at_once=True, on_abort=SURFACE)

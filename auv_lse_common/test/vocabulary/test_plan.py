@@ -18,7 +18,7 @@ HALF_A_STEP = math.pi / 256
 TABLE_M = 1e-5
 
 
-def test_a_plan_holds_what_a_packet_can():
+def test_plan_is_rounded_as_in_a_packet():
     plan = Plan(
         step=7,
         heading_rad=0.1,
@@ -41,7 +41,7 @@ def test_a_plan_holds_what_a_packet_can():
     assert again == plan
 
 
-def test_a_tours_waypoints_by_hand():
+def test_tour_waypoints_worked_by_hand():
     # 0 north, 64 east, 32 north-east, 192 west; segments of 2 legs of 10 m
     tour = Tour(segment_legs=2, bearings=(0, 64, 32, 192))
     diagonal = 20.0 * math.sqrt(0.5)
@@ -51,7 +51,7 @@ def test_a_tours_waypoints_by_hand():
     assert tour.legs == 8
 
 
-def test_a_tours_waypoints_are_the_same_to_the_last_bit():
+def test_tour_waypoints_are_identical():
     """Sums one after the other of numbers that a float32 holds: written out here once more, and once as printed."""
     rng = np.random.default_rng(3)
     tour = Tour(segment_legs=3, bearings=tuple(rng.integers(0, 256, MAX_SEGMENTS).tolist()))
@@ -84,7 +84,7 @@ def polylines(draw: st.DrawFn) -> NDArray[np.float64]:
 
 @settings(max_examples=300, deadline=None)
 @given(polylines())
-def test_rounding_does_not_add_up(polyline_m: NDArray[np.float64]):
+def test_rounding_errors_do_not_accumulate(polyline_m: NDArray[np.float64]):
     if np.hypot(*np.diff(polyline_m, axis=0).T).sum() < 1.0:
         return
     tour = Tour.through(polyline_m, 2, LEG_M)
@@ -95,7 +95,7 @@ def test_rounding_does_not_add_up(polyline_m: NDArray[np.float64]):
     assert off <= SEGMENT_M * (0.5 + HALF_A_STEP) + TABLE_M or len(tour.bearings) == 1
 
 
-def test_a_long_straight_way_stays_on_its_line():
+def test_long_straight_tour_stays_on_its_line():
     """The direction that a byte holds worst: without making good 64 segments of 47 m end 37 m beside the line."""
     angle = 10.5 * math.tau / 256
     end = 64 * SEGMENT_M * np.array([math.cos(angle), math.sin(angle)])
@@ -115,19 +115,19 @@ def test_a_long_straight_way_stays_on_its_line():
     st.lists(st.integers(0, 255), min_size=1, max_size=MAX_SEGMENTS),
     st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
 )
-def test_the_tour_through_a_tours_waypoints_is_that_tour(legs: int, bearings: list[int], start: tuple[float, float]):
+def test_tour_through_its_own_waypoints_is_unchanged(legs: int, bearings: list[int], start: tuple[float, float]):
     tour = Tour(segment_legs=legs, bearings=tuple(bearings))
     assert Tour.through(tour.waypoints_m(np.array(start), LEG_M), legs, LEG_M) == tour
 
 
-def test_a_rest_of_half_a_segment_counts():
+def test_rest_of_half_a_segment_becomes_a_segment():
     def segments(length_m: float) -> int:
         return len(Tour.through(np.array([[0.0, 0.0], [0.0, length_m]]), 1, 10.0).bearings)
 
     assert [segments(v) for v in (1.0, 10.0, 14.9, 15.1, 20.0, 24.0, 26.0)] == [1, 1, 1, 2, 2, 2, 3]
 
 
-def test_a_polyline_that_comes_back_to_its_start_is_one_segment():
+def test_polyline_back_to_its_start_is_one_segment():
     there_and_back = np.array([[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
     assert Tour.through(there_and_back, 2, LEG_M).bearings == (128,)
 
@@ -144,7 +144,7 @@ def test_a_polyline_that_comes_back_to_its_start_is_one_segment():
         ([[0.0, 0.0], [0.0, 60.0]], 256, "segment_legs = 256"),
     ],
 )
-def test_no_tour_through(waypoints_m: list[list[float]], legs: int, message: str):
+def test_invalid_polylines_are_rejected(waypoints_m: list[list[float]], legs: int, message: str):
     with pytest.raises(ValueError, match=message):
         Tour.through(np.array(waypoints_m), legs, 10.0)
 
@@ -152,14 +152,14 @@ def test_no_tour_through(waypoints_m: list[list[float]], legs: int, message: str
 @pytest.mark.parametrize(
     ("legs", "bearings"), [(0, (1,)), (256, (1,)), (1, ()), (1, (0,) * 65), (1, (256,)), (1, (-1,))]
 )
-def test_a_tour_that_is_not_sound_has_no_waypoints(legs: int, bearings: tuple[int, ...]):
+def test_invalid_tour_has_no_waypoints(legs: int, bearings: tuple[int, ...]):
     tour = Tour(segment_legs=legs, bearings=bearings)
     assert not tour.is_sound
     with pytest.raises(ValueError, match=r"expected segment_legs 1\.\.255 and 1\.\.64 bearings of 0\.\.255"):
         tour.waypoints_m(np.zeros(2), LEG_M)
 
 
-def test_a_plan_says_its_tour_as_a_messages_two_fields():
+def test_tour_is_encoded_in_two_fields():
     tour = Tour(segment_legs=2, bearings=(0, 255))
     plan = Plan.at(0, np.zeros(3), (1,), 0xF0, tour)
     assert plan.tour_fields == (2, (0, 255))
@@ -170,7 +170,7 @@ def test_a_plan_says_its_tour_as_a_messages_two_fields():
     assert not Tour.from_fields(1, ()).is_sound
 
 
-def test_a_tour_holds_integers_only():
+def test_tour_accepts_integers_only():
     assert type(Tour(segment_legs=np.uint8(2), bearings=np.array([3, 4], dtype=np.uint8)).bearings[0]) is int
     with pytest.raises(TypeError):
         Tour(segment_legs=2, bearings=(1.5,))

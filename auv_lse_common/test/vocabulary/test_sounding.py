@@ -12,7 +12,7 @@ from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 ROWS = [(2.0, 10.0, 20.0, 15.0), (1.0, 11.0, 21.0, 16.0), (2.0, 12.0, 22.0, 17.0)]
 
 
-def test_rows_become_named_columns_and_the_unknown_is_marked():
+def test_rows_become_named_columns_with_nan_for_unknown_values():
     soundings = Soundings.from_rows(ROWS)
     assert soundings.depth_m.tolist() == [15.0, 16.0, 17.0]
     assert soundings.points_m[1].tolist() == [11.0, 21.0, 16.0]
@@ -21,18 +21,18 @@ def test_rows_become_named_columns_and_the_unknown_is_marked():
     assert soundings.vehicle.tolist() == [0, 0, 0]
 
 
-def test_single_soundings_go_in_and_come_out():
+def test_single_soundings_survive_the_round_trip():
     given = [Sounding(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 2), Sounding(7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 1)]
     soundings = Soundings.from_rows(given)
     assert list(soundings) == given
     assert soundings.raw_places_m.tolist() == [[5.0, 6.0], [11.0, 12.0]]
 
 
-def test_order_is_that_of_the_stamps_and_stable():
+def test_soundings_are_sorted_stably_by_stamp():
     assert Soundings.from_rows(ROWS).in_order().depth_m.tolist() == [16.0, 15.0, 17.0]
 
 
-def test_packets_come_apart_again():
+def test_packets_are_separated_again():
     points = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
     packets = [Soundings.of_packet(1.0, 2, points), Soundings.of_packet(1.0, 3, points[:1])]
     apart = Soundings.join(packets).packets()
@@ -59,7 +59,7 @@ def test_a_number_applies_to_every_sounding():
     assert all(math.isnan(sounding.raw_north_m) for sounding in soundings)
 
 
-def test_refusals():
+def test_invalid_soundings_are_rejected():
     with pytest.raises(ValueError, match=r"north_m got shape \(1,\); expected \(2,\)"):
         Soundings(stamp_s=0.0, north_m=[1.0], east_m=[1.0, 2.0], depth_m=[1.0, 2.0])
     with pytest.raises(ValueError, match=r"rows of shape \(2, 5\); expected \(n, 4\)"):

@@ -21,7 +21,7 @@ def depths(rows: list[Row]) -> list[float]:
     return [row[3] for row in rows]
 
 
-def test_ground_as_steep_as_one_in_one_passes_whole() -> None:
+def test_ground_with_a_slope_of_1_passes() -> None:
     gate = SoundingGate()
     rng = np.random.default_rng(1)
     ground = (20.0 + 10.0 * np.sin(np.arange(400) / 15.0) + rng.normal(0.0, 0.3, 400)).tolist()
@@ -29,13 +29,13 @@ def test_ground_as_steep_as_one_in_one_passes_whole() -> None:
     assert not gate.counts
 
 
-def test_a_spike_is_refused_and_what_follows_passes() -> None:
+def test_spike_is_rejected_and_later_soundings_pass() -> None:
     gate = SoundingGate()
     assert depths(gate.passed(track([10.0, 10.1, 15.0, 10.2, 3.0, 10.3]))) == [10.0, 10.1, 10.2, 10.3]
     assert gate.counts == {"jump": 2}
 
 
-def test_a_step_of_the_ground_is_believed_when_it_lasts() -> None:
+def test_lasting_step_of_the_ground_is_accepted() -> None:
     gate = SoundingGate()
     assert depths(gate.passed(track([10.0, 10.1, *[20.0 + 0.1 * i for i in range(8)]]))) == [
         10.0,
@@ -47,7 +47,7 @@ def test_a_step_of_the_ground_is_believed_when_it_lasts() -> None:
     assert depths(scattered.passed(track(wild))) == [10.0], "jumps that do not agree are never believed"
 
 
-def test_a_sensor_that_hangs_is_refused_until_it_moves_again() -> None:
+def test_frozen_sensor_is_rejected_until_its_value_changes() -> None:
     gate = SoundingGate()
     rows = gate.passed(track([10.0, 10.004, *[11.0] * 40, 11.1, 11.2]))
     assert depths(rows) == [10.0, 10.004, *[11.0] * (REPEATS + 1), 11.1, 11.2]
@@ -56,7 +56,7 @@ def test_a_sensor_that_hangs_is_refused_until_it_moves_again() -> None:
     assert len(still.passed([(float(i), 5.0, 5.0, 11.0) for i in range(40)])) == 40, "it lies still"
 
 
-def test_time_that_runs_back_is_refused_and_a_clock_that_was_set_is_believed() -> None:
+def test_late_stamps_are_rejected_and_a_set_clock_accepted() -> None:
     gate = SoundingGate()
     gate.passed([(100.0, 0.0, 0.0, 10.0)])
     back = [(50.0 + i, 0.0, 0.0, 10.0 + 0.1 * i) for i in range(8)]
@@ -64,13 +64,13 @@ def test_time_that_runs_back_is_refused_and_a_clock_that_was_set_is_believed() -
     assert gate.counts == {"late": AGREEING - 1}
 
 
-def test_what_is_not_finite_is_left_to_those_who_count_it() -> None:
+def test_non_finite_soundings_pass_to_their_readers() -> None:
     gate = SoundingGate()
     rows = [(0.0, 0.0, 0.0, 10.0), (1.0, 1.5, 0.0, math.nan), (2.0, 3.0, 0.0, 10.1)]
     assert gate.passed(rows) == rows
 
 
-def test_an_honest_sounder_with_steps_of_a_decimetre_passes_whole_over_flat_ground() -> None:
+def test_sounder_with_decimetre_resolution_passes_over_flat_ground() -> None:
     ground = [round(10.0 + 0.004 * 1.5 * i, 1) for i in range(400)]  # rises 4 mm a metre: 17 equal ones in a row
     gate = SoundingGate()
     assert depths(gate.passed(track(ground))) == ground
