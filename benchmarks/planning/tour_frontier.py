@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
-from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_common.vocabulary.plan import NONE, Plan, length_m
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_planner.methods.tour_candidates import LINE_PLACES
-from auv_lse_planner.paths.polyline import arc_m
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.search.tour import TourSearch
@@ -76,7 +75,7 @@ class Frontier:
         for _ in range(bends):
             line = np.concatenate([self._start[None, 1:], self._places(best, LINE_PLACES).reshape(-1, 2)])
             bent = search.bend(line, legs, reward, MORE)
-            actions = self._steering.along(self._start, bent.waypoints_m, arc_m(line) / legs, legs)
+            actions = self._steering.along(self._start, bent.waypoints_m, length_m(line) / legs, legs)
             plan = Plan.at(0, self._start, tuple(int(a) for a in actions), NONE)
             worth, before = (reward.value(self._places(p, MAP_PLACES_PER_LEG)).weighted for p in (plan, best))
             if worth <= before:

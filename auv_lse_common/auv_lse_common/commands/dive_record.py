@@ -119,7 +119,7 @@ class DiveRecord:
         return read_state(self._state_path(values["journals"], "safety_node"))
 
     def _under_water(self, values: dict[str, Any]) -> bool | None:
-        """Whether the vehicle was under water last; None if the state is not trusted."""
+        """Whether the last known state of the vehicle is submerged; None if the state is not trusted."""
         try:
             safety = self._safety(values)
         except FileNotFoundError:

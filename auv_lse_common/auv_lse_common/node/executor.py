@@ -294,7 +294,7 @@ class _Entities:
     """
 
     def __init__(self, context: Any, nodes: Sequence[Node], own_guards: Sequence[Any]) -> None:
-        """Lists the entities of `nodes`; `own_guards` are the executor's, which only end a wait."""
+        """Lists the entities of `nodes`; `own_guards` are the executor's guard conditions, which only end a wait."""
         self._stack = ExitStack()
         self._stack.enter_context(context.handle)
         self._served: dict[str, dict[int, _Served]] = {}

@@ -91,7 +91,7 @@ class StateFile:
 
     @property
     def status(self) -> str:
-        """What is wrong, for diagnostics; "" if nothing is."""
+        """The problem, for diagnostics; "" without one."""
         return "; ".join(filter(None, (self.lost, self.problem)))
 
     @property

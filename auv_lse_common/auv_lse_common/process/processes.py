@@ -125,7 +125,7 @@ class Running(Protocol):
         ...
 
     def wait(self, timeout: float) -> int:
-        """Waits for its end; raises `subprocess.TimeoutExpired` if it still runs then."""
+        """Waits for its end, at most `timeout` (s); raises `subprocess.TimeoutExpired` if it still runs."""
         ...
 
 

@@ -138,7 +138,7 @@ class Tour:
                 break
             if len(bearings) == MAX_SEGMENTS:
                 raise ValueError(
-                    f"a polyline of {_length_m(corners):.0f} m: expected at most {MAX_SEGMENTS} segments of "
+                    f"a polyline of {length_m(corners):.0f} m: expected at most {MAX_SEGMENTS} segments of "
                     f"{segment_m:g} m; fix: longer segments (segment_legs = {segment_legs})"
                 )
             bearing = round(math.atan2(on_line[1] - east, on_line[0] - north) * (BEARINGS / math.tau)) % BEARINGS
@@ -164,8 +164,9 @@ def _leaving(
     return inside_m[0] + along * to_n, inside_m[1] + along * to_e
 
 
-def _length_m(corners_m: Array) -> float:
-    return float(np.hypot(*np.diff(corners_m, axis=0).T).sum())
+def length_m(line_m: Array) -> float:
+    """Length (m) of a polyline (n + 1, 2)."""
+    return float(np.hypot(*np.diff(line_m, axis=0).T).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
-from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
+from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
-from auv_lse_planner.paths.polyline import arc_m
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -261,7 +260,7 @@ class TourCandidates:
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
-        spacing = arc_m(line) / legs
+        spacing = length_m(line) / legs
         found = self._search.bend(line, legs, reward.weighing(share), iterations, problem.situation.deadline)
         actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
         if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):

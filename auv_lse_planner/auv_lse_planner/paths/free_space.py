@@ -143,7 +143,7 @@ def safe_reach(space):
 
 @compiled
 def end_of_leg(space, heading, north, east, action):
-    """The state after an action: heading, north, east."""
+    """The state after an action: heading (rad), north, east (m)."""
     return advance(heading, north, east, space.turns[action], space.steps[action, 0], space.steps[action, 1])
 
 

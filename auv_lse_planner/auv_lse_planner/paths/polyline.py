@@ -17,11 +17,6 @@ Array = NDArray[np.float64]
 SHORTEST_M = 1e-3
 
 
-def arc_m(line_m: Array) -> float:
-    """Length (m) of a polyline (n + 1, 2)."""
-    return float(np.hypot(*np.diff(line_m, axis=0).T).sum())
-
-
 @compiled
 def places_along(waypoints, first, spacing, count):
     """Places (count, 2) along a polyline (n + 1, 2) at arc lengths first + i * spacing (m), extended straight.

@@ -302,7 +302,7 @@ class _Drop:
         self._timetables: dict[bytes, Timetable] = {}
 
     def weighted_by(self, weighting: Weighting) -> _Drop:
-        """The same with other weights of the checkpoints."""
+        """A copy with other weights of the checkpoints."""
         other = copy.copy(self)
         other.schedule = _Schedule.of(weighting, len(self.schedule.checkpoints))
         return other
@@ -322,7 +322,7 @@ class _Drop:
         return Value(float(self.schedule.weights @ drops), end)
 
     def weighted(self, places_m: Array, legs: Array) -> float:
-        """J."""
+        """J of a path, without the drop at the mission's end."""
         if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return 0.0
         left = self._joint(places_m, legs).left(self.schedule.counting)

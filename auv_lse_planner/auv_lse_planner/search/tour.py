@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour
+from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour, length_m
 from auv_lse_planner.paths.free_space import FreeSpace, bilinear
-from auv_lse_planner.paths.polyline import SHORTEST_M, arc_m, places_along, pull_back
+from auv_lse_planner.paths.polyline import SHORTEST_M, places_along, pull_back
 from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
@@ -297,7 +297,7 @@ class TourSearch:
             return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
 
         deformation = Deformation(np.zeros(2 * knots), corners, penalized, MIN_BEND_GAIN, None)
-        return self._maximize(deformation, arc_m(line) / legs, legs, reward, iterations, deadline)
+        return self._maximize(deformation, length_m(line) / legs, legs, reward, iterations, deadline)
 
     def _maximize(
         self,

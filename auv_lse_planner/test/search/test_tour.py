@@ -5,7 +5,8 @@ import pytest
 from planner_helpers import rollout, world
 
 from auv_lse_common.support.compiled import plain
-from auv_lse_planner.paths.polyline import arc_m, places_along, pull_back
+from auv_lse_common.vocabulary.plan import length_m
+from auv_lse_planner.paths.polyline import places_along, pull_back
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.search.tour import ROOM_M, TourSearch, lack_of_room
 
@@ -150,7 +151,7 @@ def test_bend_without_gain_preserves_the_path_and_its_narrow_turns():
     state, actions, line, space = _lanes(legs)
     found = TourSearch(space, 1).bend(line, legs, Basin(np.full((legs, 2), 1e5)), 10)
     assert np.array_equal(found.waypoints_m, line)
-    again = Steering(space).along(state, found.waypoints_m, arc_m(line) / legs, legs)
+    again = Steering(space).along(state, found.waypoints_m, length_m(line) / legs, legs)
     assert np.array_equal(again, actions)
 
 
