@@ -177,6 +177,10 @@ class World:
         """Makes a vehicle stop, or continue (None)."""
         self.vehicles[vehicle].obey(stop)
 
+    def dive(self, vehicle: int, depth_m: float) -> None:
+        """Sets the depth (m) at which a vehicle travels."""
+        self.vehicles[vehicle].dive(depth_m)
+
     def transmit(self, vehicle: int, now_s: float, payload: bytes) -> float:
         """Starts a vehicle's transmission; returns its end (s)."""
         return self.channel.transmit(now_s, vehicle, payload, self.positions())

@@ -36,7 +36,7 @@ from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 #: A longer step (s), or a negative one, means that the clock was set.
 LONGEST_STEP_S = 10.0
 #: Limits of states, which are known at each step; the others have readings.
-STATES = ("depth gauge", "altimeter", "odometry", "link", "autopilot", "battery", "leak", "mission time")
+STATES = ("depth gauge", "altimeter", "odometry", "link", "autopilot", "battery", "leak", "pressure", "mission time")
 #: Share of a step's readings that makes an exceeded limit a warning.
 WARNING_SHARE = 0.5
 #: At most this many readings of a sensor count in one step, the newest.
@@ -64,6 +64,7 @@ class AutopilotReport:
         battery: Charge left, 0 to 1; NaN unknown.
         leak: 1 water inside, 0 none, -1 unknown.
         disobeys: How it has refused or ignored its targets, or a stop, for some seconds; "" if it has not.
+        depth_problem: Why the depth of its odometry is not to be trusted; "" if it is.
     """
 
     heard: bool
@@ -73,6 +74,7 @@ class AutopilotReport:
     battery: float = math.nan
     leak: int = -1
     disobeys: str = ""
+    depth_problem: str = ""
 
     @property
     def problem(self) -> str:
@@ -110,6 +112,7 @@ class SafetyWatch:
             "autopilot": config.autopilot_response,
             "battery": config.battery_response,
             "leak": config.leak_response,
+            "pressure": config.pressure_response,
             "mission time": config.mission_time_response,
         }
         self._times = {name: ExceededTime(config.patience_s) for name in self._responses}
@@ -198,7 +201,10 @@ class SafetyWatch:
             run: The vehicle's mission: takes the tripped limits, and whether the autopilot is ready.
         """
         passed_s = self._pass_time(now_s)
-        run.set_ready(self._autopilot.problem if self._autopilot is not None else "")
+        if self._autopilot is not None:
+            run.set_ready(self._autopilot.problem, self._autopilot.depth_problem)
+        else:
+            run.set_ready("")
         state = run.status.state
         if state is RunState.RUNNING:
             self._ran_s += passed_s
@@ -304,6 +310,8 @@ class SafetyWatch:
             found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:
             found["leak"] = "the autopilot reports a leak"
+        if self._autopilot is not None and self._autopilot.depth_problem:
+            found["pressure"] = self._autopilot.depth_problem
         if 0.0 < config.mission_time_s < self._ran_s:
             found["mission time"] = f"running for {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
         return found

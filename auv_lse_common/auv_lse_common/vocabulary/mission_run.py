@@ -224,10 +224,15 @@ class MissionRun:
         self.limits = dict(values["limits"])
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
 
-    def set_ready(self, problem: str) -> None:
-        """Sets the reason why the autopilot does not follow targets; "" if it does."""
-        self._not_ready = problem
-        if not problem and self._state is RunState.RUNNING:
+    def set_ready(self, problem: str, before_start: str = "") -> None:
+        """Sets the reason why the autopilot does not follow targets; "" if it does.
+
+        Args:
+            problem: The reason, at any time.
+            before_start: Another reason, which counts only until the vehicle has begun to travel.
+        """
+        self._not_ready = problem or ("" if self._travelled else before_start)
+        if not self._not_ready and self._state is RunState.RUNNING:
             self._travelled = True
 
     @property

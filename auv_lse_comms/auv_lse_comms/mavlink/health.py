@@ -9,7 +9,7 @@ from auv_lse_comms.mavlink.obedience import IGNORED_S
 
 def link_health(link: VehicleLink, port_problem: str) -> Health:
     """The state of the link and what the autopilot does with its targets; `port_problem`: why it is not heard."""
-    values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
+    values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts, **link.gauge.values}
     values |= {f"wire {name}": count for name, count in link.wire.items()}
     report = link.report
     if not report.heard:
@@ -26,6 +26,8 @@ def link_health(link: VehicleLink, port_problem: str) -> Health:
     ignored_s, problem = link.problem
     if problem:
         found.append((Level.WARN if ignored_s < 2.0 * IGNORED_S else Level.ERROR, problem))
+    if report.depth_problem:
+        found.append((Level.WARN, report.depth_problem))
     if not link.placed:
         found.append((Level.ERROR, "the autopilot's origin is unknown: no odometry, no targets"))
     return Health(level=max(level for level, _ in found), text="; ".join(text for _, text in found), values=values)

@@ -14,6 +14,8 @@ simulated).
 The link sends its own heartbeats in both states. Every LOCAL_POSITION_NED gives one odometry if the last ATTITUDE is at
 most `stale_after_s` old. Stamps are the autopilot's own (`clock.py`) where its UTC is known, else times of receipt.
 
+Depth comes from pressure, and depth targets are shifted into the autopilot's datum (`depth_gauge.py`).
+
 Until the autopilot's origin is known, and after one that was refused, places are not in the mission's frame, so neither
 odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the link is
 lost) may have another origin and clock: both are requested again.
@@ -32,6 +34,7 @@ from collections.abc import Callable
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_comms.mavlink.depth_gauge import DepthGauge
 from auv_lse_comms.mavlink.messages.clock import AutopilotClock
 from auv_lse_comms.mavlink.messages.conversion import Target, altitude_m, pressure_pa
 from auv_lse_comms.mavlink.messages.datum import Datum, Origin
@@ -46,7 +49,7 @@ from auv_lse_comms.mavlink.messages.events import (
     Problem,
 )
 from auv_lse_comms.mavlink.messages.modes import obeying_modes
-from auv_lse_comms.mavlink.messages.origin import ORIGIN_TOLERANCE_M, OriginExchange
+from auv_lse_comms.mavlink.messages.origin import OriginExchange
 from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_comms.mavlink.raw_track import RawTrack
 from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
@@ -54,9 +57,6 @@ from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 #: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
 #: safety watch keeps the limit tripped until RESET.
 LEAK_REPORTED_S = 50.0
-
-#: MAV_RESULT in words.
-RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
 
 #: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
 EXAMINED_BYTES = 16384
@@ -76,7 +76,7 @@ class VehicleLink:
         state: Whether the autopilot is heard.
         armed: Whether it reports to be armed.
         custom_mode: Number of its flight mode, in its own numbering; -1 while unknown.
-        refused_speed: The result of DO_CHANGE_SPEED if it refused the last one.
+        gauge: Depth of the vehicle.
         counts: Event counts by name.
     """
 
@@ -111,7 +111,6 @@ class VehicleLink:
         self.state = LinkState.DOWN
         self.armed = False
         self.custom_mode = -1
-        self.refused_speed = ""
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
@@ -123,19 +122,15 @@ class VehicleLink:
             origin, self._autopilot, config.set_origin, self.send, self._report_problem, self.counts
         )
         self._targets = TargetSender(
-            config,
-            self._autopilot,
-            limits or TargetLimits(),
-            self.send,
-            lambda event: self._events.append(event),
-            self.counts,
+            config, self._autopilot, limits or TargetLimits(), self.send, self._report_event, self.counts
         )
+        latitude_deg = None if origin is None else origin.lat_deg
+        self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts)
+        self._fix_s = -math.inf  # when GPS last had a fix
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._battery, self._battery_v = math.nan, math.nan
         self._leak_s = -math.inf  # when the autopilot last reported a leak
-        self._heard_s = -math.inf
-        self._beat_s = -math.inf
-        self._now_s = -math.inf
+        self._heard_s = self._beat_s = self._now_s = -math.inf
         self._examined_bytes = 0
         self._attitude: Message | None = None
         self._attitude_s = self._placed_s = -math.inf
@@ -219,8 +214,8 @@ class VehicleLink:
 
     @property
     def quiet(self) -> bool:
-        """Whether no immediate answer of the autopilot is pending (so a lockstep tick may end)."""
-        return self.state is LinkState.UP and self._targets.settled
+        """Whether depth has its zero and no immediate answer of the autopilot is pending: a lockstep tick may end."""
+        return self.state is LinkState.UP and self.gauge.is_ready and self._targets.settled
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -254,12 +249,18 @@ class VehicleLink:
             battery=self._battery,
             leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
             disobeys=self._problem[1],
+            depth_problem=self.gauge.problem(self._now_s),
         )
 
     @property
     def problem(self) -> tuple[float, str]:
         """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
         return self._problem
+
+    @property
+    def refused_speed(self) -> str:
+        """The result of DO_CHANGE_SPEED if the autopilot refused the last one."""
+        return self._targets.refused_speed
 
     @property
     def under_way(self) -> bool:
@@ -281,6 +282,8 @@ class VehicleLink:
             self._attitude_s = min(self._attitude_s, now_s)
             self._placed_s = min(self._placed_s, now_s)
             self._leak_s = min(self._leak_s, now_s)
+            self._fix_s = min(self._fix_s, now_s)
+            self.gauge.host_stepped(now_s)
             self._targets.host_stepped(now_s)
             self._origin.host_stepped(now_s)
             self._clock.forget_utc()
@@ -294,8 +297,8 @@ class VehicleLink:
         self._origin.forget(rebooted)
         self._attitude, self._place = None, None
         self._raw.interrupt()
+        self.gauge.forget()
         self._targets.resend()
-        self.refused_speed = ""
 
     def _watch_boot(self, boot_ms: int) -> None:
         """Detects a reboot of the autopilot from its time since boot."""
@@ -312,9 +315,10 @@ class VehicleLink:
 
     def _advance(self) -> None:
         self._targets.pass_reached(self._now_s, self._place)
-        if self.state is LinkState.UP and self.placed:
+        if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
             ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-            self._targets.send(self._now_s, self._clock.boot_ms_at(self._now_s), self.datum, ardupilot)
+            boot_ms = self._clock.boot_ms_at(self._now_s)
+            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.shift_m, ardupilot)
 
     def _judge(self) -> None:
         """Judges whether the autopilot carries out its targets; reports it when that changes."""
@@ -368,6 +372,8 @@ class VehicleLink:
             self.counts["bad_positions"] += 1
             return
         self._watch_boot(message.time_boot_ms)
+        if self._config.mode == "position_target":
+            self.gauge.own_depth(self._now_s, float(message.z))
         if not self.placed:
             self.counts["unplaced_positions"] += 1
             return
@@ -379,7 +385,8 @@ class VehicleLink:
         if self.datum != self._raw_in:  # places have shifted with the origin
             self._raw_in = self.datum
             self._raw.interrupt()
-        fix = self._raw.move(stamp_s, north_m, east_m, float(message.z), float(message.vx), float(message.vy))
+        depth_m = self.gauge.depth_m(self._now_s, float(message.z))
+        fix = self._raw.move(stamp_s, north_m, east_m, depth_m, float(message.vx), float(message.vy))
         if self._raw.jumps > self.counts["jumps_undone"]:
             self.counts["jumps_undone"] = self._raw.jumps
         self._place = AutopilotEstimate(
@@ -387,7 +394,7 @@ class VehicleLink:
             heading_rad=float(self._attitude.yaw),
             north_m=north_m,
             east_m=east_m,
-            depth_m=float(message.z),
+            depth_m=depth_m,
             speed_mps=math.hypot(message.vx, message.vy),
             yaw_rate_radps=float(self._attitude.yawspeed),
             raw_north_m=self._raw.north_m,
@@ -406,24 +413,22 @@ class VehicleLink:
         fixed = message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
         self._targets.gps(self._now_s, fixed)
         if fixed:
+            self._fix_s = self._now_s
             self._raw.gps(message.h_acc / 1000.0)
 
     def _on_global_position(self, message: Message) -> None:
-        """Checks the datum: local and global position must agree."""
-        if self._place is None or self.datum.mission is None:
-            return
-        north_m, east_m = self.datum.from_geodetic(message.lat, message.lon)
-        apart_m = math.hypot(north_m - self._place.north_m, east_m - self._place.east_m)
-        moved_m = 2.0 * self._config.stale_after_s * self._place.speed_mps
-        if apart_m > ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(north_m, east_m):
-            self.counts["datum_mismatch"] += 1
-            if self.counts["datum_mismatch"] == 1:
-                self._report_problem(
-                    f"local and global position are {apart_m:.1f} m apart: check the origin (datum {self.datum})"
-                )
+        """Takes the depth that mission items count from; checks that local and global position agree."""
+        if self._config.mode == "mission":
+            self.gauge.own_depth(self._now_s, -message.relative_alt / 1000.0)
+        if self._place is not None:
+            moved_m = 2.0 * self._config.stale_after_s * self._place.speed_mps
+            self._origin.check(message.lat, message.lon, (self._place.north_m, self._place.east_m), moved_m)
 
     def _on_origin(self, message: Message) -> None:
+        datum = self.datum
         self._origin.take(message.latitude, message.longitude)
+        if self.datum != datum:
+            self.gauge.forget()
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
@@ -438,6 +443,11 @@ class VehicleLink:
             )
 
     def _on_pressure(self, message: Message) -> None:
+        if message.get_type() != self._config.pressure:
+            return
+        has_fix = self._now_s - self._fix_s <= self._config.stale_after_s
+        self.gauge.set_state(not self.armed or (has_fix and self._targets.stopped), has_fix)
+        self.gauge.pressure(self._now_s, pressure_pa(message))
         stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
         self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
 
@@ -448,14 +458,8 @@ class VehicleLink:
             self._battery_v = message.voltage_battery / 1000.0
 
     def _on_command_ack(self, message: Message) -> None:
-        """Reports a refused DO_CHANGE_SPEED; the answers to requests for the origin are its messages."""
-        if message.command != mavlink.MAV_CMD_DO_CHANGE_SPEED:
-            return
-        if message.result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
-            self.refused_speed = ""
-            return
-        self.counts["speeds_refused"] += 1
-        self.refused_speed = RESULTS.get(message.result, str(message.result))
+        if message.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:  # requests for the origin are answered by its message
+            self._targets.speed_answered(message.result)
 
     def _on_mission_request(self, message: Message) -> None:
         self._targets.requested(self._now_s, message.seq)
@@ -485,7 +489,9 @@ HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "GPS_RAW_INT": VehicleLink._on_gps,
     "GPS_GLOBAL_ORIGIN": VehicleLink._on_origin,
     "DISTANCE_SENSOR": VehicleLink._on_distance,
+    "SCALED_PRESSURE": VehicleLink._on_pressure,
     "SCALED_PRESSURE2": VehicleLink._on_pressure,
+    "SCALED_PRESSURE3": VehicleLink._on_pressure,
     "COMMAND_ACK": VehicleLink._on_command_ack,
     "MISSION_REQUEST_INT": VehicleLink._on_mission_request,
     "MISSION_REQUEST": VehicleLink._on_mission_request,

@@ -119,5 +119,9 @@ class AutopilotPort:
         if self._sounded_from != self.link.datum:  # places have shifted with the origin
             self._sounded_from = self.link.datum
             sounder.reset()
+        if self.link.report.depth_problem:  # water depth would be as wrong
+            sounder.counts["without_depth"] += 1
+            sounder.reset()
+            return []
         raw_m = odometry.raw_north_m, odometry.raw_east_m
         return sounder.odometry(odometry.stamp_s, odometry.north_m, odometry.east_m, odometry.depth_m, raw_m)

@@ -39,13 +39,15 @@ from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_comms.mavlink.messages.conversion import Target, mission_item, position_target, speed_command
 from auv_lse_comms.mavlink.messages.datum import Datum
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
-from auv_lse_comms.mavlink.messages.wire import Message
+from auv_lse_comms.mavlink.messages.wire import Message, mavlink
 from auv_lse_comms.mavlink.obedience import IGNORED_S, Obedience
 from auv_lse_comms.mavlink.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
 
 #: Default depth (m) of a vehicle without `vehicle.depth_m`.
 DEFAULT_DEPTH_M = 5.0
+#: MAV_RESULT in words.
+RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
 #: Largest number of waiting targets, and of the items of an uploaded mission.
 MAX_TARGETS = 64
 
@@ -100,7 +102,11 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
 
 
 class TargetSender:
-    """The targets of one vehicle."""
+    """The targets of one vehicle.
+
+    Attributes:
+        refused_speed: The result of DO_CHANGE_SPEED if the autopilot refused the last one.
+    """
 
     def __init__(
         self,
@@ -124,6 +130,7 @@ class TargetSender:
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
         self._speed_mps = math.nan  # the last one sent
+        self.refused_speed = ""
         self._obedience = Obedience(config.acceptance_m, limits.turn_radius_m)
         self._unaccepted_s = math.nan  # time since which the autopilot has not accepted a mission; NaN: it has
         self._furthest = -1  # the last item that it requested
@@ -210,6 +217,11 @@ class TargetSender:
             return False
         return math.dist(target.begins_m, (last.north_m, last.east_m)) > self._config.acceptance_m
 
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop replaces the targets."""
+        return self._stop is not None
+
     def stop(self, stop: Stop | None) -> None:
         """Stops the vehicle, or lets it continue (None)."""
         if stop == self._stop:
@@ -223,7 +235,7 @@ class TargetSender:
         self._watch_upload()
         self._unaccepted_s = math.nan
         self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
-        self._speed_mps = math.nan
+        self._speed_mps, self.refused_speed = math.nan, ""
 
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""
@@ -249,6 +261,13 @@ class TargetSender:
         if self._upload.busy:
             self._upload.acknowledge(now_s, result)
             self._watch_upload()
+
+    def speed_answered(self, result: int) -> None:
+        """The autopilot accepts or refuses a speed (MAV_RESULT)."""
+        self.refused_speed = ""
+        if result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
+            self._counts["speeds_refused"] += 1
+            self.refused_speed = RESULTS.get(result, str(result))
 
     def now_at_item(self, number: int) -> None:
         """The autopilot reports its current item."""
@@ -294,25 +313,30 @@ class TargetSender:
         self._unsent = True
         return surfacing.stage is Stage.OVER
 
-    def send(self, now_s: float, boot_ms: int, datum: Datum, ardupilot: bool) -> None:
+    def send(self, now_s: float, boot_ms: int, datum: Datum, shift_m: float, ardupilot: bool) -> None:
         """Sends what is due; call it only if the autopilot is heard and its frame is known.
 
-        `now_s` is the host's clock, `boot_ms` the autopilot's time since boot; `ardupilot`: missions begin with a home.
+        Args:
+            now_s: The host's clock.
+            boot_ms: The autopilot's time since boot.
+            datum: The mission's origin and the autopilot's.
+            shift_m: The autopilot's own depth minus the true one (m).
+            ardupilot: Whether missions begin with a home.
         """
         current = self.current
         if current is None:
             return
         if self._config.mode == "position_target":
-            self._send_position_target(now_s, boot_ms, datum, current)
+            self._send_position_target(now_s, boot_ms, datum, current, shift_m)
         else:
             later = self._stop is None and self._surfacing is None
-            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), ardupilot)
+            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), shift_m, ardupilot)
 
-    def _send_position_target(self, now_s: float, boot_ms: int, datum: Datum, target: Target) -> None:
+    def _send_position_target(self, now_s: float, boot_ms: int, datum: Datum, target: Target, shift_m: float) -> None:
         if not self._unsent and now_s - self._target_s < self._config.target_period_s:
             return
         self._send_speed(target)
-        self._send(position_target(target, datum, boot_ms, *self._autopilot))
+        self._send(position_target(_shifted(target, shift_m), datum, boot_ms, *self._autopilot))
         self._counts["target_messages"] += 1
         if self._unsent:
             self._counts["targets_sent"] += 1
@@ -320,7 +344,9 @@ class TargetSender:
         self._unsent = False
         self._target_s = now_s
 
-    def _send_mission(self, now_s: float, datum: Datum, wanted: tuple[Target, ...], ardupilot: bool) -> None:
+    def _send_mission(
+        self, now_s: float, datum: Datum, wanted: tuple[Target, ...], shift_m: float, ardupilot: bool
+    ) -> None:
         if self._upload.busy or not self._unsent:
             return
         if self._upload.state is UploadState.FAILED and now_s - self._target_s < self._config.upload_timeout_s:
@@ -333,7 +359,7 @@ class TargetSender:
         self._send_speed(wanted[0])
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
-            mission_item(end, datum, number, self._config.acceptance_m, *self._autopilot)
+            mission_item(_shifted(end, shift_m), datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
         ]
         self._upload.start(now_s, items, first=int(ardupilot))
@@ -373,6 +399,11 @@ class TargetSender:
         # near it, or past the line across the leg's end, at most twice the acceptance aside
         acceptance_m = self._config.acceptance_m
         return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
+
+
+def _shifted(target: Target, shift_m: float) -> Target:
+    """A target in the autopilot's own depth."""
+    return dataclasses.replace(target, depth_m=target.depth_m + shift_m)
 
 
 def _follows(target: Target, stop: Stop) -> Target:

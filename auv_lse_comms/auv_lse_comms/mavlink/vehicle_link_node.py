@@ -35,6 +35,9 @@ class VehicleLinkNode(DriverNode):
         except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
+        for kind, *values in self.journal.records:
+            if kind == "zero":
+                self._autopilot.link.gauge.restore(*values)
         self._waypoints = 0
         self._disobeys = False  # reported last
         self._status = self.publisher("autopilot")
@@ -127,6 +130,11 @@ class VehicleLinkNode(DriverNode):
             case events.LinkLost():
                 log.error(f"link lost: no heartbeat from the autopilot for {event.silent_s:.1f} s")
                 self.diagnose()
+            case events.Zeroed():
+                self.journal.write("zero", event.pressure_pa)
+                log.info(f"depth is zeroed: {event.pressure_pa / 100.0:.1f} hPa at the surface")
+            case events.Surfaced():
+                log.info(f"at the surface the depth gauge shows {event.drift_m:+.2f} m")
             case events.Problem():
                 log.warning(event.text)
 

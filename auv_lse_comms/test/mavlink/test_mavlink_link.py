@@ -39,7 +39,8 @@ class Autopilot:
     """Vehicle 2's autopilot, and the link to it."""
 
     def __init__(self, origin=ORIGIN, own_origin=ORIGIN, limits=None, **values):
-        self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 2, origin, limits)
+        config = LinkConfig(kind="mavlink", **{"pressure": "none", **values})
+        self.link = VehicleLink(config, 2, origin, limits)
         self.own_origin = own_origin
         self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
         self.reader = mavlink.MAVLink(None)
@@ -243,7 +244,7 @@ def test_only_the_sensor_that_looks_down_is_an_altimeter():
 
 
 def test_pressure_in_pascal():
-    pilot = Autopilot().up()
+    pilot = Autopilot(pressure="SCALED_PRESSURE2").up()
     pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))
     assert pilot.of(events.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
 

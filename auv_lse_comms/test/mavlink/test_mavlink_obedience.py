@@ -27,7 +27,7 @@ class Vehicle:
     """A vehicle that moves as the test says, whatever its link sends; and the link."""
 
     def __init__(self, radius_m=15.0, **values):
-        config = LinkConfig(kind="mavlink", **values)
+        config = LinkConfig(kind="mavlink", pressure="none", **values)
         self.link = VehicleLink(config, 2, Origin(lat_deg=46.5, lon_deg=6.6), TargetLimits(turn_radius_m=radius_m))
         self.mav, self.reader = mavlink.MAVLink(None, srcSystem=2, srcComponent=1), mavlink.MAVLink(None)
         self.now_s, self.states, self.boot_ms = NOW_S, [], 5000

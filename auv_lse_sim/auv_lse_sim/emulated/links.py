@@ -7,26 +7,29 @@ autopilot that calls the UDP port on which `link.endpoint` listens. No ROS, no c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.mission_file.sections.world import AutopilotConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.mavlink.messages.datum import Origin
+from auv_lse_comms.mavlink.water import MEAN_LATITUDE_DEG, gauge_pressure_pa
 from auv_lse_comms.transport import AddressError, read_address
 from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.mavlink_telemetry import AIR_PA, Report
+from auv_lse_sim.emulated.mavlink_vehicle import AutopilotSetup, MavlinkVehicle
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 
-#: Air pressure (Pa), and pressure of fresh water per metre of depth (Pa/m).
-AIR_PA, WATER_PA_PER_M = 101325.0, 9806.65
 _LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 
 
@@ -46,6 +49,7 @@ class EmulatedLinks:
         transmit: Callable[[int, float, bytes], float],
         follow: Callable[[int, Leg], None],
         obey: Callable[[int, Stop | None], None],
+        dive: Callable[[int, float], None],
     ) -> None:
         """Opens the ports.
 
@@ -54,6 +58,7 @@ class EmulatedLinks:
             transmit: Sends (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
             follow: Takes (vehicle, leg); the leg follows the earlier ones.
             obey: Takes (vehicle, stop); None: the vehicle continues.
+            dive: Takes (vehicle, depth (m)).
 
         Raises:
             ParameterError: if a port cannot be opened; names it and the reason.
@@ -64,12 +69,13 @@ class EmulatedLinks:
         self.rack: ModemRack | None = None
         self.dock: MavlinkDock | None = None
         self._settings = settings
+        self._begun_s = math.inf
         try:
             if self.modems:
                 ports = {k: _host_port(settings.vehicle(k).modem.port) for k in self.modems}
                 self.rack = ModemRack(ports, lambda k, packet: transmit(k, packet.start_s, packet.payload))
             if self.autopilots:
-                autopilots = {k: self._autopilot(k, follow, obey) for k in self.autopilots}
+                autopilots = {k: self._autopilot(k, follow, obey, dive) for k in self.autopilots}
                 self.dock = MavlinkDock(
                     autopilots, {k: _autopilot_endpoint(settings.vehicle(k).link.endpoint) for k in self.autopilots}
                 )
@@ -78,7 +84,11 @@ class EmulatedLinks:
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error
 
     def _autopilot(
-        self, k: int, follow: Callable[[int, Leg], None], obey: Callable[[int, Stop | None], None]
+        self,
+        k: int,
+        follow: Callable[[int, Leg], None],
+        obey: Callable[[int, Stop | None], None],
+        dive: Callable[[int, float], None],
     ) -> MavlinkVehicle:
         vehicle, area = self._settings.vehicle(k).vehicle, self._settings.area
         origin = None
@@ -86,7 +96,9 @@ class EmulatedLinks:
             origin = Origin(lat_deg=area.origin_lat_deg, lon_deg=area.origin_lon_deg)
         start = (vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m)
         radius_m = self._settings.motion.turn_radius_m
-        system_id = self._settings.vehicle(k).link.autopilot_system_id or k
+        link = self._settings.vehicle(k).link
+        system_id = link.autopilot_system_id or k
+        height_m = autopilot_of(self._settings.sim).origin_height_m if link.pressure != "none" else 0.0
         return MavlinkVehicle(
             system_id,
             start,
@@ -95,13 +107,16 @@ class EmulatedLinks:
             lambda leg: follow(k, leg),
             obey=lambda stop: obey(k, stop),
             tightest_m=tightest_radius_m(vehicle, self._settings.sim),
+            setup=AutopilotSetup(
+                origin_height_m=height_m, pressure=link.pressure, dive=lambda depth_m: dive(k, depth_m)
+            ),
         )
 
-    def send_heartbeats(self, now_s: float) -> None:
-        """Lets the drivers find their autopilots before the first tick."""
+    def send_on_deck(self, now_s: float) -> None:
+        """Lets the drivers find their autopilots and the zero of depth before the first tick."""
         if self.dock is not None:
             for k in self.autopilots:
-                self.dock.send_heartbeat(k, now_s)
+                self.dock.send_on_deck(k, now_s, self._pressure_pa(now_s, 0.0))
 
     def serve(self, now_s: float) -> None:
         """Reads and answers the drivers' bytes; never blocks."""
@@ -135,7 +150,14 @@ class EmulatedLinks:
     def report(self, k: int, now_s: float, output: VehicleOutput) -> None:
         """Sends the telemetry of a vehicle's autopilot."""
         assert self.dock is not None
-        self.dock.report(k, now_s, report_of(output, self._settings.sim.gps.noise_m))
+        pressure_pa = self._pressure_pa(now_s, output.pressure_depth_m)
+        self.dock.report(k, now_s, report_of(output, self._settings.sim.gps.noise_m, pressure_pa))
+
+    def _pressure_pa(self, now_s: float, depth_m: float) -> float:
+        """What the barometers measure at a depth (m)."""
+        self._begun_s = min(self._begun_s, now_s)
+        latitude_deg = self._settings.area.origin_lat_deg
+        return measured_pressure_pa(autopilot_of(self._settings.sim), now_s - self._begun_s, depth_m, latitude_deg)
 
     def delivered(self, k: int) -> int:
         """Number of packets that a vehicle's modem has passed to its driver."""
@@ -156,8 +178,35 @@ class EmulatedLinks:
             self.dock.close()
 
 
-def report_of(output: VehicleOutput, gps_std_m: float) -> Report:
-    """The state that a vehicle's autopilot reports after a tick; `gps_std_m` is the accuracy of GPS."""
+def autopilot_of(sim: SimConfig) -> AutopilotConfig:
+    """The autopilots' imperfections that are in force."""
+    if not (sim.ideal or sim.autopilot.ideal):
+        return sim.autopilot
+    return AutopilotConfig(
+        origin_height_m=0.0,
+        air_pressure_hpa=AIR_PA / 100.0,
+        air_change_hpa_h=0.0,
+        barometer_offset_hpa=0.0,
+        barometer_drift_hpa_h=0.0,
+    )
+
+
+def measured_pressure_pa(config: AutopilotConfig, passed_s: float, depth_m: float, latitude_deg: float | None) -> float:
+    """What a barometer measures (Pa) at a depth (m), `passed_s` after the start; latitude None: unknown."""
+    drift_hpa = (config.air_change_hpa_h + config.barometer_drift_hpa_h) * passed_s / 3600.0
+    at_surface_pa = 100.0 * (config.air_pressure_hpa + config.barometer_offset_hpa + drift_hpa)
+    latitude_deg = MEAN_LATITUDE_DEG if latitude_deg is None else latitude_deg
+    return at_surface_pa + gauge_pressure_pa(depth_m, config.water_density_kgpm3, latitude_deg)
+
+
+def report_of(output: VehicleOutput, gps_std_m: float, pressure_pa: float) -> Report:
+    """The state that a vehicle's autopilot reports after a tick.
+
+    Args:
+        output: The vehicle's.
+        gps_std_m: Accuracy of GPS (m).
+        pressure_pa: What its barometer measures (Pa).
+    """
     estimate = output.odometry
     return Report(
         heading_rad=estimate.heading_rad,
@@ -166,7 +215,7 @@ def report_of(output: VehicleOutput, gps_std_m: float) -> Report:
         depth_m=output.pressure_depth_m,
         speed_mps=estimate.speed_mps,
         altitude_m=output.altitude_m,
-        pressure_pa=AIR_PA + WATER_PA_PER_M * output.pressure_depth_m,
+        pressure_pa=pressure_pa,
         gps_m=output.gps_m,
         gps_std_m=gps_std_m,
     )

@@ -6,7 +6,8 @@ import select
 from collections.abc import Mapping
 
 from auv_lse_comms.transport import UdpPort, read_address
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 
 class MavlinkDock:
@@ -49,9 +50,9 @@ class MavlinkDock:
             self._flush(vehicle)
         return total
 
-    def send_heartbeat(self, vehicle: int, now_s: float) -> None:
-        """Sends a vehicle's heartbeat."""
-        self.vehicles[vehicle].send_heartbeat(now_s)
+    def send_on_deck(self, vehicle: int, now_s: float, pressure_pa: float) -> None:
+        """Sends what a vehicle's driver needs before the mission; `pressure_pa` is the pressure on deck (Pa)."""
+        self.vehicles[vehicle].send_on_deck(now_s, pressure_pa)
         self._flush(vehicle)
 
     def report(self, vehicle: int, now_s: float, report: Report) -> None:

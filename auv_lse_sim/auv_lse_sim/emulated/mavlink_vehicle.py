@@ -15,7 +15,8 @@ Rules for targets:
 - It turns more tightly for a target inside its turning circle, as far as it can. Such targets occur because leg ends
   move by metres when the map's positions are corrected.
 - It turns at once to a position target that comes long before it reaches the previous one, or after it has passed it.
-- It ignores a target's depth and a commanded speed. A target at the surface makes it surface where it is.
+- It dives to a target's depth, in its own datum, and ignores a commanded speed. A target at the surface makes it
+  surface where it is.
 - A new target at a recent position of the vehicle stops it there. The next different target lets it continue.
 """
 
@@ -29,9 +30,10 @@ from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
-from auv_lse_comms.mavlink.messages.conversion import DOWN, Target, target_of_item, target_of_position
+from auv_lse_comms.mavlink.messages.conversion import Target, target_of_item, target_of_position
 from auv_lse_comms.mavlink.messages.datum import Datum, Origin
 from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
+from auv_lse_sim.emulated.mavlink_telemetry import AIR_PA, Report, depth_telemetry, heartbeat, telemetry
 from auv_lse_sim.vehicle.target_leg import leg_to
 
 #: A target within this distance (m) of an earlier one repeats it; allows for the rounding of mission items.
@@ -50,6 +52,8 @@ SURFACE_M = 0.5
 #: targets, only a few, because four quarter turns lead back to a place that is then a new target.
 REMEMBERED = 8
 REPEATED = 3
+#: Number of pressures that are sent on deck, at once.
+ON_DECK = 8
 #: Maximum number of items of a mission.
 MAX_ITEMS = 512
 #: Time (s) after which a missing item is requested again, and the number of such requests.
@@ -67,32 +71,20 @@ class Fault(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """The autopilot's estimate of its vehicle's state.
+class AutopilotSetup:
+    """Where an autopilot's places and depths count from, and how it dives.
 
     Attributes:
-        heading_rad: Clockwise from north.
-        north_m: North of the mission's origin.
-        east_m: East of it.
-        depth_m: Below the surface, positive down.
-        speed_mps: Over ground, along the heading.
-        yaw_rate_radps: Positive to starboard.
-        altitude_m: Height over ground; NaN: no ground seen.
-        pressure_pa: Absolute pressure of the water.
-        gps_m: North, east of the mission's origin by GPS; None: it has no fix, as under water.
-        gps_std_m: Standard deviation of that, each axis.
+        origin: Its estimator's origin; None: the mission's.
+        origin_height_m: Height of that origin, and of home, above the surface.
+        pressure: Message with the water's pressure, as in `link.pressure`.
+        dive: Takes the depth (m) of each target.
     """
 
-    heading_rad: float
-    north_m: float
-    east_m: float
-    depth_m: float
-    speed_mps: float = 0.0
-    yaw_rate_radps: float = 0.0
-    altitude_m: float = math.nan
-    pressure_pa: float = 101325.0
-    gps_m: tuple[float, float] | None = None
-    gps_std_m: float = 1.0
+    origin: Origin | None = None
+    origin_height_m: float = 0.0
+    pressure: str = "SCALED_PRESSURE2"
+    dive: Callable[[float], None] = lambda depth_m: None
 
 
 class MavlinkVehicle:
@@ -117,7 +109,7 @@ class MavlinkVehicle:
         *,
         obey: Callable[[Stop | None], None] = lambda stop: None,
         tightest_m: float | None = None,
-        own_origin: Origin | None = None,
+        setup: AutopilotSetup | None = None,
     ) -> None:
         """Starts armed, in guided flight, without a ground station.
 
@@ -129,11 +121,13 @@ class MavlinkVehicle:
             follow: Takes each leg; it follows the earlier ones.
             obey: Takes a stop; None: the vehicle continues.
             tightest_m: Radius of the vehicle's tightest turn, for targets inside the turning circle; None: `radius_m`.
-            own_origin: The estimator's origin, if it differs from the mission's.
+            setup: Where its places and depths count from, and how it dives.
         """
         self.counts: Counter[str] = Counter()
         self.fault = Fault.NONE
-        self.datum = Datum(origin, own_origin or origin)
+        self._setup = setup or AutopilotSetup()
+        self._own_depth = self._setup.origin_height_m, self._setup.pressure
+        self.datum = Datum(origin, self._setup.origin or origin)
         self.mission: tuple[Message, ...] = ()
         self.current = 0
         self._system_id = system_id
@@ -174,16 +168,25 @@ class MavlinkVehicle:
             self._passed = True
         if now_s - self._beat_s >= 1.0 or now_s < self._beat_s:
             self._beat_s = now_s
-            self._heartbeat()
+            self._send(heartbeat())
         self._send(mavlink.MAVLink_system_time_message(round(now_s * 1e6), self._boot_ms))
-        self._telemetry(report)
+        for message in telemetry(self._boot_ms, report, self.datum, *self._own_depth):
+            self._send(message)
         if self._wanted and now_s - self._requested_s >= ITEM_TIMEOUT_S:
             self._request_again()
 
-    def send_heartbeat(self, now_s: float) -> None:
-        """Sends a heartbeat, from which the other side learns this port."""
+    def send_on_deck(self, now_s: float, pressure_pa: float = AIR_PA) -> None:
+        """Sends what the other side needs before the mission: heartbeats, and the pressure (Pa) on deck, disarmed."""
         self._now_s = now_s
-        self._heartbeat()
+        heading, north_m, east_m = self._here
+        report = Report(heading_rad=heading, north_m=north_m, east_m=east_m, depth_m=0.0, pressure_pa=pressure_pa)
+        self._send(heartbeat(armed=False))
+        for _ in range(ON_DECK):
+            for message in depth_telemetry(
+                self._boot_ms, report, self.datum, self._setup.origin_height_m, self._setup.pressure
+            ):
+                self._send(message)
+        self._send(heartbeat())
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send; returns each once."""
@@ -203,75 +206,19 @@ class MavlinkVehicle:
         system = getattr(message, "target_system", 0)
         return message.get_srcSystem() != self._system_id and system in (0, self._system_id)
 
-    def _heartbeat(self) -> None:
-        flags = (
-            mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-            | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-            | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
-            | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-            | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        )
-        self._send(
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_SUBMARINE, mavlink.MAV_AUTOPILOT_GENERIC, flags, 4, mavlink.MAV_STATE_ACTIVE, 3
-            )
-        )
-
-    def _telemetry(self, report: Report) -> None:
-        yaw = math.remainder(report.heading_rad, 2.0 * math.pi)
-        v_north, v_east = report.speed_mps * math.cos(yaw), report.speed_mps * math.sin(yaw)
-        self._send(mavlink.MAVLink_attitude_message(self._boot_ms, 0.0, 0.0, yaw, 0.0, 0.0, report.yaw_rate_radps))
-        x, y = self.datum.to_local_ned(report.north_m, report.east_m)
-        self._send(
-            mavlink.MAVLink_local_position_ned_message(self._boot_ms, x, y, report.depth_m, v_north, v_east, 0.0)
-        )
-        if self.datum.mission is not None:
-            lat, lon = self.datum.to_geodetic(report.north_m, report.east_m)
-            height_mm = round(-1000.0 * report.depth_m)
-            heading_cdeg = round(math.degrees(yaw) * 100.0) % 36000
-            velocity_cmps = (round(100.0 * v_north), round(100.0 * v_east), 0)
-            self._send(
-                mavlink.MAVLink_global_position_int_message(
-                    self._boot_ms, lat, lon, height_mm, height_mm, *velocity_cmps, heading_cdeg
-                )
-            )
-        self._send_gps(report)
-        # no ground in range is sent as one more than the range
-        limits_cm = (50, 10000)
-        blind = math.isnan(report.altitude_m)
-        range_cm = limits_cm[1] + 1 if blind else min(limits_cm[1] + 1, round(100.0 * report.altitude_m))
-        self._send(
-            mavlink.MAVLink_distance_sensor_message(
-                self._boot_ms, *limits_cm, max(0, range_cm), mavlink.MAV_DISTANCE_SENSOR_ULTRASOUND, 0, DOWN, 255
-            )
-        )
-        self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
-
-    def _send_gps(self, report: Report) -> None:
-        """Sends GPS_RAW_INT; under water without a fix, and without a mission origin with a fix at 0, 0."""
-        kind, lat, lon, accuracy_mm = mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0
-        if report.gps_m is not None:
-            kind, accuracy_mm = mavlink.GPS_FIX_TYPE_3D_FIX, round(1000.0 * report.gps_std_m)
-            lat, lon = (0, 0) if self.datum.mission is None else self.datum.to_geodetic(*report.gps_m)
-        unknown, satellites = 65535, 0 if report.gps_m is None else 9
-        self._send(
-            mavlink.MAVLink_gps_raw_int_message(
-                self._boot_ms * 1000, kind, lat, lon, 0, unknown, unknown, unknown, unknown, satellites,
-                h_acc=accuracy_mm,
-            )
-        )  # fmt: skip
-
     # ------------------------------------------------------------------ targets
 
     def _go(self, target: Target, remembered: int = REMEMBERED, replaces_m: float = math.inf) -> None:
         """Goes to a target that repeats none of the last `remembered`; at once if `replaces_m` from the last target."""
         if self.fault in (Fault.REFUSES, Fault.IGNORES):
             return
+        depth_m = target.depth_m - self._setup.origin_height_m
         recent = list(self._recent)[-remembered:]
         known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
-        if target.depth_m <= SURFACE_M:  # wherever it surfaces
+        if depth_m <= SURFACE_M:  # wherever it surfaces
             self._set_stop(Stop(action=Action.SURFACE))
             return
+        self._setup.dive(depth_m)
         if not known and self._stops(target):
             return
         self._set_stop(None)

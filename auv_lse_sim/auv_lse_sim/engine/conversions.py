@@ -6,6 +6,7 @@ import math
 
 from auv_lse_common.topics.records import Odometry, Reception, SimReport, Waypoint
 from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_comms.mavlink.water import gauge_pressure_pa
 from auv_lse_sim.engine.simulation import MissionState, Simulation
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate
 from auv_lse_sim.water.channel import Arrival
@@ -42,7 +43,7 @@ def odometry_of(estimate: NavigationEstimate, depth_m: float) -> Odometry:
 
 def pressure_pa(depth_m: float) -> float:
     """Absolute pressure (Pa) at a depth in fresh water of 1000 kg/m3 under one atmosphere."""
-    return 101325.0 + 1000.0 * 9.80665 * float(depth_m)
+    return 101325.0 + gauge_pressure_pa(depth_m, 1000.0)
 
 
 def checked_leg(waypoint: Waypoint) -> Leg:

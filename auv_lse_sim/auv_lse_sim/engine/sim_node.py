@@ -61,7 +61,7 @@ class SimNode(BaseNode):
         ports = [port for port in (self._sim.links.rack, self._sim.links.dock) if port is not None]
         self._watchers = [PortWatcher(port, self._bytes.trigger) for port in ports]
         if ports:
-            self.create_timer(0.2, self._sim.send_heartbeats)
+            self.create_timer(0.2, self._sim.send_on_deck)
         if self.lockstep:
             self._tick = self._publisher("/lockstep/tick")
             self.create_subscription(LockstepDone, "/lockstep/done", self._on_done, EVERY)

@@ -77,7 +77,8 @@ class Simulation:
         """
         self.world = World.of(settings, ground)
         self.vehicles = range(1, settings.mission.vehicles + 1)
-        self.links = EmulatedLinks(settings, self._on_emulated_packet, self.world.command, self.world.obey)
+        world = self.world
+        self.links = EmulatedLinks(settings, self._on_emulated_packet, world.command, world.obey, world.dive)
         self.state = MissionState.WAITING
         self.message = "for the mission's nodes"
         self.tick = 0
@@ -257,10 +258,10 @@ class Simulation:
 
     # ------------------------------------------------------------------ emulated modems and autopilots
 
-    def send_heartbeats(self) -> None:
-        """Lets the drivers find their autopilots before the first tick."""
+    def send_on_deck(self) -> None:
+        """Lets the drivers find their autopilots and the zero of depth before the first tick."""
         if self.tick == 0:
-            self.links.send_heartbeats(self.now_s)
+            self.links.send_on_deck(self.now_s)
 
     def serve(self) -> None:
         """Reads and answers the drivers' bytes; never blocks."""

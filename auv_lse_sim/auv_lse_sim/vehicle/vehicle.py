@@ -39,6 +39,8 @@ SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle within this distance of a leg's start is on the leg (plans are rounded to 32 bits).
 RAILS_M = 0.01
+#: Depth control ignores smaller changes (m) of the travel depth: they are noise of what commands it.
+DEPTH_BAND_M = 0.1
 #: Smaller turns count as straight: MAVLink's rounding to centimetres turns a straight by up to half of this.
 NO_TURN_RAD = 1e-3
 #: Rows and columns of the covariance in odometry.
@@ -105,6 +107,7 @@ class SimVehicle:
         more = rng.spawn(1)[0]  # does not change the draws of `rng`
         self._clearance_m = clearance_m
         draws = rng.standard_normal(8)
+        self._travel_m = config.depth_m
         self._model = initial_model(config, sim, more, draws)
         self._rails = bool(self._params.ideal_motion and self._params.ideal_navigation)
         self._speed_share = speed_share(sim, draws)
@@ -191,6 +194,12 @@ class SimVehicle:
         """
         self._take(_Order(leg, self.config.speed_mps if speed_mps is None else speed_mps, then))
 
+    def dive(self, depth_m: float) -> None:
+        """Sets the travel depth (m); a change below `DEPTH_BAND_M` is ignored."""
+        if abs(depth_m - self._travel_m) > DEPTH_BAND_M:
+            self._travel_m = depth_m
+            self._keep_depth()
+
     def obey(self, stop: Stop | None) -> None:
         """Stops as requested; None: continues."""
         if stop == self._stop:
@@ -252,7 +261,7 @@ class SimVehicle:
 
     def _keep_depth(self) -> None:
         up = self._stop is not None and self._stop.action is Action.SURFACE
-        self._params.depth = 0.0 if up else self.config.depth_m
+        self._params.depth = 0.0 if up else self._travel_m
 
     def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
         """Sets the current leg."""

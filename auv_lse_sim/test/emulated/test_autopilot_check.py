@@ -16,7 +16,8 @@ from auv_lse_comms.mavlink.autopilot_check import AutopilotCheck
 from auv_lse_comms.mavlink.check_command import main
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 
 class Sea(threading.Thread):

@@ -45,7 +45,7 @@ class Sea:
         self.world = World.of(settings, GROUND)
         self.pending = []
         self.legs = []
-        self.links = EmulatedLinks(settings, self.transmit, self.follow, lambda k, stop: None)
+        self.links = EmulatedLinks(settings, self.transmit, self.follow, lambda k, stop: None, lambda k, depth_m: None)
         self.ports = {k: ModemPort(settings.vehicle(k).modem, k) for k in self.links.modems}
         self.ears = {}
         self.autopilots = {}
@@ -171,7 +171,7 @@ def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
 
 def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
     sea = emulated
-    sea.links.send_heartbeats(0.0)
+    sea.links.send_on_deck(0.0)
     sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")
     vehicle = sea.settings.vehicle(1).vehicle
     north, east = vehicle.start_north_m, vehicle.start_east_m
@@ -202,7 +202,7 @@ def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
 def test_a_target_inside_the_turning_circle_is_turned_to_as_tightly_as_the_vehicle_can(emulated):
     """12 m ahead and 15 m to starboard; by the other circle the leg would be 90 m long."""
     sea = emulated
-    sea.links.send_heartbeats(0.0)
+    sea.links.send_on_deck(0.0)
     sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")
     vehicle = sea.settings.vehicle(1).vehicle
     heading = vehicle.start_heading_rad
@@ -220,11 +220,11 @@ def test_a_target_inside_the_turning_circle_is_turned_to_as_tightly_as_the_vehic
 
 
 def test_without_hardware_there_is_nothing_to_open():
-    links = EmulatedLinks(settings_with(), lambda *a: 0.0, lambda *a: None, lambda *a: None)
+    links = EmulatedLinks(settings_with(), lambda *a: 0.0, *[lambda *a: None] * 3)
     assert links.modems == links.autopilots == ()
     links.serve(0.0)
     links.poll(0.0)
-    links.send_heartbeats(0.0)
+    links.send_on_deck(0.0)
     assert links.delivered(1) == 0
     assert links.accepted(1) == (0, 0)
     links.close()
@@ -241,4 +241,4 @@ def test_without_hardware_there_is_nothing_to_open():
 )
 def test_invalid_ports_are_named(overrides, words):
     with pytest.raises(ParameterError, match=words):
-        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, lambda *a: None, lambda *a: None)
+        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, *[lambda *a: None] * 3)

@@ -28,7 +28,8 @@ from auv_lse_comms.micromodem.log import read_entries, replay_log
 from auv_lse_msgs.msg import MissionState, ModemRx, ModemTx, Waypoint
 from auv_lse_sim.emulated.host_ports import PtyPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 

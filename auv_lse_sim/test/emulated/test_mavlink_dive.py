@@ -9,28 +9,23 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from sim_helpers import FunctionGround
 
-from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
-from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, Stop
-from auv_lse_comms.mavlink.link import VehicleLink
 from auv_lse_comms.mavlink.messages.conversion import Target
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
-from auv_lse_sim.emulated.links import report_of
-from auv_lse_sim.emulated.mavlink_vehicle import Fault, MavlinkVehicle
-from auv_lse_sim.vehicle.vehicle import tightest_radius_m
-from auv_lse_sim.world import World
+from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
+from auv_lse_sim.emulated.mavlink_vehicle import Fault
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
@@ -51,55 +46,16 @@ def end_of(leg: Leg) -> Target:
     )
 
 
-class Dive:
-    """A simulated vehicle, its autopilot and the link, joined by bytes: along straight legs to the north."""
+class Dive(LoneVehicle):
+    """Along straight legs to the north, with a record of truth and dead reckoning."""
 
-    def __init__(self, mode: str, **sim):
-        overrides = {"mission.vehicles": 1, "sim.current.ideal": True, **sim}
-        self.settings = Settings.load(None, overrides)
-        self.world = World.of(self.settings, GROUND)
-        own = self.settings.vehicle(1).vehicle
-        self.start = (own.start_heading_rad, own.start_north_m, own.start_east_m)
-        self.depth_m = own.depth_m
-        self.vehicle = MavlinkVehicle(
-            1,
-            self.start,
-            15.0,
-            ORIGIN,
-            lambda leg: self.world.command(1, leg),
-            obey=lambda s: self.world.obey(1, s),
-            tightest_m=tightest_radius_m(own, self.settings.sim),
-        )
-        self.link = VehicleLink(LinkConfig(kind="mavlink", mode=mode), 1, ORIGIN)
-        self.now_s, self.told, self.truth, self.raw, self.outputs = 0.0, [], [], [], None
-        self.vehicle.send_heartbeat(0.0)
-        self.flow()
-
-    def leg(self, step: int, length_m: float, surface: bool = False) -> None:
-        heading, north, east = self.start
-        place = north + length_m * math.cos(heading), east + length_m * math.sin(heading)
-        self.start = (heading, *place)
-        target = Target(
-            north_m=place[0], east_m=place[1], depth_m=self.depth_m, heading_rad=heading, step=step, surface=surface
-        )
-        self.link.command(self.now_s, target)
-        self.flow()
-
-    def flow(self) -> None:
-        for _ in range(20):
-            for datagram in self.link.outgoing():
-                self.vehicle.receive(self.now_s, datagram)
-            for datagram in self.vehicle.outgoing():
-                self.link.receive(self.now_s, datagram)
-            self.told += self.link.events()
+    def __init__(self, mode: str, **parameters):
+        super().__init__(GROUND, ORIGIN, {"auv1.link.mode": mode, **parameters})
+        self.truth, self.raw = [], []
 
     def fly(self, seconds: int) -> None:
         for _ in range(seconds):
-            self.now_s += 1.0
-            output = self.world.tick(self.now_s)[1]
-            self.vehicle.report(self.now_s, report_of(output, self.settings.sim.gps.noise_m))
-            self.link.poll(self.now_s)
-            self.flow()
+            output = self.tick()
             self.truth.append((output.truth.north_m, output.truth.east_m, output.truth.depth_m))
             self.raw.append((output.dead_reckoning.north_m, output.dead_reckoning.east_m))
 
@@ -195,7 +151,7 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     assert 20 <= len(up) <= 60, "as long as GPS needs, and no longer"
     north_0, east_0, _ = dive.truth[up[0]]
     assert math.hypot(north_0, east_0) == pytest.approx(300.0, abs=12.0), "where the leg ends"
-    assert depths[-1] == pytest.approx(dive.depth_m, abs=0.5), "it has dived and gone on"
+    assert depths[-1] == pytest.approx(3.0, abs=0.5), "it has dived and gone on"
     assert math.hypot(dive.truth[-1][0] - north_0, dive.truth[-1][1] - east_0) > 60.0
     assert dive.link.counts["surfacings"] == 1
     estimates = dive.of(AutopilotEstimate)

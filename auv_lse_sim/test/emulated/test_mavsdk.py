@@ -20,7 +20,8 @@ import pytest
 from auv_lse_comms.mavlink.check_command import main as autopilot_check
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 if importlib.util.find_spec("mavsdk") is None:
     pytest.skip("mavsdk (>=3.17,<4, test only) is not installed", allow_module_level=True)

@@ -57,6 +57,20 @@ class LinkConfig:
     stale_after_s: float = parameter(
         3.0, unit="s", above=0.0, help="age of a position or attitude above which no odometry is published"
     )
+    pressure: str = parameter(
+        "SCALED_PRESSURE2",
+        choices=("none", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"),
+        help="message with the water's pressure, for depth; none: no sensor, as on a boat",
+    )
+    water_density_kgpm3: float = parameter(
+        1000.0, unit="kg/m3", low=980.0, high=1080.0, help="density of the water: 1000 fresh, about 1025 sea"
+    )
+    depth_difference_m: float = parameter(
+        1.0,
+        unit="m",
+        above=0.0,
+        help="largest change, under water, of pressure depth minus the autopilot's own",
+    )
     soundings: bool = parameter(
         True, help="publish `sounding` from odometry and altitude; false if another node does, as sim_node"
     )

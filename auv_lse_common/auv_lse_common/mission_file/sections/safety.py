@@ -43,6 +43,11 @@ class SafetyConfig:
         0.2, low=0.0, high=1.0, help="smallest charge that the autopilot may report, as a fraction of 1; 0: not watched"
     )
     battery_response: str = parameter("surface", choices=RESPONSES, help="response below min_battery")
+    pressure_response: str = parameter(
+        "hold",
+        choices=RESPONSES,
+        help="response to missing or contradicted pressure (link.depth_difference_m)",
+    )
     leak_response: str = parameter("abort", choices=RESPONSES, help="response to a leak that the autopilot reports")
     mission_time_s: float = parameter(
         0.0, unit="s", low=0.0, help="longest running time of the mission, without holds; 0: not watched"

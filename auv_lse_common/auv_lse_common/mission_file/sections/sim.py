@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from auv_lse_common.mission_file.parameters import parameter
 from auv_lse_common.mission_file.sections.world import (
     AltimeterConfig,
+    AutopilotConfig,
     BathymetryConfig,
     ChannelConfig,
     ChartConfig,
@@ -65,6 +66,7 @@ class SimConfig:
     dvl: DvlConfig = field(default_factory=DvlConfig)
     altimeter: AltimeterConfig = field(default_factory=AltimeterConfig)
     pressure: PressureConfig = field(default_factory=PressureConfig)
+    autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
     gps: GpsConfig = field(default_factory=GpsConfig)
     ranging: RangingConfig = field(default_factory=RangingConfig)
     channel: ChannelConfig = field(default_factory=ChannelConfig)

@@ -154,6 +154,28 @@ class PressureConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotConfig:
+    """A simulated autopilot's barometers and its own depth (link.kind: mavlink); soundings of sim_node do not use them.
+
+    By default its origin lies above the water, its pressure is off and drifts, and the air is not standard air.
+    """
+
+    ideal: bool = parameter(False, help=_IDEAL)
+    origin_height_m: float = parameter(
+        2.0, low=-100.0, high=100.0, unit="m", help="height of its origin above the surface"
+    )
+    air_pressure_hpa: float = parameter(990.0, low=500.0, high=1100.0, unit="hPa", help="air pressure")
+    air_change_hpa_h: float = parameter(-1.0, low=-100.0, high=100.0, unit="hPa/h", help="its change")
+    barometer_offset_hpa: float = parameter(
+        40.0, low=-200.0, high=200.0, unit="hPa", help="offset of the pressure sensor"
+    )
+    barometer_drift_hpa_h: float = parameter(-1.0, low=-1000.0, high=1000.0, unit="hPa/h", help="its drift")
+    water_density_kgpm3: float = parameter(
+        1000.0, low=980.0, high=1080.0, unit="kg/m3", help="true density of the water"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GpsConfig:
     """GPS fixes, at the surface only."""
 

@@ -4,10 +4,11 @@
 |---|---|---|
 | heading | ATTITUDE.yaw: rad, clockwise from north, -pi to pi | the same |
 | place | LOCAL_POSITION_NED.x, y: m north and east of the autopilot's own origin | of the mission's origin |
-| depth | LOCAL_POSITION_NED.z: m down from the autopilot's origin, taken as the surface | depth_m, positive down |
+| depth | pressure minus the pressure at the surface (`depth_gauge.py`), in m | depth_m, positive down |
+| own depth | LOCAL_POSITION_NED.z: m down from the autopilot's origin, wherever that is | compared with depth_m |
 | geodetic | lat, lon: 1e-7 degrees, WGS84; altitude mm, up | degrees; depth_m |
 | altitude over ground | DISTANCE_SENSOR, orientation 25 (down): cm | m |
-| pressure | SCALED_PRESSURE2.press_abs: hPa | Pa |
+| pressure | SCALED_PRESSURE2.press_abs (or another, `link.pressure`): hPa | Pa |
 
 The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN). If it differs from the mission's, places are
 shifted by the offset. Both planes are assumed parallel: within 1 km the error is below 0.1 m.
@@ -139,5 +140,5 @@ def altitude_m(message: Message) -> float | None:
 
 
 def pressure_pa(message: Message) -> float:
-    """Absolute pressure (Pa) of a SCALED_PRESSURE2, which is the water's on an underwater vehicle."""
+    """Absolute pressure (Pa) of a SCALED_PRESSURE, 2 or 3."""
     return float(message.press_abs) * 100.0

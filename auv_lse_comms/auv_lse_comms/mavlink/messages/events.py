@@ -71,6 +71,20 @@ class Pressure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Zeroed:
+    """The pressure at the surface is known, or has changed (Pa)."""
+
+    pressure_pa: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surfaced:
+    """After a dive the vehicle is at the surface, where its depth gauge shows `drift_m` (m)."""
+
+    drift_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotState:
     """The autopilot's state, reported with each heartbeat and when they stop.
 
@@ -99,4 +113,16 @@ class Problem:
     text: str
 
 
-Event = AutopilotEstimate | Fix | Altitude | Pressure | AutopilotState | LinkUp | LinkLost | TargetSent | Problem
+Event = (
+    AutopilotEstimate
+    | Fix
+    | Altitude
+    | Pressure
+    | Zeroed
+    | Surfaced
+    | AutopilotState
+    | LinkUp
+    | LinkLost
+    | TargetSent
+    | Problem
+)

@@ -133,6 +133,25 @@ class OriginExchange:
                 f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: corrected"
             )
 
+    def check(self, lat_e7: int, lon_e7: int, place_m: tuple[float, float], moved_m: float) -> None:
+        """Counts, and reports once, a global position (1e-7 deg) that contradicts the local one.
+
+        Args:
+            lat_e7: Latitude.
+            lon_e7: Longitude.
+            place_m: North, east of the local position (m).
+            moved_m: How far the vehicle may have moved between both (m).
+        """
+        if self.datum.mission is None:
+            return
+        place = self.datum.from_geodetic(lat_e7, lon_e7)
+        apart_m = math.dist(place, place_m)
+        if apart_m <= ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(*place):
+            return
+        self._counts["datum_mismatch"] += 1
+        if self._counts["datum_mismatch"] == 1:
+            self._report(f"local and global position are {apart_m:.1f} m apart: check the origin (datum {self.datum})")
+
     def _refuse(self, origin: Origin, offset_m: float) -> None:
         """Counts an implausible origin, and reports it once; the autopilot's frame is unknown then."""
         self._counts["origins_refused"] += 1

@@ -1,0 +1,119 @@
+"""What a simulated autopilot sends about its vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from auv_lse_comms.mavlink.messages.conversion import DOWN
+from auv_lse_comms.mavlink.messages.datum import Datum
+from auv_lse_comms.mavlink.messages.wire import Message, mavlink
+
+#: Standard air pressure (Pa).
+AIR_PA = 101325.0
+#: Messages with a pressure.
+PRESSURES = {
+    "SCALED_PRESSURE": mavlink.MAVLink_scaled_pressure_message,
+    "SCALED_PRESSURE2": mavlink.MAVLink_scaled_pressure2_message,
+    "SCALED_PRESSURE3": mavlink.MAVLink_scaled_pressure3_message,
+}
+#: Range of the altimeter (cm).
+ALTIMETER_CM = (50, 10000)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """The autopilot's estimate of its vehicle's state.
+
+    Attributes:
+        heading_rad: Clockwise from north.
+        north_m: North of the mission's origin.
+        east_m: East of it.
+        depth_m: Below the surface, positive down.
+        speed_mps: Over ground, along the heading.
+        yaw_rate_radps: Positive to starboard.
+        altitude_m: Height over ground; NaN: no ground seen.
+        pressure_pa: Absolute pressure of the water.
+        gps_m: North, east of the mission's origin by GPS; None: it has no fix, as under water.
+        gps_std_m: Standard deviation of that, each axis.
+    """
+
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+    altitude_m: float = math.nan
+    pressure_pa: float = AIR_PA
+    gps_m: tuple[float, float] | None = None
+    gps_std_m: float = 1.0
+
+
+def heartbeat(armed: bool = True) -> Message:
+    """HEARTBEAT of a submarine in guided flight."""
+    flags = (
+        mavlink.MAV_MODE_FLAG_SAFETY_ARMED * armed
+        | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+        | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    )
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_SUBMARINE, mavlink.MAV_AUTOPILOT_GENERIC, flags, 4, mavlink.MAV_STATE_ACTIVE, 3
+    )
+
+
+def telemetry(boot_ms: int, report: Report, datum: Datum, height_m: float, pressure: str) -> Iterator[Message]:
+    """The messages of one tick.
+
+    Args:
+        boot_ms: The autopilot's time since boot.
+        report: Its estimate.
+        datum: The mission's origin and the autopilot's.
+        height_m: Height of the autopilot's origin, and of home, above the surface (m).
+        pressure: Message with the water's pressure; "none": there is none.
+    """
+    yaw = math.remainder(report.heading_rad, 2.0 * math.pi)
+    yield mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, yaw, 0.0, 0.0, report.yaw_rate_radps)
+    yield from depth_telemetry(boot_ms, report, datum, height_m, pressure)
+    yield _gps(boot_ms, report, datum)
+    # no ground in range is sent as one more than the range
+    out_cm = ALTIMETER_CM[1] + 1
+    range_cm = out_cm if math.isnan(report.altitude_m) else min(out_cm, round(100.0 * report.altitude_m))
+    yield mavlink.MAVLink_distance_sensor_message(
+        boot_ms, *ALTIMETER_CM, max(0, range_cm), mavlink.MAV_DISTANCE_SENSOR_ULTRASOUND, 0, DOWN, 255
+    )
+
+
+def depth_telemetry(boot_ms: int, report: Report, datum: Datum, height_m: float, pressure: str) -> Iterator[Message]:
+    """Pressure, LOCAL_POSITION_NED and, with an origin, GLOBAL_POSITION_INT; arguments as for `telemetry`."""
+    if pressure in PRESSURES:
+        yield PRESSURES[pressure](boot_ms, report.pressure_pa / 100.0, 0.0, 1000)
+    yaw = math.remainder(report.heading_rad, 2.0 * math.pi)
+    velocity_mps = report.speed_mps * math.cos(yaw), report.speed_mps * math.sin(yaw), 0.0
+    x, y = datum.to_local_ned(report.north_m, report.east_m)
+    down_m = report.depth_m + height_m
+    yield mavlink.MAVLink_local_position_ned_message(boot_ms, x, y, down_m, *velocity_mps)
+    if datum.mission is None:
+        return
+    lat, lon = datum.to_geodetic(report.north_m, report.east_m)
+    height_mm = round(-1000.0 * down_m)
+    heading_cdeg = round(math.degrees(yaw) * 100.0) % 36000
+    velocity_cmps = [round(100.0 * v) for v in velocity_mps]
+    yield mavlink.MAVLink_global_position_int_message(
+        boot_ms, lat, lon, height_mm, height_mm, *velocity_cmps, heading_cdeg
+    )
+
+
+def _gps(boot_ms: int, report: Report, datum: Datum) -> Message:
+    """GPS_RAW_INT; under water without a fix, and without a mission origin with a fix at 0, 0."""
+    kind, lat, lon, accuracy_mm = mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0
+    if report.gps_m is not None:
+        kind, accuracy_mm = mavlink.GPS_FIX_TYPE_3D_FIX, round(1000.0 * report.gps_std_m)
+        lat, lon = (0, 0) if datum.mission is None else datum.to_geodetic(*report.gps_m)
+    unknown, satellites = 65535, 0 if report.gps_m is None else 9
+    return mavlink.MAVLink_gps_raw_int_message(
+        boot_ms * 1000, kind, lat, lon, 0, unknown, unknown, unknown, unknown, satellites, h_acc=accuracy_mm
+    )
