@@ -130,10 +130,9 @@ class VehicleLink:
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._battery, self._battery_v = math.nan, math.nan
         self._leak_s = -math.inf  # when the autopilot last reported a leak
-        self._heard_s = self._beat_s = self._now_s = -math.inf
+        self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._examined_bytes = 0
         self._attitude: Message | None = None
-        self._attitude_s = self._placed_s = -math.inf
         self._place: AutopilotEstimate | None = None
         self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
         self._raw, self._raw_in = RawTrack(), self.datum
