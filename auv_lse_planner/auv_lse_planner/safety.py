@@ -57,7 +57,7 @@ class Safety:
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         return cls(
-            run=MissionRun(own.start == "at_once", on_abort),
+            run=MissionRun(own.start == "at_once", on_abort, own.stop_at_end),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
             config=safety,
         )

@@ -136,10 +136,17 @@ class RunStatus:
 
     @property
     def blocked_reason(self) -> str:
-        """Why the planner must not plan; "" if the mission runs or has ended."""
-        if self.state in (RunState.RUNNING, RunState.ENDED):
+        """Why the planner must not plan; "" if the mission runs."""
+        if self.state is RunState.RUNNING:
             return ""
         return f"the mission is {self.state.name}: {self.reason}"
+
+    def stop_after(self, then: Stop | None) -> Stop | None:
+        """What a vehicle does instead of travelling, if its newest leg ends with the stop `then`.
+
+        At the mission's end it completes a last leg that ends with the same stop.
+        """
+        return None if self.state is RunState.ENDED and self.stop == then else self.stop
 
 
 _HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
@@ -152,15 +159,22 @@ class MissionRun:
         limits: Limits that have tripped since the last RESET, each with the reason.
     """
 
-    def __init__(self, at_once: bool, on_abort: Stop) -> None:
+    def __init__(self, at_once: bool, on_abort: Stop, at_end: Stop = _HOLD) -> None:
         """Sets up the mission.
 
         Args:
             at_once: Whether it starts without a GO, as soon as the autopilot is ready.
             on_abort: The vehicle's action after an abort.
+            at_end: Its action after the last leg.
         """
         self.limits: dict[str, str] = {}
-        self._on_abort = on_abort
+        self._stops = {
+            Command.HOLD: _HOLD,
+            Command.SURFACE: _SURFACE,
+            Command.RESET: _HOLD,
+            Command.ABORT: on_abort,
+            Command.END: at_end,
+        }
         self._state = RunState.RUNNING if at_once else RunState.WAITING
         self._stop: Stop | None = None if at_once else _HOLD
         self._reason = "" if at_once else "waits for GO"
@@ -290,8 +304,7 @@ class MissionRun:
         state = TRANSITIONS[command].get(self._state)
         if state is None:
             return
-        stops = {Command.HOLD: _HOLD, Command.SURFACE: _SURFACE, Command.RESET: _HOLD, Command.ABORT: self._on_abort}
-        stop = stops.get(command)
+        stop = self._stops.get(command)
         if command is Command.HOLD and self._stop == _SURFACE and (keep_surface or self.limits):
             stop = _SURFACE
         self._state, self._stop, self._reason = state, stop, reason

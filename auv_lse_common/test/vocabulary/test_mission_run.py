@@ -68,7 +68,7 @@ def test_numbers_agree_with_the_message_definitions() -> None:
 def test_action_follows_from_the_state() -> None:
     assert in_state(W).status.stop == HOLD
     assert in_state(R).status.stop is None
-    assert in_state(E).status.stop is None, "its last waypoint says what follows"
+    assert in_state(E).status.stop == HOLD, "vehicle.at_end"
     run = in_state(R)
     run.command(Command.SURFACE, "test")
     assert (run.status.state, run.status.stop) == (H, SURFACE)
@@ -141,7 +141,7 @@ def test_restarted_mission_keeps_its_state(state: RunState) -> None:
         (RunState.HOLDING, False, True, RunState.HOLDING, HOLD),
         (RunState.ABORTED, True, True, RunState.ABORTED, SURFACE),
         (RunState.ABORTED, False, True, RunState.ABORTED, SURFACE),
-        (RunState.ENDED, True, True, RunState.ENDED, None),
+        (RunState.ENDED, True, True, RunState.ENDED, HOLD),
     ],
 )
 def test_after_a_reboot_a_mission_resumes_surfaces_or_waits_for_go_at_the_surface(
@@ -157,3 +157,18 @@ def test_after_a_reboot_a_mission_resumes_surfaces_or_waits_for_go_at_the_surfac
     if state is RunState.RUNNING and not under_water:
         assert run.command(Command.GO, "test") == ""
         assert run.status.state is RunState.RUNNING
+
+
+@pytest.mark.parametrize("then", [None, HOLD, SURFACE])
+def test_the_end_stops_the_vehicle_and_its_planner(then: Stop | None) -> None:
+    """It failed: a vehicle in state ENDED went on travelling, because the END had come too early."""
+    run = MissionRun(at_once=True, on_abort=SURFACE, at_end=SURFACE)
+    run.command(Command.END, "planner_node")
+    assert run.status.state is RunState.ENDED
+    assert run.status.stop == SURFACE
+    assert run.status.blocked_reason == "the mission is ENDED: the last leg is complete"
+    assert run.status.stop_after(then) == (None if then == SURFACE else SURFACE), "it completes its last leg"
+    run.command(Command.HOLD, "operator")
+    assert run.status.stop_after(SURFACE) == HOLD
+    run.command(Command.ABORT, "operator")
+    assert run.status.stop_after(SURFACE) == SURFACE, "no longer at its last leg"

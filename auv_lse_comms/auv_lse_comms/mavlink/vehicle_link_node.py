@@ -7,6 +7,7 @@ from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.topics.records import RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink.messages import events
@@ -43,6 +44,7 @@ class VehicleLinkNode(DriverNode):
         self._status = self.publisher("autopilot")
         self._started_s = self.now_s()
         self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
+        self._then: Stop | None = None  # the stop after it
         self._late: list[Waypoint] = []  # received after a restart, not commanded yet
         self._has_state = False  # whether mission/state was received
         self._odometry = self.publisher("odometry")
@@ -62,7 +64,7 @@ class VehicleLinkNode(DriverNode):
         decided = step, waypoint.stamp_s
         if decided == self._last:
             return  # planner_node was restarted and has repeated its last waypoint
-        first, self._last = self._last is None, decided
+        first, self._last, self._then = self._last is None, decided, waypoint.then
         if self._late or (first and (step or decided[1] < self._started_s)):
             self._late.append(waypoint)  # this node was restarted during the mission: wait for place and state
         else:
@@ -71,7 +73,7 @@ class VehicleLinkNode(DriverNode):
 
     def _on_state(self, report: RunReport) -> None:
         try:
-            self._autopilot.link.stop(self.now_s(), report.status.stop)
+            self._autopilot.link.stop(self.now_s(), report.status.stop_after(self._then))
             self._has_state = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")

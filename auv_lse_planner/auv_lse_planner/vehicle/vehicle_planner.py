@@ -211,7 +211,7 @@ class VehiclePlanner:
         if started:
             found |= problems.of_team(now_s, self.team, self.planner)
         found |= problems.of_leg(now_s, self._travel)
-        if self._blocked_reason:
+        if self._blocked_reason and not self.finished:
             found["held"] = f"mission is not running: {self._blocked_reason}"
         totals = {
             "odometry impossible": self._travel.impossible,

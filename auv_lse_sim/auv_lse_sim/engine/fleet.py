@@ -156,7 +156,8 @@ class VehicleCores:
         safety.step(now_s)
         self._to_planner.set_run_status(safety.run.status)
         self.bridge.abort_calls.own = safety.run.status.team_abort
-        return safety.run.status.stop
+        then = self.planner.settings.vehicle.stop_at_end if self.planner.finished else None
+        return safety.run.status.stop_after(then)
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
         """Hands map, plans and odometry to the planner, as planner_node does.

@@ -15,7 +15,7 @@ from auv_lse_common.node.lockstep import Gate
 from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.topics.table import announces
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.mission_run import RunState, Stop
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.emulated.pings import MiniPacket
@@ -95,6 +95,7 @@ class Simulation:
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
         self._legs: dict[int, Leg] = {}  # the last leg of each vehicle
+        self._thens: dict[int, Stop | None] = {}  # the stop after it
         self._begun = False
         self._held_s = 0.0  # time in which every vehicle waited or held
         self._present: set[tuple[int, str]] = set()
@@ -223,7 +224,7 @@ class Simulation:
             then: What follows the mission's last leg.
         """
         if leg is not None and leg != self._legs.get(k):
-            self._legs[k] = leg
+            self._legs[k], self._thens[k] = leg, then
             try:
                 self.world.command(k, leg, None if math.isnan(speed_mps) else speed_mps, then)
             except ValueError as error:
@@ -234,7 +235,7 @@ class Simulation:
         """Takes the mission state of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
         self.runs[k - 1] = run
         if k not in self.links.autopilots:
-            self.world.obey(k, stop)
+            self.world.obey(k, RunStatus(state=run, stop=stop).stop_after(self._thens.get(k)))
         self._gate.reach(f"states of auv{k}", revision)
 
     def take_packet(self, k: int, stamp_s: float, payload: bytes) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.mission_run import Action, RunState, Stop
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.vehicle.target_leg import leg_to
 
 PAYLOAD = bytes(252)
 
@@ -134,6 +137,17 @@ def test_a_tick_waits_for_the_states_that_are_announced_and_the_vehicle_obeys() 
     sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.SURFACE))
     assert sim.ready()
     assert sim.runs == [RunState.HOLDING]
+
+
+def test_a_vehicle_in_state_ended_stops_unless_it_completes_its_last_leg(monkeypatch: pytest.MonkeyPatch) -> None:
+    sim, stop, stops = simulation(lockstep=False), Stop(action=Action.SURFACE), []
+    monkeypatch.setattr(sim.world, "obey", lambda vehicle, stop: stops.append(stop))
+    leg = leg_to(0.0, 0.0, 0.0, (50.0, 0.0), 15.0)
+    sim.take_waypoint(1, leg)
+    sim.take_state(1, 1, RunState.ENDED, stop)
+    sim.take_waypoint(1, replace(leg, step=1), then=stop)
+    sim.take_state(1, 2, RunState.ENDED, stop)
+    assert stops == [stop, None]
 
 
 def test_the_time_of_a_hold_does_not_count_against_the_mission() -> None:
