@@ -21,6 +21,8 @@ from benchmarks.faults.report import Report, summary
 # with `SMALL`, the arguments of a run of a few minutes, is part of `scripts/faults all`.
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
+    "disk": "a full disk under real nodes, and kills while it is full",
+    "reboot": "power loss at random moments, with cut and torn files",
     "soak": "a long mission of a large team, with mates that babble",
     "nodes": "a paced mission of real nodes under load: memory of each",
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",

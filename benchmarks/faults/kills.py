@@ -41,7 +41,7 @@ LEG_S, LONGEST = 15.7, 2.0
 #: The nodes that are killed.
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
 _AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: ready after (\d+\.\d+) s of processor time$", re.MULTILINE)
-_STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
+_STARTED = re.compile(r"auv(\d+)\.(\w+) (?:re)?started.*, process (\d+)")
 #: What says how far DDS reaches: left out, so that the defaults are flown.
 _RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _ROOT = Path(__file__).resolve().parents[2]

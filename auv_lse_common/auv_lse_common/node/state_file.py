@@ -102,19 +102,25 @@ class StateFile:
     def write(self, values: Mapping[str, Any]) -> bool:
         """Replaces the state, and waits until the disk has it. An unchanged state is not written again.
 
+        After a failure the next changed state is written into a new file.
+
         Returns:
             Whether the disk has it, or no state is kept; else `problem` says why not.
         """
-        if self._file < 0:
-            return self._path is None
+        if self._path is None:
+            return True
         document = {"identity": self._identity, "start": self._start, "lost": self.lost, "values": dict(values)}
         text = json.dumps(document, separators=(",", ":")).encode()
         if text == self._text:
-            return True
+            return self._file >= 0
         try:
-            self._put(text)
+            if self._file < 0:
+                self._replace(text)
+            else:
+                self._put(text)
         except OSError as error:
             self._give_up(error)
+            self._text = text
             return False
         return True
 
@@ -150,6 +156,15 @@ class StateFile:
         _write(self._file, _head(number, text) + text, number % 2 * SLOT_BYTES)
         self._sequence, self._text = number, text
 
+    def _replace(self, text: bytes) -> None:
+        """Makes a new file with this state, after the last one could not be written; raises OSError."""
+        assert self._path is not None
+        if len(text) > SLOT_BYTES - _HEAD.size:
+            raise OSError(f"state of {len(text)} bytes; expected at most {SLOT_BYTES - _HEAD.size}")
+        allocate(self._path, bytes(SLOT_BYTES) + _head(1, text) + text)
+        self._file = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
+        self._sequence, self._text, self.problem = 1, text, ""
+
     def _repair(self) -> None:
         """Makes a file that is not trusted whole again, with the reason in it; dying meanwhile leaves it untrusted."""
         document = {"identity": self._identity, "start": self._start, "lost": self.lost, "values": {}}
@@ -183,8 +198,12 @@ class StateFile:
         self.close()
 
 
-def allocate(path: Path) -> None:
-    """Makes a blank state file, and its folder, in full and on the disk.
+def allocate(path: Path, content: bytes = b"") -> None:
+    """Makes a state file, and its folder, in full and on the disk.
+
+    Args:
+        path: The file; one that exists is replaced.
+        content: Its first bytes; the others are zeros.
 
     Raises:
         OSError: if there is no room for it, or no permission.
@@ -192,7 +211,7 @@ def allocate(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(path.name + ".new")
     try:
-        _create(beside)
+        _create(beside, content.ljust(FILE_BYTES, b"\0"))
         beside.rename(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -253,10 +272,10 @@ def _newest(data: bytes) -> tuple[int, bytes]:
     return whole[-1] if whole else (0, b"")
 
 
-def _create(path: Path) -> None:
+def _create(path: Path, content: bytes) -> None:
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     try:
-        _write(file, bytes(FILE_BYTES), 0)
+        _write(file, content, 0)
         os.fsync(file)
     finally:
         os.close(file)

@@ -138,9 +138,17 @@ def test_a_file_that_fails_is_invalidated_in_place(tmp_path: Path) -> None:
     os.close(number)
     assert not state.write({"state": "aborted"})
     assert "cannot be written" in state.problem
+    data = path.read_bytes()
     after = StateFile(path, MISSION)
     assert after.values == {}
     assert after.lost
+    path.write_bytes(data)
+    assert not state.write({"state": "aborted"}), "an unchanged state is not tried again"
+    assert state.write({"state": "holding"}), "there is space again"
+    assert state.problem == ""
+    assert StateFile(path, MISSION).values == {"state": "holding"}
+    assert state.write({"state": "running"})
+    assert StateFile(path, MISSION).values == {"state": "running"}
 
 
 def test_a_state_that_is_too_large_is_a_problem_and_no_error(tmp_path: Path) -> None:

@@ -1,0 +1,124 @@
+"""A full disk: writes fail at random moments, and random nodes are killed then.
+
+A limit on the size of files (RLIMIT_FSIZE) stands in for the disk: files that have their size can be written, others
+cannot grow. One time in four the limit is 0, as on a disk that became read-only: nothing can be written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import resource
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from auv_lse_common.node.state_file import FILE_BYTES
+from benchmarks.faults.dive_bed import BACK_S, NODES, DiveBed, dive_bed
+from benchmarks.faults.report import Report
+
+SMALL = ("--moments", "20")
+#: A file that cannot be written has to be in the diagnostics within this time (s).
+REPORTED_S = 12.0
+_ORDERS = ("", "HOLD", "ABORT")
+
+
+def set_limit(bed: DiveBed, limit: int) -> None:
+    """Sets the largest size of files for every process of the vehicle."""
+    for pid in bed.pids():
+        with contextlib.suppress(ProcessLookupError):
+            _, most = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, (limit, most))
+
+
+def fill(bed: DiveBed, rng: np.random.Generator) -> tuple[str, float, list[str]]:
+    """Fills the disk at one moment and kills a node; returns what it was, the recovery (s) and what went wrong."""
+    from auv_lse_msgs.msg import MissionCommand, MissionState
+
+    water, wrong = bed.witness, []
+    water.spend(rng.uniform(0.5, 3.0))
+    limit = 0 if rng.random() < 0.25 else FILE_BYTES
+    water.problems.clear()
+    set_limit(bed, limit)
+    reported_s = water.wait(lambda: "cannot be written" in water.problems, REPORTED_S)
+    order = _ORDERS[rng.integers(len(_ORDERS))]
+    if order:
+        water.order(getattr(MissionCommand, order))
+        wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
+        if math.isnan(water.wait(lambda: water.is_in(wanted), 5.0)):
+            wrong.append(f"{order} was not obeyed on a full disk")
+    before = water.state.state
+    node = NODES[rng.integers(len(NODES))]
+    what = f"{'read-only' if limit == 0 else 'full'} disk, {order or 'no order'}, {node} killed"
+    is_full = any(file.stat().st_size > limit - 1000 for file in bed.out.glob("journal/*/*.journal"))
+    if math.isnan(reported_s) and is_full:
+        wrong.append(f"not reported within {REPORTED_S:g} s")
+    water.spend(rng.uniform(0.0, 0.5))
+    water.forget()
+    bed.kill(node)
+    back_s = water.back([node], BACK_S)
+    water.wait(lambda: water.state is not None, 5.0)
+    water.spend(1.5)
+    state = water.state
+    if math.isnan(back_s) or state is None:
+        return what, math.nan, [*wrong, "never back"]
+    if node == "safety_node" and limit == 0:  # its state cannot be trusted
+        if state.action != MissionState.SURFACE:
+            wrong.append(f"without trusted state: state {state.state}, action {state.action}; expected to surface")
+    elif state.state != before:
+        wrong.append(f"state {before} before, {state.state} after")
+    return what, back_s, wrong
+
+
+def recover(bed: DiveBed) -> bool:
+    """Gives the disk its space back, resets and resumes the mission; returns whether steps are decided again."""
+    from auv_lse_msgs.msg import MissionCommand, MissionState
+
+    water = bed.witness
+    set_limit(bed, resource.RLIM_INFINITY)
+    for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
+        if not water.is_in(MissionState.RUNNING):
+            water.order(command)
+            water.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+    step = water.last_step
+    return not math.isnan(water.wait(lambda: water.last_step > step, 10.0))
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults disk`."""
+    parser.add_argument(
+        "--moments", type=int, default=20, metavar="N", help="how many (default: %(default)s; 10 s each)"
+    )
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """Fills the disk at so many moments, with a kill in each."""
+    rng = np.random.default_rng(options.seed)
+    rows: dict[str, list[float]] = {}
+    lost: list[str] = []
+    survived = resumed = 0
+    with dive_bed(folder, say) as bed:
+        for number in range(options.moments):
+            if bed.program is None or not resumed:
+                bed.dive()
+            broken = len(bed.witness.broken)
+            what, back_s, wrong = fill(bed, rng)
+            resumed = recover(bed) if not math.isnan(back_s) else False
+            wrong += bed.witness.broken[broken:]
+            survived += not wrong
+            lost += [f"{what}: {text}" for text in wrong]
+            rows.setdefault(what.rpartition(", ")[2].split()[0], []).append(back_s)
+            more = f"; {'; '.join(wrong)}" if wrong else ""
+            say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
+        packets = len(bed.witness.slots)
+    lines = ["| killed on a full disk | kills | back after (median, worst) |", "|---|---|---|"]
+    lines += [f"| `{node}` | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for node, s in sorted(rows.items())]
+    causes = ", ".join(f"{text} ({n})" for text, n in Counter(t.partition(": ")[2] for t in lost).items())
+    lines.append(
+        f"{options.moments} moments, {packets} packets, each with a counter of its own; {causes or 'nothing lost'}"
+    )
+    worst = max((s for own in rows.values() for s in own if not math.isnan(s)), default=None)
+    return Report(lines, options.moments, survived, worst, lost)

@@ -1,0 +1,153 @@
+"""Power loss: every program of a vehicle is killed at a random moment, its files are cut or torn, and it starts again.
+
+Journals are cut at any byte. One time in three a state file is torn as well: cut, or its newest slot half written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES
+from benchmarks.faults.dive_bed import BOOTED_S, NODES, DiveBed, dive_bed
+from benchmarks.faults.report import Report
+
+SMALL = ("--moments", "20")
+_ORDERS = ("", "", "HOLD", "ABORT")
+
+
+def cut(path: Path, rng: np.random.Generator) -> None:
+    """Truncates a file at any byte."""
+    with path.open("r+b") as file:
+        file.truncate(int(rng.integers(path.stat().st_size + 1)))
+
+
+def tear(path: Path, rng: np.random.Generator) -> None:
+    """Damages a state file: cuts it, or writes its newest slot only in part."""
+    data = bytearray(path.read_bytes())
+    slots = (0, SLOT_BYTES)
+    newest = max(slots, key=lambda slot: int.from_bytes(data[slot + 8 : slot + 16], "little"))
+    if rng.random() < 0.5 or len(data) != FILE_BYTES:
+        del data[int(rng.integers(len(data))) :]
+    else:
+        length = 24 + int.from_bytes(data[newest + 16 : newest + 20], "little")
+        place = newest + int(rng.integers(length))
+        data[place : newest + length] = rng.bytes(newest + length - place)
+    path.write_bytes(data)
+
+
+def damage(bed: DiveBed, rng: np.random.Generator) -> str:
+    """Damages the files of a dive; returns which state file is torn, "" if none is."""
+    for journal in sorted(bed.out.glob("journal/*/*.journal")):
+        cut(journal, rng)
+    if rng.random() < 2.0 / 3.0:
+        return ""
+    files = [*sorted(bed.out.glob("journal/*/*.state")), bed.out / "auv1.dive"]
+    torn = files[int(rng.integers(len(files)))]
+    tear(torn, rng)
+    return torn.name
+
+
+def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
+    """Cuts the power at one moment; returns what it was, the time to the mission's state (s), and what went wrong."""
+    from auv_lse_msgs.msg import MissionCommand, MissionState
+
+    water, wrong = bed.witness, []
+    water.spend(rng.uniform(0.5, 4.0))
+    order = _ORDERS[rng.integers(len(_ORDERS))]
+    if order:
+        water.order(getattr(MissionCommand, order))
+        wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
+        if math.isnan(water.wait(lambda: water.is_in(wanted), 5.0)):
+            wrong.append(f"{order} was not obeyed")
+    water.spend(rng.uniform(0.0, 0.5))
+    before = water.state.state
+    water.forget()
+    bed.cut_power()
+    torn = damage(bed, rng)
+    what = f"{after_reboot}, {order or 'under way'}, {torn or 'journals'} damaged"
+    began_s = time.monotonic()
+    try:
+        bed.start()
+    except RuntimeError as error:
+        return what, math.nan, [*wrong, str(error)]
+    back_s = math.nan if math.isnan(water.back(NODES, BOOTED_S)) else time.monotonic() - began_s
+    water.wait(lambda: water.state is not None, 10.0)
+    water.spend(2.5)  # more than safety.patience_s
+    state = water.state
+    if state is None or math.isnan(back_s):
+        return what, math.nan, [*wrong, "never back"]
+    distrusts = torn in ("auv1.safety_node.state", "auv1.dive")
+    surfaced = state.action == MissionState.SURFACE
+    if before == MissionState.ABORTED and not distrusts:
+        good = state.state == MissionState.ABORTED
+    elif before == MissionState.RUNNING and after_reboot == "resume" and not distrusts:
+        good = state.state == MissionState.RUNNING
+    else:
+        good = surfaced
+    if not good:
+        wrong.append(f"state {before} before; {state.state}, action {state.action} after: {state.reason}")
+    return what, back_s, wrong
+
+
+def resume(bed: DiveBed) -> bool:
+    """Resumes the mission, if its state is trusted; returns whether steps are decided again."""
+    from auv_lse_msgs.msg import MissionCommand, MissionState
+
+    water = bed.witness
+    if "not trusted" in water.problems:
+        return False
+    for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
+        if not water.is_in(MissionState.RUNNING):
+            water.order(command)
+            water.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+    step = water.last_step
+    return not math.isnan(water.wait(lambda: water.last_step > step, 10.0))
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `scripts/faults reboot`."""
+    parser.add_argument(
+        "--moments", type=int, default=20, metavar="N", help="how many (default: %(default)s; 15 s each)"
+    )
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """Cuts the power at so many moments."""
+    rng = np.random.default_rng(options.seed)
+    rows: dict[str, list[float]] = {}
+    lost: list[str] = []
+    survived = 0
+    after_reboot, resumed = "", False
+    with dive_bed(folder, say) as bed:
+        for number in range(options.moments):
+            if not resumed:
+                after_reboot = ("resume", "surface")[int(rng.integers(2))]
+                bed.dive(after_reboot)
+            broken = len(bed.witness.broken)
+            what, back_s, wrong = reboot(bed, after_reboot, rng)
+            resumed = not math.isnan(back_s) and resume(bed)
+            if not resumed and not wrong and "not trusted" not in bed.witness.problems:
+                wrong.append("the mission did not resume after GO")
+            wrong += bed.witness.broken[broken:]
+            survived += not wrong
+            lost += [f"{what}: {text}" for text in wrong]
+            rows.setdefault("a state file, too" if ".state" in what or ".dive" in what else "journals", []).append(
+                back_s
+            )
+            more = f"; {'; '.join(wrong)}" if wrong else ""
+            say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
+        packets = len(bed.witness.slots)
+    lines = ["| damaged | power losses | all nodes back after (median, worst) |", "|---|---|---|"]
+    lines += [f"| {kind} | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for kind, s in sorted(rows.items())]
+    lines.append(
+        f"{options.moments} power losses, {packets} packets, each with a counter of its own; "
+        + ("; ".join(lost) or "nothing lost: no step decided twice, no abort forgotten")
+    )
+    worst = max((s for own in rows.values() for s in own if not math.isnan(s)), default=None)
+    return Report(lines, options.moments, survived, worst, lost)
