@@ -330,7 +330,7 @@ def _check_npz_size(path: Path) -> None:
         SoundingsError: if one has more values.
     """
     if not zipfile.is_zipfile(path):
-        return  # np.load says what it is
+        return  # np.load reports the error
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():
             with archive.open(name) as member:

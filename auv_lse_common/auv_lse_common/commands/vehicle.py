@@ -243,7 +243,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a vehicle. Returns 0, 1, 2 or 130, as the help says."""
+    """Runs a vehicle. Returns the exit code (see --help)."""
     options = parser().parse_args(arguments)
     root = project_folder()
     stack = ExitStack()

@@ -84,7 +84,7 @@ def known_node(name: str, graph: Any) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects nodes. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects nodes. Returns the exit code (see --help)."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

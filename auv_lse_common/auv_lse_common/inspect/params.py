@@ -156,7 +156,7 @@ def run_describe(options: argparse.Namespace, graph: Any) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects parameters. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects parameters. Returns the exit code (see --help)."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

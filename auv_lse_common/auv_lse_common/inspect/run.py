@@ -103,7 +103,7 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Commands vehicles. Returns 0, 1, 2 or 130, as the help says."""
+    """Commands vehicles. Returns the exit code (see --help)."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

@@ -193,7 +193,7 @@ def _full(topic: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects topics. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects topics. Returns the exit code (see --help)."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

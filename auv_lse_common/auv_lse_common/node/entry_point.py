@@ -133,7 +133,7 @@ class Main:
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
-    # A script in the background ignores SIGINT, and its children inherit that: the signal is taken back.
+    # A script in the background ignores SIGINT, and its children inherit that; restore the signal.
     stopping = Stopping()
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []

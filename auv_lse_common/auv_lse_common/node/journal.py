@@ -10,10 +10,10 @@ and at most the last one torn. Torn and damaged lines are skipped and counted. A
 parameters or another format is set aside and not read. A power failure loses what the operating system had not yet
 written: some seconds.
 
-A journal that can no longer be written, as on a full disk, would soon be out of date: an abort would be missing. So it
-is marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the
-place of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer
-than the mark and valid.
+A journal that cannot be written, as on a full disk, would soon be out of date: an abort would be missing. So it is
+marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the place
+of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer than the
+mark and valid.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Journal:
 
     @property
     def status(self) -> str:
-        """One line for diagnostics; "" if no journal was asked for."""
+        """One line for diagnostics; "" without a journal."""
         if self._path is None:
             return ""
         damaged = f", {self.damaged} damaged lines skipped" if self.damaged else ""

@@ -158,7 +158,7 @@ class VehicleNode(BaseNode):
         return Health(level=max(health.level, Level.ERROR if bad else Level.WARN), text=text, values=values)
 
     def _check_storage(self, now_s: float) -> None:
-        """Reports at once that a file can no longer be written."""
+        """Reports immediately that a file cannot be written."""
         found = self._find_storage_problem()
         if found != self._storage_problem:
             self.get_logger().error(found)
@@ -198,7 +198,7 @@ class VehicleNode(BaseNode):
             raw: Whether `take` takes the messages themselves.
 
         Raises:
-            ValueError: if the node is not among the topic's readers: in lockstep nobody would wait for it.
+            ValueError: if the table does not list the node as a reader; in lockstep no node would wait for it.
         """
         topic = VEHICLE_TOPICS[name]
         self._check_reader(topic)
@@ -303,7 +303,7 @@ class VehicleNode(BaseNode):
     def wake(self) -> None:
         """A message has arrived. In lockstep handles each phase that may begin now, and answers for it.
 
-        What the node published for the nodes beside it is handed over then.
+        Messages for the nodes in the same process are then delivered.
         """
         while self._ticks is not None and (ready := self._ticks.ready()) is not None:
             self._ticks.handled(ready.phase, ready.tick)
