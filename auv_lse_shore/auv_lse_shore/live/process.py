@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from types import TracebackType
 
 from auv_lse_common.process.processes import die_with_parent
 from auv_lse_shore.live.viewers.server import DEFAULT_PORT, port_or_any
@@ -45,9 +44,7 @@ class LiveProcess:
         self._reader.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stops the process."""
         for number, patience_s in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
             if self._process.poll() is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import partial
-from types import TracebackType
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -53,9 +52,7 @@ class MissionWatch:
             self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leaves."""
         self._executor.shutdown()
         self._node.destroy_node()

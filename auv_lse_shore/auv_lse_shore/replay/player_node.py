@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -79,9 +78,7 @@ class Player:
         self._clock = None if CLOCK in self._publishers else self._node.create_publisher(Clock, CLOCK, EVERY)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leaves the ROS domain."""
         self._node.destroy_node()
         rclpy.try_shutdown()

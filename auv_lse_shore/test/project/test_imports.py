@@ -17,7 +17,6 @@ DRAWING = (
     "auv_lse_shore.report.report_figures",
     "auv_lse_shore.campaign.page",
     "auv_lse_shore.reproduce.study_figures",
-    "auv_lse_shore.reproduce.tuning_figure",
 )
 
 

@@ -360,19 +360,18 @@ def _coverage(settings: Settings) -> str:
     # Within half a length scale of a path, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
     coverage = min(1.0, path_m * scale / area_m2)
     text = (
-        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps. The paths have a length "
-        f"of {path_m / 1000.0:.1f} km, the area has {area_m2 / 1e6:.2f} km2. Lawnmower lanes would be {spacing:.0f} m "
-        f"apart. At most {100.0 * coverage:.0f} % of the area lies within half a length scale ({scale / 2.0:g} m) "
-        "of a path"
+        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps, {path_m / 1000.0:.1f} km "
+        f"of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most {100.0 * coverage:.0f} "
+        f"% of the area is within half a length scale ({scale / 2.0:g} m) of a path"
     )
     if coverage < 0.5:
         return (
-            f"coverage: {text}. The area is too large for this mission; expect unmapped regions "
-            "(more steps or vehicles, or --area)"
+            f"coverage: {text}. The area is too large for this mission: expect unmapped regions. Add steps or "
+            "vehicles, or choose a smaller --area"
         )
     if spacing < 2.0 * settings.motion.turn_radius_m:
         return (
-            f"coverage: {text}. The area is too small for this mission; lanes closer than a turning circle "
-            f"({2.0 * settings.motion.turn_radius_m:g} m) add little information (fewer steps or vehicles)"
+            f"coverage: {text}. The area is too small for this mission: lanes closer than a turning circle "
+            f"({2.0 * settings.motion.turn_radius_m:g} m) add little. Use fewer steps or vehicles"
         )
     return f"coverage: {text}"

@@ -66,82 +66,32 @@ STATE = _record(
     "fix_step",  # sub-step, from 1, in which a fix was complete; 0: none
 )
 
-#: Parameters from the mission file (`motion_parameters`).
+#: Parameters from the mission file (`motion_parameters`). `speed` is the true speed through the water when commanded;
+#: gyro noise is in rad/sqrt(s), its walk in rad/s/sqrt(s), rates in 1/s; `gps_depth` is the vehicle's depth at which
+#: the antenna goes under, `gps_time` the correlation time of the GPS error.
 PARAMETERS = _record(
-    "dt",
-    "speed",  # true speed through the water when commanded
-    "yaw_rate_max",
-    "yaw_time",
-    "speed_time",
-    "lookahead",
-    "gain",
-    "ideal_motion",
-    "ideal_navigation",
-    "depth",
-    "climb_rate",
-    "wobble",
-    "wobble_time",
-    "gyro_noise",  # rad/sqrt(s)
-    "gyro_walk",  # rad/s/sqrt(s)
-    "compass_noise",
-    "compass_walk",
-    "compass_interval",
-    "dvl_noise",
-    "dvl_outlier_share",
-    "dvl_outlier",
-    "dropout_rate",  # 1/s
-    "dropout_min",
-    "dropout_max",
-    "lock_loss_rate",
-    "lock_loss_min",
-    "lock_loss_max",
-    "gps_noise",
-    "gps_interval",
-    "gps_depth",  # depth of the vehicle at which the antenna goes under
-    "surface_every",
-    "surface_time",
-    "gyro_ideal",
-    "compass_ideal",
-    "dvl_ideal",
-    "gps_ideal",
-    "gps_time",  # correlation time of its error
-)
+    "dt", "speed", "yaw_rate_max", "yaw_time", "speed_time", "lookahead", "gain", "ideal_motion", "ideal_navigation",
+    "depth", "climb_rate", "wobble", "wobble_time", "gyro_noise", "gyro_walk", "compass_noise", "compass_walk",
+    "compass_interval", "dvl_noise", "dvl_outlier_share", "dvl_outlier", "dropout_rate", "dropout_min", "dropout_max",
+    "lock_loss_rate", "lock_loss_min", "lock_loss_max", "gps_noise", "gps_interval", "gps_depth", "surface_every",
+    "surface_time", "gyro_ideal", "compass_ideal", "dvl_ideal", "gps_ideal", "gps_time",
+)  # fmt: skip
 
 #: Standard normal numbers of one sub-step.
 NORMALS = _record(
-    "gyro",
-    "compass",
-    "dvl_surge",
-    "dvl_sway",
-    "gps_north",
-    "gps_east",
-    "wobble",
-    "gyro_walk",
-    "compass_walk",
-    "outlier_surge",
-    "outlier_sway",
-)
+    "gyro", "compass", "dvl_surge", "dvl_sway", "gps_north", "gps_east", "wobble", "gyro_walk", "compass_walk",
+    "outlier_surge", "outlier_sway",
+)  # fmt: skip
 
 #: Uniform numbers in [0, 1) of one sub-step.
 UNIFORMS = _record("dropout", "dropout_length", "lock_loss", "lock_loss_length", "outlier")
 
-#: Result of one sub-step: truth, estimate, and the estimate without fixes under way ("raw").
+#: Result of one sub-step: truth, estimate, and the estimate without fixes under way ("raw"); `ping` is 1 if the DVL can
+#: ping.
 RESULT = _record(
-    "north",
-    "east",
-    "heading",
-    "depth",
-    "est_north",
-    "est_east",
-    "est_heading",
-    "est_speed",
-    "ping",  # 1 if the DVL is able to ping
-    "travelled",
-    "along",
-    "raw_north",
-    "raw_east",
-    "raw_heading",
-)
+    "north", "east", "heading", "depth", "est_north", "est_east", "est_heading", "est_speed", "ping", "travelled",
+    "along", "raw_north", "raw_east", "raw_heading",
+)  # fmt: skip
 
 
 class Filter(NamedTuple):

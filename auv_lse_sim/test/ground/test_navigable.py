@@ -48,7 +48,7 @@ def test_default_mission_is_left_alone():
         fitted, notes = fit_to_ground(s, ground_of(s))
         assert fitted.to_patterns() == s.to_patterns()
         assert len(notes) == 2
-        assert "3 vehicles x 100 steps. The paths have a length of 7.1 km, the area has 0.42 km2." in notes[1]
+        assert "3 vehicles x 100 steps, 7.1 km of path in 0.42 km2, 59 m between lawnmower lanes." in notes[1]
         assert "too" not in notes[1]
 
 
@@ -138,34 +138,34 @@ def test_an_area_without_navigable_water_is_an_error(function, match):
 
 
 def test_an_area_without_the_isobath_is_reported():
-    def said(function, **overrides):
+    def coverage(function, **overrides):
         return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("level:")]
 
-    assert said(lambda n, e: 12.0 + 0.01 * e) == []  # 12 to 17 m
-    (note,) = said(lambda n, e: 12.0 + 0.005 * e)
+    assert coverage(lambda n, e: 12.0 + 0.01 * e) == []  # 12 to 17 m
+    (note,) = coverage(lambda n, e: 12.0 + 0.005 * e)
     assert "no 15 m isobath in the area: all of it is shallower (12.0 to 14.5 m)" in note
-    (note,) = said(lambda n, e: 12.0 + 0.01 * e, **{"level_set.level_m": 11.0})
+    (note,) = coverage(lambda n, e: 12.0 + 0.01 * e, **{"level_set.level_m": 11.0})
     assert "no 11 m isobath in the area: all of it is deeper (12.0 to 17.0 m)" in note
     # The shallow part is outside of what is flown.
-    (note,) = said(lambda n, e: np.where(e < 100.0, 5.0, 25.0))
+    (note,) = coverage(lambda n, e: np.where(e < 100.0, 5.0, 25.0))
     assert "all of it is deeper (25.0 to 25.0 m)" in note
 
 
 def test_a_bottom_beyond_the_dvls_range_is_reported():
-    def said(function, **overrides):
+    def coverage(function, **overrides):
         return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("dvl:")]
 
     def slope(n, e):
         return 10.0 + 0.16 * e  # 90 m at 500 m east
 
-    (note,) = said(slope)
+    (note,) = coverage(slope)
     # 63 m at 331 m east: a third of the area lies beyond.
     assert (
         "34 % of the area is deeper than 63 m, the reach of auv1 (depth_m 3 m and sim.dvl.max_altitude_m 60 m)" in note
     )
-    assert said(slope, **{"sim.dvl.max_altitude_m": 90.0}) == []
-    assert said(slope, **{"sim.dvl.ideal": True}) == []
-    (note,) = said(slope, **{"mission.vehicles": 1, "auv1.vehicle.depth_m": 5.0})
+    assert coverage(slope, **{"sim.dvl.max_altitude_m": 90.0}) == []
+    assert coverage(slope, **{"sim.dvl.ideal": True}) == []
+    (note,) = coverage(slope, **{"mission.vehicles": 1, "auv1.vehicle.depth_m": 5.0})
     assert "deeper than 65 m" in note
 
 
@@ -187,14 +187,14 @@ def test_the_origin_of_the_ground_holds():
 
 
 def test_expectations():
-    def said(**overrides):
+    def coverage(**overrides):
         return expectations(Settings.load(None, overrides))[0]
 
     # 3 x 100 x 23.56 m in 600 m x 700 m: lanes 420000 / 7069 = 59 m apart.
-    assert "59 m apart" in said()
-    assert "too large" in said(**{"mission.vehicles": 1})
-    assert "48 %" in said(**{"mission.vehicles": 1})  # 2356 m x 85 m / 420000 m2
-    assert "too small" in said(**{"mission.steps": 300})
+    assert "59 m between lawnmower lanes" in coverage()
+    assert "too large" in coverage(**{"mission.vehicles": 1})
+    assert "48 %" in coverage(**{"mission.vehicles": 1})  # 2356 m x 85 m / 420000 m2
+    assert "too small" in coverage(**{"mission.steps": 300})
 
 
 @pytest.mark.parametrize("name", SURVEY_FILES)

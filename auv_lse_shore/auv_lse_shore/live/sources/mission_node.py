@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -59,9 +58,7 @@ class MissionListener:
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leaves the domain."""
         self._executor.shutdown()
         self._node.destroy_node()

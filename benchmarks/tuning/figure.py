@@ -26,7 +26,7 @@ from auv_lse_shore.report.figures import (
     outer_labels,
     styled,
 )
-from auv_lse_shore.reproduce.knobs import Knob, shown
+from benchmarks.tuning.knobs import Knob, shown
 
 
 @styled

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_shore.reproduce import tuning
-from auv_lse_shore.reproduce.knobs import KNOBS
 from auv_lse_shore.reproduce.study import SMALL, base_mission
+from benchmarks.tuning import __main__ as tuning
+from benchmarks.tuning.knobs import KNOBS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "guide" / "tuning.md"
 

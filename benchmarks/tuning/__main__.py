@@ -1,6 +1,6 @@
 """Effect of a low and a high value of each tunable parameter: pictures and figures of merit for docs/guide/tuning.md.
 
-    python -m auv_lse_shore.reproduce.tuning --out docs/figures
+    python -m benchmarks.tuning --out docs/figures
 
 Each parameter is simulated at three values over the same lakes, in the quick study's small mission, all else as in the
 default mission. One lake is drawn; the figures of merit are means over all lakes.
@@ -20,10 +20,10 @@ import numpy as np
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
-from auv_lse_shore.reproduce.knobs import KNOBS, Knob, shown
 from auv_lse_shore.reproduce.study import SMALL, base_mission
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
+from benchmarks.tuning.knobs import KNOBS, Knob, shown
 
 #: Names of the figures of merit shown.
 MERITS = ("risk", "loss", "isobath_m", "own_risk", "planning_s")
@@ -46,7 +46,7 @@ def merits(e: Evaluation) -> dict[str, float]:
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
-        prog="python -m auv_lse_shore.reproduce.tuning",
+        prog="python -m benchmarks.tuning",
         description="Simulates small missions with a low, a default and a high value of each tunable parameter, and "
         "draws them for docs/guide/tuning.md. Takes about 6 minutes on one idle core.",
     )
@@ -94,7 +94,7 @@ def heading(knob: Knob) -> str:
 def _show(knob: Knob, seeds: int, folder: Path) -> None:
     """Simulates one parameter's missions, draws them, and prints its rows of the table."""
     from auv_lse_shore.report.figures import save
-    from auv_lse_shore.reproduce.tuning_figure import tuning_figure  # matplotlib takes a second to load
+    from benchmarks.tuning.figure import tuning_figure  # matplotlib takes a second to load
 
     drawn: list[Evaluation] = []
     means: list[dict[str, float]] = []

@@ -1,0 +1,1 @@
+"""The pictures and the table of docs/guide/tuning.md."""
