@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a goal missed is no failure."""
+    """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a missed goal is not a failure."""
     command_line = parser()
     options = command_line.parse_args(arguments)
     unknown = [group for group in options.groups if group not in GROUPS]

@@ -18,7 +18,7 @@ def existing_file(text: str) -> Path:
 
 
 def end_with(main: Callable[[], int | None]) -> NoReturn:
-    """Runs `main` and ends the process: with what it returns (None: 0), or 130 and one word after Ctrl-C."""
+    """Runs `main` and ends the process: with its return value (None: 0), or after Ctrl-C with 130 and one word."""
     try:
         code = main()
     except KeyboardInterrupt:

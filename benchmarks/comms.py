@@ -245,7 +245,7 @@ def ranges(sizes: Sizes = FULL) -> list[Row]:
 
 
 def teams(sizes: Sizes = FULL) -> list[Row]:
-    """Delivery ratio, age of the last heard plan, and samples, against the number of vehicles."""
+    """Delivery ratio, age of the last received plan, and samples, against the number of vehicles."""
     rows = []
     seconds = sizes.seconds[1]
     for vehicles in sizes.teams:
@@ -303,7 +303,7 @@ def survey(
         seed: Of lake, paths and losses.
         seconds: Length of the mission.
         loss: Share of the receptions lost at random.
-        silent_s: Nobody hears anybody before this (a gap in communication), and nothing is compared.
+        silent_s: No vehicle receives a packet before this time (a gap in communication), and nothing is compared.
         rate_hz: Soundings per second.
     """
     lake = SyntheticLake(mission_seed=seed)
@@ -358,7 +358,7 @@ def survey(
     return Outcome(float(np.mean(excess)), float(np.mean(regrets)), select_s / max(packets, 1))
 
 
-#: What is compared, each against the first: the paper's rule on every sounding.
+#: The compared selections, each against the first: the paper's rule on every sounding.
 CHOICES = {
     "every n-th": PacketConfig(),
     "every n-th, 5 m apart": PacketConfig(min_spacing_m=5.0),
@@ -377,7 +377,7 @@ SCENES: dict[str, dict[str, Any]] = {
 def selections(
     scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3, seconds: int = 1600
 ) -> list[Row]:
-    """What the choice of samples gains: cost of local maps over that of all data, mean over the mission.
+    """Gain from the choice of samples: excess cost of local maps over the map of all data, mean over the mission.
 
     Args:
         scenes: Of `SCENES`.

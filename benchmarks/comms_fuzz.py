@@ -2,7 +2,7 @@
 
     python benchmarks/comms_fuzz.py [inputs] [seed]
 
-Three things are held against the decoder, whatever comes in: nothing but `PacketError` escapes, its reason is one of
+Three requirements are checked with every input: nothing but `PacketError` escapes, its reason is one of
 `REASONS`, and what does decode encodes to the very same bytes and lies within the limits. Where the damage determines
 the reason, that reason is required.
 """
@@ -43,7 +43,7 @@ LIMITS = Limits(
 
 
 class Finding(AssertionError):
-    """The decoder did what it must never do."""
+    """A violated requirement."""
 
 
 def packet(rng: np.random.Generator) -> Packet:

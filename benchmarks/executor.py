@@ -1,4 +1,4 @@
-"""What a message costs a node, with the stack's executor and with rclpy's own, side by side in one process."""
+"""Processor time per message of a node, with the stack's executor and with rclpy's, in one process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from benchmarks.rows import Row, row
 
 #: As many publishers and subscriptions as planner_node has, and some more.
 _TOPICS = 12
-#: Messages published at a time: what a tick of a mission brings to a node.
+#: Messages published at a time, as many as a node receives in a tick of a mission.
 _BURST = 4
 
 

@@ -85,7 +85,7 @@ SMOKE = Sizes(
 
 
 def run(*, smoke: bool = False, lake: Path | None = None) -> list[Row]:
-    """Measures all of it, in a process of its own that is held to one core. Takes about three minutes.
+    """Measures everything in a separate process on one core. Takes about three minutes.
 
     Args:
         smoke: Measures at the smallest sizes, in seconds, and without the other libraries.
@@ -134,7 +134,7 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
 
 
 def clock() -> float:
-    """Processor time (s): on one core what a clock shows when nothing else runs."""
+    """Processor time (s); on an idle core it equals wall-clock time."""
     return time.process_time()
 
 
@@ -169,7 +169,7 @@ def start_up(sizes: Sizes = FULL) -> list[Row]:
 
 
 def field_like(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means and standard deviations as they occur in a mission: unsure places near the level among sure ones."""
+    """Means and standard deviations as they occur in a mission: uncertain places near the level among certain ones."""
     rng = np.random.default_rng(seed)
     total = np.exp(rng.uniform(np.log(0.1), np.log(8.0), n))
     share = rng.beta(0.5, 0.5, n)
@@ -189,7 +189,7 @@ def objective(sizes: Sizes = FULL) -> list[Row]:
 
 
 def by_quadrature(mean: float, of_mean: float, after: float, c1: float, c2: float) -> float:
-    """The expected risk by Gauss-Legendre on both sides of the place where the call changes; error about 1e-14."""
+    """Expected risk by Gauss-Legendre on both sides of the depth at which the decision changes; error about 1e-14."""
     from scipy.special import ndtri
 
     nodes, weights = np.polynomial.legendre.leggauss(64)
@@ -283,7 +283,7 @@ def add_all(gp: OnlineGp, places: np.ndarray, depths: np.ndarray) -> None:
 
 
 def rivals(arrays: dict[str, Any], sizes: Sizes) -> dict[str, dict[str, Any]]:
-    """What the other libraries need for the same, by name; {"missing": why} for one that is not measured."""
+    """Results of the other libraries by name; {"missing": reason} for one that is not measured."""
     if sizes == SMOKE or not RIVALS.exists():
         missing = {"missing": "not in a smoke run" if sizes == SMOKE else "no .venv-bench: see benchmarks/gp.py"}
         return {"scikit-learn": missing, "GPyTorch": missing}
@@ -350,7 +350,7 @@ def against_rivals(
     Args:
         n: Number of centers.
         ours: Our time for the whole map (s).
-        field: Our mean and standard deviation at the places that the libraries were asked for, (P,) each.
+        field: Our mean and standard deviation at the places computed by the libraries, (P,) each.
         theirs: What `rivals` gave.
         scale: How many times as many places the whole map has.
     """
@@ -510,7 +510,7 @@ class Survey:
         return cls(places_m=places[wet], depths_m=depths[wet], name=name)
 
     def middle(self, sizes: Sizes) -> Survey:
-        """What lies in the middle 800 m x 800 m, thinned to every `sizes.every`-th sounding."""
+        """Every `sizes.every`-th sounding in the middle 800 m x 800 m."""
         near = np.all(np.abs(self.places_m - np.median(self.places_m, axis=0)) < 400.0, axis=1)
         kept = np.flatnonzero(near)[:: sizes.every]
         return Survey(places_m=self.places_m[kept], depths_m=self.depths_m[kept], name=self.name)

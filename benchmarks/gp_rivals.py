@@ -20,7 +20,7 @@ CHUNKS = (256, 2048)
 
 
 def seconds(function: Any) -> float:
-    """Processor time of a call (s): on one core the same as the time it takes when nothing else runs."""
+    """Processor time of a call (s); on an idle core it equals wall-clock time."""
     begin = time.process_time()
     function()
     return time.process_time() - begin

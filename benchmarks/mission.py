@@ -1,4 +1,4 @@
-"""The whole default mission as real processes, by phase and by node: where the time goes.
+"""The whole default mission as real processes, with its time by phase and by node.
 
 Also what the executor saves, as the ratio of two short missions, and the start and speed of a team of twenty.
 """

@@ -22,7 +22,7 @@ ALLOWED_S = 0.1
 
 
 def run(smoke: bool = False) -> list[Row]:
-    """Measures the smoother, the map laid out anew, and the adjustment of a recorded mission."""
+    """Measures the smoother, the rebuilt map, and the adjustment of a recorded mission."""
     steps = 8 if smoke else 100
     overrides = {
         "mission.seed": SEED,
@@ -70,7 +70,7 @@ def _informed(corrector: PositionCorrector) -> None:
 
 
 def _allowed(name: str, seconds: float) -> Row:
-    """A row of processor time against what a call may take."""
+    """A row that compares processor time with the limit for a call."""
     goal = f"<= {1e3 * ALLOWED_S:g} ms"
     return row(name, 1e3 * seconds, "ms", "allowed", ALLOWED_S / seconds, goal, seconds <= ALLOWED_S)
 

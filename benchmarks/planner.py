@@ -273,7 +273,7 @@ def _gpytorch(whole: Any, data: Centers) -> Callable[[], float]:
 
 
 def decisions(sizes: Sizes = FULL) -> list[Row]:
-    """Time of a first decision at the default budget, and what a 20 ms deadline leaves of its value.
+    """Time of a first decision at the default budget, and the share of its value that remains with a 20 ms deadline.
 
     Missions begin without a map; that of so many centers is what a planner finds that starts anew on known ground.
     """
@@ -305,7 +305,7 @@ def _decision(method: str, count: int, sizes: Sizes) -> list[Row]:
 
 
 def _flown(made: VehiclePlanner, legs: int, now_s: float) -> float:
-    """Travels so many legs as they are decided; returns the time (s) then."""
+    """Travels this many legs as decided; returns the time (s) afterwards."""
     for _ in range(legs):
         leg = made.decide(now_s).leg
         now_s += leg.length_m / made.settings.vehicle.speed_mps

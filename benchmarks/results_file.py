@@ -1,4 +1,4 @@
-"""Results files: one mission a line, as JSON, appended to, so that nothing is flown twice."""
+"""Results files: one mission per line, as JSON; lines are appended, so no mission is simulated twice."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def appended(path: Path) -> TextIO:
 def fly(
     mission: Callable[..., dict[str, Any]], jobs: Iterable[tuple[Any, ...]], path: Path, processes: int
 ) -> Iterator[dict[str, Any]]:
-    """Calls `mission` with the arguments of each job, some at once, and gives each line when the file has it.
+    """Calls `mission` with the arguments of each job, some at once, and yields each line after it is written.
 
     Ctrl-C ends those under way without a word; the lines of the others stay.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-#: What a line holds; `scripts/bench --json` writes these keys.
+#: Content of a line; `scripts/bench --json` writes these keys.
 KEYS = ("name", "value", "unit", "against", "ratio", "goal", "holds")
 
 Row = dict[str, Any]
@@ -22,12 +22,12 @@ def row(
     """One measured figure.
 
     Args:
-        name: What was measured.
+        name: Name of the measurement.
         value: The figure; None if it could not be measured.
         unit: Its unit.
         against: The alternative that it is compared with.
         ratio: How many times better than the alternative.
-        goal: What it should be, in words.
+        goal: The goal, in words.
         holds: Whether it is; None without a goal.
     """
     return {

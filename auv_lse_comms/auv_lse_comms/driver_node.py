@@ -36,7 +36,7 @@ class Port(Protocol):
         ...
 
     def close(self, now_s: float, steady_s: float) -> list[Any]:
-        """Closes the port for good."""
+        """Closes the port."""
         ...
 
 

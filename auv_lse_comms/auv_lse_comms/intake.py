@@ -1,4 +1,4 @@
-"""What a vehicle's acoustic bridge does in a tick: it processes its inputs, then composes its packet."""
+"""One tick of a vehicle's acoustic bridge: it processes its inputs, then composes its packet."""
 
 from __future__ import annotations
 

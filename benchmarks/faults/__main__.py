@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[Report], bool]:
-    """Runs what was asked for and prints its table; returns the reports, and whether Ctrl-C ended it."""
+    """Runs the requested kinds and prints the table; returns the reports, and whether Ctrl-C ended it."""
     if options.kind != "all":
         report: Report = _kind(options.kind).run(options, folder, say)
         print("\n".join(report.lines))
@@ -132,7 +132,7 @@ class _Broken(RuntimeError):
 
 @contextmanager
 def _folder(out: Path | None) -> Iterator[Path]:
-    """The folder for what is left: `out`, or a temporary one, which stays if something broke, and is then named."""
+    """The output folder: `out`, or a temporary one, which is kept and printed if something broke."""
     if out is not None:
         yield out.resolve()
         return

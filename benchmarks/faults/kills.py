@@ -34,7 +34,7 @@ from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 SMALL = ("--kills", "25")
-#: A killed node has to be at work again within this time (s).
+#: A killed node has to be ready again within this time (s).
 BACK_S = 5.0
 #: How long a leg takes (s), and how often that long it may take at most.
 LEG_S, LONGEST = 15.7, 2.0
@@ -55,9 +55,9 @@ class Kill:
         vehicle: Its vehicle.
         node: Its name.
         when_s: When (s since 1970).
-        back_s: Time (s) until it was at work again; NaN if it never was.
+        back_s: Time (s) until it was ready again; NaN if it never was.
         cpu_s: Processor time (s) that it took for that.
-        lost: What it no longer knew, or "".
+        lost: State that it lost, or "".
     """
 
     vehicle: int
@@ -70,13 +70,13 @@ class Kill:
 
 @dataclass(slots=True)
 class Flight:
-    """What a mission with kills left.
+    """The results of a mission with kills.
 
     Attributes:
         kills: The kills.
         steps: Steps that each vehicle decided, in their order, by vehicle.
         legs_s: Times (s) from one of its decisions to the next, by vehicle.
-        heard: Plans of mates that each vehicle heard, by vehicle.
+        heard: Mates' plans that each vehicle received, by vehicle.
         outputs: What each process printed, the simulator's first.
         codes: Their exit codes.
         recordings: The recordings, by vehicle.
@@ -94,12 +94,12 @@ class Flight:
 
 
 class Program:
-    """A process whose output is read as it comes.
+    """A process whose output is read while it runs.
 
     Attributes:
         process: The process.
-        text: What it has printed, by line.
-        nodes: Process id of each node that it has said to have started.
+        text: Its output, by line.
+        nodes: Process id of each node that it reported to have started.
     """
 
     def __init__(self, module: str, *arguments: str) -> None:
@@ -139,11 +139,11 @@ def fly(
     """Flies a mission of two vehicles and kills nodes.
 
     Args:
-        folder: Where everything goes; must not exist.
+        folder: The output folder; must not exist.
         steps: Steps of the mission.
         kills: From the time of travel (s), the kills: time after the vehicles are under way (s), vehicle, node.
         more: Further parameters.
-        say: Told what happens.
+        say: Prints a line of progress.
 
     Raises:
         RuntimeError: if the simulator does not run.

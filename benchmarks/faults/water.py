@@ -1,4 +1,4 @@
-"""Bad water and bad clocks: packets lost, doubled, late, damaged; a vehicle whose clock is off. What the team does.
+"""Bad water and bad clocks: packets lost, doubled, late or damaged, and a vehicle whose clock is wrong.
 
 Missions of three vehicles in one process (the fleet engine). Each fault of the water acts on what the modems have read,
 so that the rest stays as it is. A vehicle whose clock is off lives by it altogether: it stamps what it measures, looks
@@ -42,8 +42,8 @@ class Fault:
 
     Attributes:
         name: For the table.
-        parameters: What it sets.
-        make: Makes what distorts one vehicle's arrivals; None: nothing does.
+        parameters: The parameters that it sets.
+        make: Makes the distortion of one vehicle's arrivals; None: none.
         clock: The clock of vehicle 2; None: it is right.
     """
 
@@ -54,7 +54,7 @@ class Fault:
 
 
 def _bursts() -> Distort:
-    """Half of the time nothing comes through, for a minute on average."""
+    """Outages of a minute on average, half of the time."""
     state = {"bad": False, "until_s": 0.0}
 
     def distort(arrivals: list[Arrival], now_s: float, rng: np.random.Generator) -> list[Arrival]:
@@ -122,7 +122,7 @@ _OFF = 2
 
 
 class _OffClock(VehicleCores):
-    """A vehicle's cores that live by a clock that is off; what comes from the world has its stamps already."""
+    """A vehicle's cores with a wrong clock; the world's output has wrong stamps already."""
 
     def __init__(self, cores: VehicleCores, clock: Clock) -> None:
         super().__init__(cores.vehicle, cores.bridge, cores._to_map, cores.safety, cores.planner)
@@ -202,7 +202,7 @@ class RoughWater(Fleet):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a mission came to: risk and true loss of the team's map, distance of its isobath (m), packets, refusals."""
+    """Results of a mission: risk and true loss of the team's map, distance of its isobath (m), packets, refusals."""
 
     risk: float
     loss: float

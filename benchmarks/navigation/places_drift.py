@@ -48,7 +48,7 @@ FIGURES = ("isobath_m", "place_m", "risk", "loss", "error_over_std", "nees")
 
 
 def settings_of(seed: int, drift: float, harmonic_deg: float, steps: int = 100) -> Settings:
-    """A mission of three vehicles that mow and surface once; the smoother is told how good the instruments are."""
+    """A mission of three vehicles that mow and surface once; the smoother has the instruments' true accuracy."""
     return Settings.load(
         None,
         {
@@ -187,7 +187,7 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies what is missing and prints the table. Returns 0, 130 after Ctrl-C."""
+    """Simulates the missing missions and prints the table. Returns 0, 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.places_drift", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 20), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument(

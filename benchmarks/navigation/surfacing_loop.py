@@ -2,8 +2,8 @@
 
     python -m benchmarks.navigation.surfacing_loop --seeds 7700 2
 
-Each mission is flown where nobody surfaces, and where vehicles surface where that pays; it is judged after the dive.
-The section `places` is told how good the instruments are.
+Each mission is simulated without surfacing, and with surfacing where that pays; it is judged after the dive.
+Section `places` has the instruments' true accuracy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Hindsight as a yardstick: how much of the way from lawnmower to the best paths in hindsight a method has gone.
+"""Compares methods with hindsight: their share of the gain from the lawnmower to the best paths in hindsight.
 
     python -m benchmarks.planning.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--mutations 400]
 
@@ -46,7 +46,7 @@ from benchmarks.planning.planner_methods import AREAS, area, lake
 
 Array = NDArray[np.float64]
 
-#: What the others are measured against.
+#: The reference of the comparison.
 MOWING = "lawnmower"
 #: Grid (m) on which paths are judged, and on which mutations are.
 JUDGED_M, MUTATED_M = 5.0, 15.0

@@ -46,7 +46,7 @@ class _Boat:
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """What a mission brought; risks, and the true loss at the end, are means over a 5 m grid of the area."""
+    """The results of a mission; risks, and the true loss at the end, are means over a 5 m grid of the area."""
 
     risk_third: float
     risk_end: float
@@ -69,7 +69,7 @@ def settings_for(
     planner: dict[str, Any] | None = None,
     **sections: Any,
 ) -> PlannerSettings:
-    """Mission settings of a method. Nobody surfaces: places are known here, and all methods fly as many legs."""
+    """Mission settings of a method. No vehicle surfaces: places are exact, and all methods have equally many legs."""
     return PlannerSettings.from_parameters(
         {
             "area": area or {},
@@ -95,12 +95,12 @@ def light_mission(
 
     Args:
         settings: Of all vehicles.
-        ground: What they sound.
+        ground: The ground.
         seed: Of everything by chance.
         loss: Share of packets lost.
         sounding_std_m: Noise of a sounding.
         late_s: Time at which a vehicle (its number from 1) sets out, where that is not at once.
-        silent_s: Time from which on nothing more is heard of a vehicle.
+        silent_s: Time (s) after which a vehicle sends nothing.
     """
     late_s, silent_s = late_s or {}, silent_s or {}
     vehicles = settings.mission.vehicles

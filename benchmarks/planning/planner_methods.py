@@ -72,7 +72,7 @@ class Shifted:
     """A gridded real lake, moved so that the window's corner is the local origin's surroundings."""
 
     def __init__(self, ground: Any, north_m: float, east_m: float) -> None:
-        """Adds (north_m, east_m) to every place asked for."""
+        """Adds (north_m, east_m) to every requested place."""
         self._ground, self._north, self._east = ground, north_m, east_m
 
     def depth_m(self, north_m: Any, east_m: Any) -> Any:
@@ -125,7 +125,7 @@ def lake(name: str, where: str, real: Path | None) -> Any:
 
 
 def mission(method: str, vehicles: int, where: str, name: str, loss: float, real: str, steps: int) -> dict[str, Any]:
-    """Flies one mission and gives its line."""
+    """Simulates one mission; returns its line."""
     _, section = area(where)
     ground = lake(name, where, Path(real) if real else None)
     seed = int(name) if name.isdigit() else sum(name.encode())
@@ -150,7 +150,7 @@ def interval(differences: np.ndarray, rng: np.random.Generator) -> tuple[float, 
 
 
 def figure(lines: list[dict[str, Any]], key: str) -> str:
-    """Mean of a figure over the missions that have it; "-" if none has (an isobath that nobody found)."""
+    """Mean of a figure over the missions that have it; "-" if none has it (no isobath found)."""
     known = [line[key] for line in lines if np.isfinite(line[key])]
     return f"{np.mean(known):.3g}" if known else "-"
 

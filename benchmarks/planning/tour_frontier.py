@@ -34,14 +34,14 @@ from benchmarks.planning.planner_methods import area
 
 Array = NDArray[np.float64]
 
-#: Places of each leg that risk is told by.
+#: Places of each leg at which risk is computed.
 PLACES = (1, 2, 4)
 #: Tours that are optimized for each weight, and iterations: of each, then whenever the best is bent.
 STARTS, ITERATIONS, MORE = 3, 100, 40
 
 
 class Frontier:
-    """Optimizes tours of one vehicle that knows nothing yet, and says what plans are expected to leave."""
+    """Optimizes tours of one vehicle without data; reports the risk expected after its plans."""
 
     def __init__(self, legs: int) -> None:
         """Takes a mission of so many legs."""

@@ -25,7 +25,7 @@ from auv_lse_comms.bridge.sample_queue import SampleQueue
 from auv_lse_comms.bridge.slot_usage import SlotUsage
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, check_plan, decode, encode, room_for_samples
-from auv_lse_comms.packet.navigation import MOST_BYTES, Navigation
+from auv_lse_comms.packet.navigation import MAX_BYTES, Navigation
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
@@ -169,7 +169,7 @@ class ModemBridge:
             PacketError: (a ValueError) if no packet can hold it; the previous plan stays.
         """
         reserve = self._config.reserve + (TRAILER_BYTES if self._tagger is not None else 0)
-        check_plan(plan, self._limits, reserve, MOST_BYTES if self._config.navigation else 0)
+        check_plan(plan, self._limits, reserve, MAX_BYTES if self._config.navigation else 0)
         self._plan = plan
         self.remember("plan", dataclasses.asdict(plan))
 
@@ -253,7 +253,7 @@ class ModemBridge:
         self.counts[f"received.{source}"] += 1
         self.counts["samples.received"] += len(samples)
         if self._receivers is not None and len(samples):
-            self._receivers.hear(samples, self.loss)
+            self._receivers.receive(samples, self.loss)
 
     def must_abort(self, received: Received) -> bool:
         """Takes note of an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""

@@ -31,7 +31,7 @@ class SlotUsage:
         self._heard = False  # whether a packet was accepted since the current slot began
 
     def enter(self, slot: Slot) -> None:
-        """Tells which slot it is now; ends the one before."""
+        """Enters a slot; ends the previous one."""
         if self._slot is not None and slot.key == self._slot.key:
             return
         if self._slot is not None:

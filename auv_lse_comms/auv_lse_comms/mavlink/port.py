@@ -89,7 +89,7 @@ class AutopilotPort:
         return list(self._events())
 
     def close(self, now_s: float, steady_s: float) -> list[Event]:
-        """Closes the endpoint for good; `now_s` is not used."""
+        """Closes the endpoint; `now_s` is not used."""
         self.connection.close(steady_s, CLOSING)
         return list(self._events())
 

@@ -54,7 +54,7 @@ class Sounder:
         self._over = -math.inf
 
     def altitude(self, stamp_s: float, altitude_m: float) -> None:
-        """Adds a height over ground (m); one that is not positive and finite saw no ground."""
+        """Adds a height over ground (m); a value that is not positive and finite means no echo."""
         if not (math.isfinite(stamp_s / self._every_s) and math.isfinite(altitude_m) and altitude_m > 0.0):
             self.counts["pings_blind"] += 1
         elif self._period(stamp_s) <= self._over:

@@ -133,7 +133,7 @@ class ModemPort:
         return Health(level=Level.ERROR, text=text, values=values)
 
     def close(self, now_s: float, steady_s: float) -> list[Event]:
-        """Closes port and log for good."""
+        """Closes port and log."""
         self.connection.close(steady_s, "shutting down")
         if self.modem.is_open:
             self._driver.closed(now_s, "shutting down")

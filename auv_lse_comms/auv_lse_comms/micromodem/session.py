@@ -110,5 +110,5 @@ class Session:
         self.counts["unanswered"] += 1
         if self.strikes > self.config.retries and not self.wants_reopen:
             self.wants_reopen = True
-            self.counts["given_up"] += 1
+            self.counts["abandoned"] += 1
             self.report(Problem(text=f"no answer from the modem to {self.strikes} commands: reopening"))

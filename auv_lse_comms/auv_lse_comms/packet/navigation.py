@@ -23,7 +23,7 @@ RAW, RAW_AND_FIX = 0xEC, 0xED
 #: Sizes in bytes, the first one included.
 SIZES = {RAW: 7, RAW_AND_FIX: 14}
 #: Largest size of navigation in bytes.
-MOST_BYTES = SIZES[RAW_AND_FIX]
+MAX_BYTES = SIZES[RAW_AND_FIX]
 
 _CM, _HALF_M, _DM = 0.01, 0.5, 0.1
 _BITS = {"raw place": 24, "raw place of the fix": 16, "fix minus raw place": 12}

@@ -22,7 +22,7 @@ class Receivers(Protocol):
     `auv_lse_gp.map.receivers_risk.ReceiversRisk` implements it; `modem_node` and the fleet engine pass one in.
     """
 
-    def hear(self, samples_m: Array, loss: float) -> None:
+    def receive(self, samples_m: Array, loss: float) -> None:
         """A teammate's packet with these samples was received; other vehicles may have missed it.
 
         Args:

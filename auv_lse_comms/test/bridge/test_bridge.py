@@ -591,7 +591,7 @@ class Deepest:
         self.supposed = 0
         self.log: list[str] = []
 
-    def hear(self, samples_m: Array, loss: float) -> None:
+    def receive(self, samples_m: Array, loss: float) -> None:
         self.log.append(f"heard {len(samples_m)} at {loss:g}")
 
     def send(self, loss: float) -> None:

@@ -19,7 +19,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
-from auv_lse_comms.packet.navigation import MOST_BYTES, Navigation
+from auv_lse_comms.packet.navigation import MAX_BYTES, Navigation
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -318,7 +318,7 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     actions = tuple(draw(st.lists(st.integers(0, highest), min_size=n_actions, max_size=n_actions)))
     paired = fields.are_paired(actions)
     left = fields.PACKET_BYTES - reserve - fields.samples_start(n_actions, segments, paired=paired)
-    told = draw(st.none() | navigations()) if left >= MOST_BYTES else None
+    told = draw(st.none() | navigations()) if left >= MAX_BYTES else None
     most = fields.capacity(n_actions, reserve, segments, 0 if told is None else told.size, paired)
     n = draw(st.integers(0, most))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]

@@ -61,7 +61,7 @@ class Peaks:
     def suppose(self, samples_m: Array) -> None:
         self.known = np.concatenate([self.known, samples_m])
 
-    def hear(self, samples_m: Array, loss: float) -> None:
+    def receive(self, samples_m: Array, loss: float) -> None:
         raise AssertionError("nothing was heard")
 
     def send(self, loss: float) -> None:

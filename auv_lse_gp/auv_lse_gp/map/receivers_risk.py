@@ -142,7 +142,7 @@ class ReceiversRisk:
             stream(int(parameters.get("mission", {}).get("seed", 1)), "receivers", address),
         )
 
-    def hear(self, samples_m: ArrayLike, loss: float) -> None:
+    def receive(self, samples_m: ArrayLike, loss: float) -> None:
         """Records a team mate's packet that this vehicle heard and the others may have missed.
 
         Args:

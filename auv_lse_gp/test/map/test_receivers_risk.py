@@ -140,12 +140,12 @@ def test_receivers_have_all_samples_without_loss_and_none_with_total_loss() -> N
     rng = np.random.default_rng(9)
     heard, candidates = samples(rng, 10), samples(rng, 5)
     sure = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
-    sure.hear(heard, 0.0)
+    sure.receive(heard, 0.0)
     reference = ReceiverMap(GP, LEVEL, AREA, spacing_m=20.0)
     reference.add(heard)
     np.testing.assert_allclose(sure.gains(candidates), reference.gains(candidates), rtol=1e-12)
     deaf = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
-    deaf.hear(heard, 1.0)
+    deaf.receive(heard, 1.0)
     np.testing.assert_allclose(deaf.gains(candidates), ReceiverMap(GP, LEVEL, AREA).gains(candidates), rtol=1e-12)
 
 
@@ -155,13 +155,13 @@ def test_undone_packet_leaves_no_trace(loss: float) -> None:
     before, sent, heard, candidates = (samples(rng, n) for n in (10, 12, 8, 20))
     receivers, never = (ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(s)) for s in (1, 1))
     for r in (receivers, never):
-        r.hear(before, loss)
+        r.receive(before, loss)
     receivers.suppose(sent)
     receivers.send(loss)
     never.suppose(sent[:0])
     never.send(loss)  # draws who misses it, as the other one did; it holds nothing
     for r in (receivers, never):
-        r.hear(heard, loss)
+        r.receive(heard, loss)
     receivers.take_back()
     np.testing.assert_array_equal(receivers.gains(candidates), never.gains(candidates))
     receivers.take_back()  # nothing is left to take back
@@ -173,5 +173,5 @@ def test_receivers_from_mission_parameters() -> None:
     one, again = (ReceiversRisk.from_parameters(parameters, "test", 2) for _ in range(2))
     for receivers in (one, again):
         for t in range(10):
-            receivers.hear([[10.0 * t, 50.0, 15.0]], 0.3)
+            receivers.receive([[10.0 * t, 50.0, 15.0]], 0.3)
     assert one.gains([[50.0, 60.0, 15.0]]) == again.gains([[50.0, 60.0, 15.0]]) > 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.fields import are_paired, capacity
-from auv_lse_comms.packet.navigation import MOST_BYTES
+from auv_lse_comms.packet.navigation import MAX_BYTES
 from auv_lse_comms.tdma import Tdma
 from auv_lse_planner.methods.tour_candidates import MAX_EXPLICIT_ACTIONS
 from auv_lse_planner.paths.motion import MotionTable
@@ -118,7 +118,7 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
         return
     actions = planner.horizon or 1
     tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.family.sends_tours else 0
-    reserve, navigation = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
+    reserve, navigation = settings.packet.reserve, MAX_BYTES if settings.packet.navigation else 0
     least = capacity(actions, reserve, min(tour, 64), navigation)
     if tour:  # a bent path is sent as actions
         bent = min(settings.mission.steps, MAX_EXPLICIT_ACTIONS)

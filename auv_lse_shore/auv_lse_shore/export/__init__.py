@@ -1,1 +1,1 @@
-"""scripts/export: results as files for other programs."""
+"""scripts/export: writes results as files for other programs."""

@@ -56,7 +56,7 @@ class Summary:
         "lawnmower bound use",
     )
     mowing_risk: float | None = figure(
-        "cost/place", "lawnmower bound: map risk expected of a lawnmower mission; unknown if the mission ended early"
+        "cost/place", "lawnmower bound: map risk expected of a lawnmower mission; null if the mission ended early"
     )
     map_bound_promised: bool = figure("", "whether the method guarantees this bound")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")

@@ -1,4 +1,4 @@
-"""Figures of a mission that are maps: north up, to scale, in colors for the color-blind; and what all figures share.
+"""Figures of a mission that are maps: north up, to scale, in colors for the color-blind, and helpers of all figures.
 
 Vehicles have the colors of Okabe and Ito (2008) and, from the ninth on, other dashes; risk has a perceptually uniform
 color map. Cells that are not evaluated are left out.

@@ -1,4 +1,4 @@
-"""The sentences of a reception: the probe detected, the frames received, and how the reception went."""
+"""The sentences of a reception: the probe detected, the frames received, and the statistics."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class FrameHeard(Message):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceptionStatistics(Message):
-    """`$CACST,6,mode,toa,toa_mode,...`: a reception is over, and how it went.
+    """`$CACST,6,mode,toa,toa_mode,...`: the statistics of a reception.
 
     Attributes:
         mode: 0 good, 1 bad CRC in a frame, 2 packet timeout (then only `utc_s` and `mode` are known).
