@@ -75,6 +75,13 @@ def parser() -> argparse.ArgumentParser:
         "config/foxglove/mission.json",
     )
     p.add_argument(
+        "--foxglove-origin",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="with --foxglove: a web page that may connect, such as https://app.foxglove.dev; may be repeated",
+    )
+    p.add_argument(
         "--rviz",
         action="store_true",
         help="also publish standard messages under /viz for RViz, on the mission's ROS domain (for a recording: on a "
@@ -160,7 +167,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
     viewers: list[Viewer] = []
     with ExitStack() as stack:
         if options.foxglove is not None:
-            foxglove = FoxgloveViewer(options.foxglove, options.playback)
+            foxglove = FoxgloveViewer(options.foxglove, options.playback, options.foxglove_origin)
             print(f"Foxglove or Lichtblick: connect to {foxglove.url}; layout: config/foxglove/mission.json")
             viewers.append(foxglove)
         if options.rviz:

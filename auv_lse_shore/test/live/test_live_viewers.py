@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from rosbags.typesys import Stores, get_typestore
-from tornado.httpclient import HTTPRequest
+from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from auv_lse_record.recording import recording_in
@@ -111,6 +111,7 @@ def test_foxglove_gets_every_topic_and_its_time_bar_moves_the_recording(timeline
             if isinstance(data, str):
                 message = json.loads(data)
                 if message.get("op") == "serverInfo":
+                    assert set(message["capabilities"]) <= {"playbackControl", "time"}, "read-only"
                     assert "playbackControl" in message["capabilities"]
                 if message.get("op") == "advertise":
                     new = {c["id"]: c["topic"] for c in message["channels"]}
@@ -129,13 +130,21 @@ def test_foxglove_gets_every_topic_and_its_time_bar_moves_the_recording(timeline
             if viewer._server is not None:
                 break
             stop.wait(0.1)
+        for origin in ("https://evil.example", "null", "file://", "http://localhost.evil.example"):
+            foreign = HTTPRequest(viewer.url, headers={"Origin": origin})
+            with pytest.raises(HTTPClientError, match="403"):
+                asyncio.run(asyncio.wait_for(connect(foreign), 30))
         asyncio.run(asyncio.wait_for(talk(), 30))
         assert playback.t >= 100.0
         with pytest.raises(FoxgloveError, match=r"--foxglove \d+: cannot listen .* Choose another port: --foxglove N"):
-            FoxgloveViewer(viewer._port, playback)
+            FoxgloveViewer(int(viewer.url.rsplit(":", 1)[1]), playback)
     finally:
         stop.set()
         feed.join(10)
+
+
+async def connect(request):
+    return await websocket_connect(request)
 
 
 def free_port():

@@ -1,11 +1,17 @@
-"""A WebSocket server for Foxglove and Lichtblick on this machine, with the standard messages of a mission."""
+"""A WebSocket server for Foxglove and Lichtblick on this machine, with the standard messages of a mission.
+
+It is read-only: viewers cannot publish, set parameters or call services. The time bar of a recording moves the playback
+of this server, nothing else. `origin_gate.py` refuses web pages that the user has not allowed.
+"""
 
 from __future__ import annotations
 
-import socket
+import sys
+from collections.abc import Collection
 from typing import Any
 
 from auv_lse_shore.live.viewers.feed import Playback
+from auv_lse_shore.live.viewers.origin_gate import OriginGate, hidden_address
 from auv_lse_shore.live.viewers.server import ADDRESS
 from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
 
@@ -23,8 +29,13 @@ class FoxgloveViewer:
         url: Address to open in the viewer.
     """
 
-    def __init__(self, port: int, playback: Playback) -> None:
-        """Checks the port; the server starts with the first mission.
+    def __init__(self, port: int, playback: Playback, origins: Collection[str] = ()) -> None:
+        """Opens the port; the server starts with the first mission.
+
+        Args:
+            port: TCP port.
+            playback: What the time bar moves.
+            origins: Web pages that may connect, besides those of this machine: "https://app.foxglove.dev".
 
         Raises:
             FoxgloveError: if foxglove-sdk is not installed, or the port is taken.
@@ -37,47 +48,45 @@ class FoxgloveViewer:
                 "(in .venv: .venv/bin/pip install -c config/constraints.txt foxglove-sdk)"
             ) from None
         try:
-            with socket.create_server((ADDRESS, port)):
-                pass
+            self._gate = OriginGate(ADDRESS, port, origins, lambda text: print(f"Foxglove: {text}", file=sys.stderr))
         except OSError as error:
             raise FoxgloveError(
                 f"--foxglove {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}. Choose another "
                 "port: --foxglove N"
             ) from error
         self._foxglove: Any = foxglove
-        self._port = port
         self._playback = playback
         self._server: Any = None
         self._channels: dict[str, Any] = {}
         self._last: dict[str, tuple[bytes, int]] = {}
         self._messages: StandardMessages | None = None
-        self.url = f"ws://{ADDRESS}:{port}"
+        self.url = f"ws://{ADDRESS}:{self._gate.port}"
 
     def begin(self, messages: StandardMessages, first_s: float, last_s: float) -> None:
         """Starts or restarts the server; viewers then drop the previous mission.
 
         Raises:
-            FoxgloveError: if the port is taken.
+            FoxgloveError: if it cannot be started.
         """
-        self.close()
+        self._stop()
         self._messages = messages
         self._context = self._foxglove.Context()
+        address = hidden_address()
         given: dict[str, Any] = {}
         if last_s > first_s:
             given["playback_time_range"] = (round(first_s * 1e9), round(last_s * 1e9))
         try:
             self._server = self._foxglove.start_server(
                 name="auv_lse",
-                host=ADDRESS,
-                port=self._port,
+                host=address,
+                port=0,
                 context=self._context,
                 server_listener=_listener(self),
                 **given,
             )
         except Exception as error:  # the SDK raises errors of its own
-            raise FoxgloveError(f"--foxglove {self._port}: cannot listen on {ADDRESS}:{self._port}: {error}") from error
-        self._port = self._server.port
-        self.url = f"ws://{ADDRESS}:{self._port}"
+            raise FoxgloveError(f"--foxglove: the server cannot be started: {error}") from error
+        self._gate.server = (address, self._server.port)
 
     def show(self, message: StandardMessage) -> None:
         """Sends a message to the topic's subscribers; later subscribers get the last message."""
@@ -119,7 +128,11 @@ class FoxgloveViewer:
         )
 
     def close(self) -> None:
-        """Stops the server."""
+        """Closes the port and stops the server."""
+        self._gate.close()
+        self._stop()
+
+    def _stop(self) -> None:
         if self._server is not None:
             self._server.stop()
             self._server = None
