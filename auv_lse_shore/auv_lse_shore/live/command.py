@@ -65,6 +65,15 @@ def parser() -> argparse.ArgumentParser:
         default=True,
         help="open the page in this machine's browser (default: --open)",
     )
+    _add_viewers(p)
+    p.add_argument(
+        "--write", type=Path, metavar="FILE.html", help="write the page and the recording into one file and exit"
+    )
+    return p
+
+
+def _add_viewers(p: argparse.ArgumentParser) -> None:
+    """Adds the options of other viewers than the page."""
     p.add_argument(
         "--foxglove",
         nargs="?",
@@ -94,10 +103,6 @@ def parser() -> argparse.ArgumentParser:
         metavar="X",
         help="with --foxglove or --rviz: play a recording at X times its original speed (default: 1)",
     )
-    p.add_argument(
-        "--write", type=Path, metavar="FILE.html", help="write the page and the recording into one file and exit"
-    )
-    return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
