@@ -37,7 +37,7 @@ class SafetyConfig:
     autopilot_response: str = parameter(
         "surface",
         choices=RESPONSES,
-        help="response when the autopilot has refused or ignored its targets, or a stop, for 5 s",
+        help="response when the autopilot refuses or ignores targets or a stop for 5 s",
     )
     min_battery: float = parameter(
         0.2, low=0.0, high=1.0, help="smallest charge that the autopilot may report, as a fraction of 1; 0: not watched"
