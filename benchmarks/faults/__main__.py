@@ -25,6 +25,7 @@ KINDS = {
     "reboot": "power loss at random moments, with cut and torn files",
     "soak": "a long mission of a large team, with mates that babble",
     "nodes": "a paced mission of real nodes under load: memory of each",
+    "watch": "random sequences of readings for the safety watch: every limit, dropouts, outliers",
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
     "flood": "10,000 datagrams a second on the port of the MAVLink link",
     "forgery": "an attacker with a modem and no key; clocks that are corrected",
