@@ -27,7 +27,7 @@ from benchmarks.faults.report import Report
 SMALL = ("--sequences", "4000")
 #: How a limit is exceeded: the limit, and the rest of the name.
 FAULTS = (
-    "depth", "fence", "altitude", "battery", "leak", "autopilot", "link", "mission time",
+    "depth", "fence", "altitude", "battery", "leak", "autopilot", "pressure", "link", "mission time",
     "odometry with old stamps", "odometry silent", "odometry frozen", "odometry impossible",
     "altimeter silent", "altimeter frozen", "depth gauge frozen",
 )  # fmt: skip
@@ -42,7 +42,7 @@ FLICKER, OUTLIERS, DROPOUTS = 0.1, 0.02, 0.05
 _STRIP = (0.0, 0.0, 100.0, 0.0, 100.0, 1e5, 0.0, 1e5)
 #: After so much way (m) under water a repeated value is frozen, for altimeter and depth gauge.
 _FROZEN_M = 50.0
-_LIMITS = ("depth", "altitude", "fence", "odometry", "link", "autopilot", "battery", "leak", "mission_time")
+_LIMITS = ("depth", "altitude", "fence", "odometry", "link", "autopilot", "battery", "leak", "pressure", "mission_time")
 _CHUNK = 250
 
 
@@ -127,6 +127,8 @@ class Sequence:
                 report = dataclasses.replace(report, battery=0.1)
             if self._is_bad("leak"):
                 report = dataclasses.replace(report, leak=1)
+            if self._is_bad("pressure"):
+                report = dataclasses.replace(report, depth_problem="pressure and depth disagree")
             if self._is_bad("autopilot"):
                 report = dataclasses.replace(report, disobeys="ignores its target")
             self._watch.autopilot(report)
