@@ -27,6 +27,8 @@ _REFUSALS = {
     "stale": "they belong to other slots: its clock is about {off} this vehicle's, or old packets are replayed; "
     "correct the clock that is wrong",
     "replay": "they were received before: an echo, or packets are replayed",
+    "implausible": "place or step does not follow its last packets: two vehicles have that number, it started again, "
+    "or forged packets",
     "unproven": "a clock was set back by about {off_s:.0f} s; they are accepted once they echo a packet of this "
     "vehicle, which takes some cycles",
 }
@@ -54,6 +56,9 @@ class LinkQuality:
         self._late_s: dict[int, deque[float]] = {}
         # by sender, and whether in its slots or overall: packets that it may still send, and when (s) that applied
         self._allowed: dict[tuple[int, bool], tuple[float, float]] = {}
+        self._candidates: dict[
+            int, tuple[int, int]
+        ] = {}  # by sender: a slot, and packets in it beyond the sender's slots
         self._heard_s: dict[int, float] = {}  # when a sender was last heard
         self._excess_s: dict[int, float] = {}  # when a sender last sent too many
         # by reason and sender: when a packet was last refused, and by how much clocks seemed to be off (s)
@@ -69,8 +74,17 @@ class LinkQuality:
         if reason in _REFUSALS and len(self._refused_s) < _MAX_REFUSALS:
             self._refused_s[reason, source] = now_s, clock_s
 
-    def accept_arrival(self, stamp_s: float, source: int) -> bool:
-        """Records a packet of `source` whose reception ended at `stamp_s` (s); False if it has sent too many."""
+    def accept_arrival(self, stamp_s: float, source: int, is_candidate: bool = False) -> bool:
+        """Records a packet of a sender.
+
+        Args:
+            stamp_s: When its reception ended (s).
+            source: Its sender.
+            is_candidate: Whether it may be one of several in its slot: a forged packet must not shut out the true one.
+
+        Returns:
+            False if the sender has sent too many.
+        """
         self._heard_s[source] = stamp_s
         late_s = self._lateness_s(stamp_s, source)
         self._late_s.setdefault(source, deque(maxlen=RECENT)).append(late_s)
@@ -79,11 +93,12 @@ class LinkQuality:
             if owner:
                 self.counts[f"in_slot_of.{owner}.from.{source}"] += 1
             self._foreign_s.setdefault(source, deque(maxlen=RECENT)).append(stamp_s)
-        if self._use_allowance(stamp_s, source, late_s == 0.0):
+        in_time = late_s == 0.0
+        if self._use_allowance(stamp_s, source, in_time):
             return True
         self.counts[f"excess.{source}"] += 1
         self._excess_s[source] = stamp_s
-        return False
+        return is_candidate and in_time and self._fits_slot(stamp_s, source)
 
     def problems(self, now_s: float) -> dict[str, str]:
         """Problems that an operator should know of: texts by key."""
@@ -115,8 +130,8 @@ class LinkQuality:
             if abs(now_s - self._excess_s.get(source, -math.inf)) < reported_s:
                 count = self.counts[f"excess.{source}"]
                 found[f"excess of {source}"] = (
-                    f"team: {count} packets of vehicle {source} beyond its slots were refused: "
-                    "two vehicles have that number, or a transmitter sends too much"
+                    f"team: {count} packets of vehicle {source} beyond its slots: two vehicles have that number, a "
+                    "transmitter sends too much, or forged packets"
                 )
         return found
 
@@ -150,6 +165,15 @@ class LinkQuality:
         self._allowed[source, True] = (in_slots - (take and in_time), stamp_s)
         self._allowed[source, False] = (max(in_all - take, -AHEAD), stamp_s)
         return take
+
+    def _fits_slot(self, stamp_s: float, source: int) -> bool:
+        """Whether a packet beyond its sender's slots may be accepted: as many as the modem could send in the slot."""
+        tdma = self._tdma.settings(stamp_s)
+        index, count = self._candidates.get(source, (-1, 0))
+        slot = self._tdma.slot(stamp_s).index
+        count = count + 1 if slot == index else 1
+        self._candidates[source] = slot, count
+        return count <= tdma.slot_s / tdma.send_duration_s
 
     def _allowance(self, stamp_s: float, source: int, in_time: bool) -> float:
         tdma = self._tdma.settings(stamp_s)

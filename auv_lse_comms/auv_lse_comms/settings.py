@@ -15,7 +15,8 @@ from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfi
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.modem import ModemConfig
-from auv_lse_comms.bridge import ModemBridge, ModemFeatures
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_comms.bridge import MateTracks, ModemBridge, ModemFeatures, Pace
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.packet.selection import Receivers
@@ -127,8 +128,21 @@ def bridge_of(
         receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
-        return ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, modem=features)
+        bridge = ModemBridge(
+            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, modem=features
+        )
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error
     except ValueError as error:
         raise ParameterError(f"{where}: {error}") from error
+    if not packet.tag:
+        bridge.tracks = MateTracks(_pace(parameters, where))
+    return bridge
+
+
+def _pace(parameters: Mapping[str, Any], where: str) -> Pace:
+    """What this vehicle can do; mates are assumed to be alike."""
+    motion = section(MotionConfig, parameters, "motion", where)
+    vehicle = section(VehicleConfig, parameters, "vehicle", where)
+    leg_s = motion.turn_radius_m * math.radians(motion.theta_max_deg) / vehicle.speed_mps
+    return Pace(speed_mps=vehicle.speed_mps, leg_s=leg_s, surfacing_steps=math.ceil(vehicle.surfacing_s / leg_s))

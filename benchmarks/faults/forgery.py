@@ -99,10 +99,6 @@ class Forger:
         step = min(last.plan.step + self._steps // 2, self._steps)
         return dataclasses.replace(last, plan=dataclasses.replace(last.plan, step=step), samples=np.zeros((0, 3)))
 
-    def copy(self, last: Packet) -> Packet:
-        """The victim's last packet again, without samples."""
-        return dataclasses.replace(last, samples=np.zeros((0, 3)))
-
     def elsewhere(self, last: Packet) -> Packet:
         """A packet from a random place, with a random step."""
         grid = self._fleet.cores[0].map.grid
@@ -117,11 +113,9 @@ class Forger:
 ATTACKS = (
     Attack(name="none"),
     Attack(name="4 packets, wrong samples all over", forge=Forger.scattered, most=4),
-    Attack(name="each slot, wrong samples all over", forge=Forger.scattered),
     Attack(name="each slot, wrong samples along the track", forge=Forger.along),
     Attack(name="1 plan with a high step", forge=Forger.high_step, most=1),
     Attack(name="each slot, a plan with a high step", forge=Forger.high_step),
-    Attack(name="each slot, first, a copy", forge=Forger.copy, begins_s=0.0),
     Attack(name="each slot, first, from elsewhere", forge=Forger.elsewhere, begins_s=0.0),
     Attack(name="3 in each slot, first, from elsewhere", forge=Forger.elsewhere, per_slot=3, begins_s=0.0),
 )

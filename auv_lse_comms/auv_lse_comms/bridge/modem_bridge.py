@@ -21,6 +21,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.bridge.abort_calls import AbortCalls
+from auv_lse_comms.bridge.mate_tracks import MateTracks
 from auv_lse_comms.bridge.sample_queue import SampleQueue
 from auv_lse_comms.bridge.slot_usage import SlotUsage
 from auv_lse_comms.link_quality import LinkQuality
@@ -39,7 +40,7 @@ _REMEMBERED = 4
 #: after its arrival, and hours, by which time zones differ.
 _STALE_CYCLES, _STALE_HOURS = 100, 14
 #: Kinds of the events that are passed to `ModemBridge.remember`.
-EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed", "era")
+EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed", "era", "since")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +95,7 @@ class ModemBridge:
         remember: Receives each event that a bridge needs after a restart (`recall`): a kind, and JSON values.
         unconfirmed: Number of successive packets that the modem has neither confirmed nor refused.
         abort_calls: This vehicle's own call to abort the mission, and those of its mates.
+        tracks: Which packets without a tag can come from their sender; None: all.
     """
 
     def __init__(
@@ -134,6 +136,7 @@ class ModemBridge:
         self.counts: Counter[str] = Counter()
         self.unconfirmed = 0
         self.remember: Callable[..., None] = lambda kind, *values: None
+        self.tracks: MateTracks | None = None
         self._config = packet
         self._limits = limits
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
@@ -151,6 +154,7 @@ class ModemBridge:
         self._sent: list[_Sent] = []  # the last packets
         self._confirm_s = modem.confirm_s
         self._last_sent_s = math.nan
+        self._last_payload: dict[int, bytes] = {}  # accepted last, by sender
 
     @property
     def loss(self) -> float:
@@ -225,20 +229,39 @@ class ModemBridge:
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)
                 reserve = self._tagger.accept(payload, source, near_s, self._other_slots(now_s, source))
-            packet = decode(payload, self._limits, reserve)
-            if not self.quality.accept_arrival(now_s, source):
+            packet = self._plausible(now_s, source, decode(payload, self._limits, reserve))
+            is_candidate = self.tracks is not None and payload != self._last_payload.get(source)
+            if not self.quality.accept_arrival(now_s, source, is_candidate):
                 raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
             self.quality.note_refusal(now_s, error.reason, source, error.clock_s)
             return None
+        self._last_payload[source] = payload
         self._note_heard(source, packet.samples)
         slot_s, era = None, b""
         if self._tagger is not None:
             slot_s, era = self._tagger.last_slot_s[source], self._tagger.eras[source]
-        self.remember("heard", source, slot_s, packet.samples.tolist(), era.hex())
+        seen = None if self.tracks is None else self.tracks.last(source)
+        self.remember("heard", source, slot_s, packet.samples.tolist(), era.hex(), seen)
         navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=navigation)
+
+    def _plausible(self, now_s: float, source: int, packet: Packet) -> Packet:
+        """The packet without samples that its sender cannot have measured.
+
+        Raises:
+            PacketError: "implausible" if the sender cannot have sent it.
+        """
+        if self.tracks is None:
+            return packet
+        possible = self.tracks.take(now_s, source, packet)
+        if possible is None:
+            raise PacketError("implausible", f"source {source}: place or step does not follow its last packets")
+        if possible.all():
+            return packet
+        self.counts["samples.implausible"] += int((~possible).sum())
+        return dataclasses.replace(packet, samples=packet.samples[possible])
 
     def _other_slots(self, now_s: float, source: int) -> Iterable[float]:
         """Starts of slots (s) of a mate that a wrong clock or an old packet would explain, the likeliest first."""
@@ -270,6 +293,9 @@ class ModemBridge:
             252 bytes to send at once, or None.
         """
         self._requeue_unconfirmed(now_s)
+        if self.tracks is not None and math.isinf(self.tracks.since_s):
+            self.tracks.since_s = now_s
+            self.remember("since", now_s)
         slot = self.tdma.slot(now_s)
         self._slots.enter(slot)
         if self._slots.used or not self.tdma.may_send(now_s):
@@ -416,10 +442,12 @@ class ModemBridge:
                 case "fix":
                     self._fix = Fix(**values[0])
                 case "heard":
-                    source, slot_s, samples, era = values
+                    source, slot_s, samples, era, seen = values
                     self._note_heard(source, np.array(samples).reshape(-1, 3))
                     if self._tagger is not None and slot_s is not None:
                         self._tagger.last_slot_s[source], self._tagger.eras[source] = slot_s, bytes.fromhex(era)
+                    if self.tracks is not None and seen is not None:
+                        self.tracks.recall(source, seen)
                 case "sent":
                     then_s, samples, (index, since_s), self._slots.loss = values
                     rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4), self.loss)
@@ -435,4 +463,7 @@ class ModemBridge:
                 case "era":
                     if self._tagger is not None:
                         self._tagger.era = bytes.fromhex(values[0])
+                case "since":
+                    if self.tracks is not None:
+                        self.tracks.since_s = values[0]
         self.remember = remember

@@ -63,7 +63,7 @@ class PacketError(ValueError):
         self.clock_s = clock_s
 
 
-#: Codes of `PacketError.reason` and their meanings. The last six come from the bridge and the tag.
+#: Codes of `PacketError.reason` and their meanings. The last seven come from the bridge and the tag.
 REASONS = {
     "length": "not 252 bytes",
     "step": "step beyond the mission",
@@ -83,6 +83,7 @@ REASONS = {
     "tag": "the tag does not match: forged, altered, another key or another dive",
     "stale": "the tag belongs to another slot of its sender: an old packet, or clocks that differ",
     "replay": "received before, or sent in an earlier slot than the last packet of this sender",
+    "implausible": "without a tag: its place or step does not follow the last packets of this sender",
     "unproven": "a clock was set back, and the packet lacks a fresh echo that proves that it is new",
 }
 

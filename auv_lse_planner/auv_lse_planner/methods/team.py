@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 #: Number of different plans kept for each team mate.
 PLANS_PER_MATE = 3
+#: A packet arrives at most this late (s), and of one mate at most so many. Another plan with a lower step than the last
+#: one corrects it: the mate has started again, or that plan was forged.
+LATE_S, LATE_MOST = 120.0, 2
 
 
 @dataclass(slots=True)
@@ -26,6 +29,7 @@ class _Mate:
     reference_step: float  # the mate was at least at this step ...
     reference_s: float  # ... at this time
     earlier: list[_Mate]  # different plans received before this one, newest first
+    late: int = 0  # plans ignored as late since the last correction
 
 
 class Team:
@@ -64,7 +68,7 @@ class Team:
     def receive_plan(self, now_s: float, vehicle: int, plan: Plan) -> None:
         """Stores the plan received from a vehicle; a repeated plan only refreshes its time of reception.
 
-        A plan with a lower step than the current one arrived late and is ignored.
+        A plan with a lower step than the current one is ignored if it may have arrived late (`LATE_S`).
         """
         if vehicle == self._vehicle:
             return
@@ -72,19 +76,23 @@ class Team:
         if known is not None and known.plan == plan:
             known.last_heard_s = now_s
             return
+        late, is_correction = 0 if known is None else known.late, False
         if known is not None and plan.step < known.plan.step and not self._expired(known, now_s):
-            return
+            if (known.plan.step - plan.step) * self._leg_s <= LATE_S and late < LATE_MOST:
+                known.late += 1
+                return
+            late, is_correction = 0, True
         reference_step, earlier = float(plan.step), []
         if known is not None:
             # An unchanged plan may be sent long after its first step. A plan with the same state and a later step is
             # the old one, delayed by a surfacing. Keep the better estimate in both cases.
             estimate = self._step_of(known, now_s)
             delayed = plan.step > known.plan.step and np.array_equal(plan.state, known.plan.state)
-            if delayed or (estimate > reference_step and plan.step <= known.plan.step):
+            if delayed or (estimate > reference_step and plan.step <= known.plan.step and not is_correction):
                 reference_step = estimate
             earlier = [known, *known.earlier][: PLANS_PER_MATE - 1]
             known.earlier = []
-        self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, now_s, earlier)
+        self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, now_s, earlier, late)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s

@@ -72,6 +72,24 @@ def test_newer_plan_replaces_and_late_older_plan_does_not():
     assert team.places_ahead(120.0, 1)[0, 0] == 60.0
 
 
+def test_plan_with_high_step_does_not_silence_its_mate():
+    team = _team()
+    team.receive_plan(100.0, 1, _plan(4))
+    team.receive_plan(110.0, 1, _plan(60, north=500.0))  # forged
+    team.receive_plan(120.0, 1, _plan(6, north=20.0))
+    assert team.places_ahead(120.0, 1)[0, 0] == 30.0
+
+
+def test_plans_that_are_a_little_lower_correct_a_forged_one_at_last():
+    team = _team()
+    taken = []
+    for cycle in range(9):
+        team.receive_plan(30.0 * cycle, 1, _plan(6 + 3 * cycle, north=5000.0))  # forged
+        team.receive_plan(30.0 * cycle + 3.0, 1, _plan(3 * cycle, north=100.0))
+        taken.append(team.places_ahead(30.0 * cycle + 3.0, 1)[0, 0] < 1000.0)
+    assert sum(taken) == 3
+
+
 def test_own_plans_are_ignored():
     team = _team()
     team.receive_plan(0.0, 3, _plan(0))

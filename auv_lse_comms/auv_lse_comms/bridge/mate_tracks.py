@@ -1,0 +1,179 @@
+"""Which packets without a tag can come from a mate, judging by its earlier packets.
+
+Anybody can send in a mate's name. But a vehicle moves steadily, so its packets follow one another: from one to the
+next, it covers no more ground and no more steps than time allows, and it measured its samples where it has been.
+Packets that follow one another are a *track*. The first track of a sender is trusted at once, another one after
+`AGREEING` packets. Each must have at least half as many packets as any other that was heard since it began. So a
+vehicle that starts again elsewhere is heard, and so is one whose first packets were forged. A forger that follows a
+mate closely is still heard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_comms.packet.codec import Packet
+
+Array = NDArray[np.float64]
+
+#: Largest speed, and progress in steps, as a multiple of this vehicle's own: mates may be faster, and currents help.
+FASTER = 2.0
+#: Margin (m) for raw places, which are continuous, and for places that a fix or a correction may move.
+RAW_SPREAD_M, SPREAD_M = 30.0, 60.0
+#: Steps by which a plan may jump ahead, beside those of a surfacing.
+AHEAD_STEPS = 4
+#: Packets after which a track is trusted that is not its sender's first.
+AGREEING = 4
+#: A track counts its packets up to this number.
+MOST_COUNTED = 20
+#: Recent packets of a track that another one may follow: their number, and the time (s) from the first to the last.
+RECENT, RECENT_S = 8, 60.0
+#: Tracks that are kept of a sender, and packets (places) of a track.
+MAX_TRACKS, MAX_PLACES = 16, 500
+#: A track that was silent for this time (s) is dropped.
+SILENT_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """What a vehicle can do, by this vehicle's own parameters.
+
+    Attributes:
+        speed_mps: Speed (m/s).
+        leg_s: Duration of a leg (s).
+        surfacing_steps: Steps that a surfacing takes.
+    """
+
+    speed_mps: float
+    leg_s: float
+    surfacing_steps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Sighting:
+    """A packet: its time (s), its plan's step and start (north, east; m), and its raw place (m) if it has one."""
+
+    now_s: float
+    step: int
+    start_m: tuple[float, float]
+    raw_m: tuple[float, float] | None
+
+    @property
+    def place_m(self) -> tuple[float, float]:
+        """Place in the frame of the samples."""
+        return self.start_m if self.raw_m is None else self.raw_m
+
+
+@dataclass(slots=True, eq=False)
+class _Track:
+    """Packets that follow one another; `places` are their times and places in the samples' frame."""
+
+    began_s: float
+    first: bool
+    count: int = 0
+    recent: deque[_Sighting] = field(default_factory=lambda: deque(maxlen=RECENT))
+    places: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=MAX_PLACES))
+
+    @property
+    def last_s(self) -> float:
+        return self.recent[-1].now_s
+
+    @property
+    def tips(self) -> list[_Sighting]:
+        return [seen for seen in self.recent if self.last_s - seen.now_s <= RECENT_S]
+
+    def add(self, seen: _Sighting) -> None:
+        self.count = min(self.count + 1, MOST_COUNTED)
+        self.recent.append(seen)
+        self.places.append((seen.now_s, *seen.place_m))
+
+
+class MateTracks:
+    """The tracks of all mates.
+
+    Attributes:
+        since_s: When this vehicle began to listen (s); infinite before that.
+    """
+
+    def __init__(self, pace: Pace) -> None:
+        """Starts without tracks."""
+        self.since_s = math.inf
+        self._pace = pace
+        self._tracks: dict[int, list[_Track]] = {}
+
+    def take(self, now_s: float, source: int, packet: Packet) -> NDArray[np.bool_] | None:
+        """Takes a packet.
+
+        Args:
+            now_s: When it was received (s).
+            source: Its sender.
+            packet: Its content.
+
+        Returns:
+            Mask (n,) of the samples that the mate can have measured; None if the packet is not to be trusted.
+        """
+        plan, raw = packet.plan, packet.navigation
+        seen = _Sighting(now_s, plan.step, (plan.north_m, plan.east_m), None if raw is None else raw.raw_m)
+        track = self._add(source, seen)
+        return self._reachable(track, packet.samples) if _is_trusted(track, self._tracks[source]) else None
+
+    def _add(self, source: int, seen: _Sighting) -> _Track:
+        now_s, self.since_s = seen.now_s, min(self.since_s, seen.now_s)
+        tracks = [t for t in self._tracks.get(source, []) if abs(now_s - t.last_s) < SILENT_S]
+        tracks.sort(key=lambda track: (track.count, track.last_s), reverse=True)
+        self._tracks[source] = tracks
+        track = next((t for t in tracks if any(self._follows(r, seen) for r in t.tips)), None)
+        if track is None:
+            track = _Track(now_s, first=not tracks)
+            del tracks[MAX_TRACKS - 1 :]
+            tracks.append(track)
+        track.add(seen)
+        return track
+
+    def last(self, source: int) -> list[Any]:
+        """The last packet of a sender as JSON values, for a journal."""
+        seen = max((track.recent[-1] for track in self._tracks[source]), key=lambda seen: seen.now_s)
+        return [seen.now_s, seen.step, seen.start_m, seen.raw_m]
+
+    def recall(self, source: int, values: Sequence[Any]) -> None:
+        """Takes a packet again that `last` returned before a restart."""
+        now_s, step, start_m, raw_m = values
+        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m)))
+
+    def _follows(self, last: _Sighting, seen: _Sighting) -> bool:
+        pace, later_s = self._pace, abs(seen.now_s - last.now_s)
+        steps = seen.step - last.step
+        if steps > FASTER * later_s / pace.leg_s + AHEAD_STEPS + pace.surfacing_steps:
+            return False
+        way_m = FASTER * pace.speed_mps * later_s
+        raws_m = last.raw_m, seen.raw_m
+        if raws_m[0] is not None and raws_m[1] is not None and math.dist(raws_m[0], raws_m[1]) > way_m + RAW_SPREAD_M:
+            return False
+        ahead_m = FASTER * pace.speed_mps * pace.leg_s * max(steps, 0)
+        return math.dist(last.start_m, seen.start_m) <= max(way_m, ahead_m) + SPREAD_M
+
+    def _reachable(self, track: _Track, samples: Array) -> NDArray[np.bool_]:
+        """Mask (n,) of samples between two places of the track, or between its first place and `since_s`."""
+        known = np.array(track.places)
+        first_s = float(known[0, 0])
+        speed_mps = FASTER * self._pace.speed_mps
+        spread_m = SPREAD_M if track.recent[-1].raw_m is None else RAW_SPREAD_M
+        away = np.hypot(samples[:, None, 0] - known[None, :, 1], samples[:, None, 1] - known[None, :, 2])
+        possible = (away <= spread_m).any(axis=1) | (away[:, 0] <= speed_mps * (first_s - self.since_s) + spread_m)
+        if len(known) > 1:
+            way_m = speed_mps * np.abs(np.diff(known[:, 0])) + 2.0 * spread_m
+            possible |= (away[:, :-1] + away[:, 1:] <= way_m).any(axis=1)
+        return np.asarray(possible)
+
+
+def _is_trusted(track: _Track, tracks: list[_Track]) -> bool:
+    others = [other for other in tracks if other is not track]
+    most = max((other.count for other in others if other.last_s >= track.began_s), default=0)
+    return (track.first or track.count >= AGREEING) and 2 * track.count >= most
