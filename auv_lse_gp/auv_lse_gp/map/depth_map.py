@@ -71,7 +71,7 @@ class TeamSamples:
 
     Attributes:
         heard: Samples received.
-        outliers: Samples that did not fit the map.
+        outliers: Samples that did not fit the map, or were weighed down because they contradict others.
         kept: Samples that became centers.
     """
 
@@ -141,13 +141,18 @@ class DepthMap:
             outcomes[i] = outcome
         return outcomes
 
-    def add_samples(self, samples: ArrayLike, source: int) -> list[Outcome | None]:
+    def add_samples(
+        self, samples: ArrayLike, source: int, packets: NDArray[np.int64] | None = None
+    ) -> list[Outcome | None]:
         """Takes the samples of a packet from vehicle `source`, in the order given.
+
+        Those that contradict the map or each other are weighed down (`consistency.py`).
 
         Samples must fit this vehicle's map (`gp.team_outlier_sigmas`). They become at most half of `gp.max_centers`.
 
         Args:
             samples: North, east, depth (m), (n, 3).
+            packets: Number of each sample's packet (n,), in order; None: they are of one packet.
 
         Returns:
             The outcome of each; None if it was rejected (counted, see `last_problem`).
@@ -162,7 +167,7 @@ class DepthMap:
             raise ValueError(f"samples: got shape {rows.shape}; expected (n, 3): north, east, depth (m)")
         config, tally = self.gp.config, self.team.setdefault(source, TeamSamples())
         room = config.max_centers // 2 - sum(mate.kept for mate in self.team.values())
-        outcomes, fit = self.gp.add_if_fitting(rows, config.team_outlier_sigmas, max(room, 0))
+        outcomes, fit = self.gp.add_if_fitting(rows, config.team_outlier_sigmas, max(room, 0), packets)
         tally.heard += len(rows)
         tally.outliers += int((~fit).sum())
         tally.kept += outcomes.count(Outcome.KEPT)

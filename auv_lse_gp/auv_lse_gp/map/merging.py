@@ -28,19 +28,26 @@ class MergedCenter:
 
     def __init__(self, kernel: Kernel, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
         self._kernel = kernel
+        self._begin(place_m, depth_m, noise_std_m)
+
+    def _begin(self, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
         self._places_m = [(float(place_m[0]), float(place_m[1]))]
         self._depth_sum_m = depth_m
         self._noise_m2 = noise_std_m**2
-        self._pair_sum = kernel.signal_variance_m2  # sum over all pairs of k(p_i, p_j) of the first `_paired` places
+        self._pair_sum = (
+            self._kernel.signal_variance_m2
+        )  # sum over all pairs of k(p_i, p_j) of the first `_paired` places
         self._paired = 1
 
-    @property
-    def full(self) -> bool:
-        """Whether it takes no more soundings; another one would hardly change it."""
-        return len(self._places_m) >= MAX_MERGED
+    def takes(self, noise_std_m: float) -> bool:
+        """Whether it takes a sounding with this noise: not if it has many, and none with more noise than its own."""
+        return len(self._places_m) < MAX_MERGED and noise_std_m**2 <= self._noise_m2
 
-    def add(self, place_m: Sequence[float], depth_m: float) -> None:
-        """Merges a sounding at `place_m` (2,)."""
+    def add(self, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
+        """Merges a sounding at `place_m` (2,); one with less noise than the center's replaces it."""
+        if noise_std_m**2 < self._noise_m2:
+            self._begin(place_m, depth_m, noise_std_m)
+            return
         self._places_m.append((float(place_m[0]), float(place_m[1])))
         self._depth_sum_m += depth_m
 

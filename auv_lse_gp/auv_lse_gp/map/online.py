@@ -22,6 +22,7 @@ from auv_lse_gp.inference.centers import Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.map.consistency import blocks_of, noise_of_samples
 from auv_lse_gp.map.gate import SoundingError, check_sounding, plausible, within_gate
 from auv_lse_gp.map.merging import MAX_MERGED, MERGE_WINDOW, MergedCenter
 from auv_lse_gp.map.spacing import SpacingIndex
@@ -90,12 +91,15 @@ class OnlineGp:
 
     # ---------------------------------------------------------------- data in
 
-    def add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome:
+    def add(
+        self, north_m: float, east_m: float, depth_m: float, grow: bool = True, noise_std_m: float | None = None
+    ) -> Outcome:
         """Takes one sounding.
 
         Args:
             depth_m: Water depth (m, positive down).
             grow: Whether it may become a new center; if not, it can still be merged into an existing one.
+            noise_std_m: Standard deviation of its noise (m); None: `gp.noise_std_m`.
 
         Returns:
             Its outcome.
@@ -115,28 +119,33 @@ class OnlineGp:
             if not within_gate(self.config, row[:, 2], mean, variance, self.config.outlier_sigmas)[0]:
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
-        return self._insert(row, int(grow))[0]
+        noise = self.config.noise_std_m if noise_std_m is None else noise_std_m
+        return self._insert(row, int(grow), np.array([noise]))[0]
 
-    def add_all(self, soundings: Array, max_new: int | None = None) -> list[Outcome | None]:
+    def add_all(
+        self, soundings: Array, max_new: int | None = None, noise_std_m: Array | None = None
+    ) -> list[Outcome | None]:
         """Takes soundings one after another, as `add`, and continues after a rejected one.
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
             max_new: Largest number of new centers; None: no limit.
+            noise_std_m: Standard deviations of their noise (m), shape (n,); None: `gp.noise_std_m`.
 
         Returns:
             The outcome of each; None if it was rejected, see `last_problem`.
         """
         room = len(soundings) if max_new is None else max_new
+        noise = np.full(len(soundings), self.config.noise_std_m) if noise_std_m is None else noise_std_m
         outcomes: list[Outcome | None] = [None] * len(soundings)
         together = plausible(self.config, soundings) & self._always_factorizable(len(self) + len(soundings))
-        inserted = self._insert(soundings[together], room) if together.any() else []
+        inserted = self._insert(soundings[together], room, noise[together]) if together.any() else []
         for i, outcome in zip(np.flatnonzero(together).tolist(), inserted, strict=True):
             outcomes[i] = outcome
         for i in np.flatnonzero(~together).tolist():
             north_m, east_m, depth_m = soundings[i].tolist()
             try:
-                outcomes[i] = self.add(north_m, east_m, depth_m, grow=room > 0)
+                outcomes[i] = self.add(north_m, east_m, depth_m, grow=room > 0, noise_std_m=float(noise[i]))
                 room -= outcomes[i] is Outcome.KEPT
             except SoundingError as error:
                 self.last_problem = str(error)
@@ -146,55 +155,78 @@ class OnlineGp:
         return outcomes
 
     def add_if_fitting(
-        self, soundings: Array, sigmas: float, max_new: int
+        self, soundings: Array, sigmas: float, max_new: int, packets: NDArray[np.int64] | None = None
     ) -> tuple[list[Outcome | None], NDArray[np.bool_]]:
         """Takes the soundings that fit the current map, as `add_all`; the others are outliers.
+
+        Those that fit the map but contradict each other are weighed down (`consistency.py`).
 
         Args:
             soundings: North, east, depth (m), shape (n, 3).
             sigmas: Largest deviation of a sounding, in standard deviations; 0: no limit. Without centers, all fit.
             max_new: Largest number of new centers.
+            packets: Number of each sounding's packet (n,), in order; None: they are of one packet.
 
         Returns:
-            The outcome of each, None if it was rejected; and a mask (n,) of those that fit.
+            The outcome of each, None if it was rejected; and a mask (n,) of those that fit and were not weighed down.
         """
         fit = np.ones(len(soundings), dtype=bool)
+        noise = np.full(len(soundings), self.config.noise_std_m)
         finite = np.isfinite(soundings).all(axis=1)
         if sigmas > 0.0 and len(self) and finite.any():
             fit[finite] = self._fits(soundings[finite], sigmas)
+            used = np.flatnonzero(fit & finite)
+            numbers = np.zeros(len(used), dtype=np.int64) if packets is None else packets[used]
+            for block in blocks_of(numbers):
+                noise[used[block]] = self._noise_of(soundings[used[block]], sigmas, numbers[block])
         self.counts.outliers += int((~fit).sum())
         outcomes: list[Outcome | None] = [Outcome.OUTLIER] * len(soundings)
-        for i, outcome in zip(np.flatnonzero(fit).tolist(), self.add_all(soundings[fit], max_new), strict=True):
+        added = self.add_all(soundings[fit], max_new, noise[fit])
+        for i, outcome in zip(np.flatnonzero(fit).tolist(), added, strict=True):
             outcomes[i] = outcome
-        return outcomes, fit
+        return outcomes, fit & (noise <= self.config.noise_std_m)
 
-    def _insert(self, rows: Array, max_new: int) -> list[Outcome]:
-        """Inserts soundings (n, 3) that passed the gates; several only if `_always_factorizable`.
+    def _noise_of(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> Array:
+        """Standard deviations (n,) of the noise with which soundings (n, 3) are consistent with map and each other."""
+        posterior, places = self._posterior, soundings[:, :2]
+        at = posterior.at(places)
+        covariance = posterior.covariance(at, at)
+        np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
+        residuals = soundings[:, 2] - posterior.mean_m(places)
+        return noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets)
+
+    def _insert(self, rows: Array, max_new: int, noise_std_m: Array) -> list[Outcome]:
+        """Inserts soundings (n, 3) that passed the gates, with their noise (n,); several only if always factorizable.
+
+        A sounding that was weighed down is merged into no better center.
 
         Raises:
             IllConditionedError: as `add`.
         """
-        size, noise_std_m = len(self), self.config.noise_std_m
+        size = len(self)
         near, new = self._index.take(rows[:, :2], max(min(max_new, self.config.max_centers - size), 0))
         kept = rows[new]
         try:
-            self._append(Centers(kept[:, :2], kept[:, 2], np.full(len(kept), noise_std_m)))
+            self._append(Centers(kept[:, :2], kept[:, 2], noise_std_m[new]))
         except IllConditionedError:
             self._index.truncate(size)
             raise
         outcomes = []
-        for number, is_new, (north_m, east_m, depth_m) in zip(near.tolist(), new.tolist(), rows.tolist(), strict=True):
+        numbers, fresh, noises = near.tolist(), new.tolist(), noise_std_m.tolist()
+        for number, is_new, noise, (north_m, east_m, depth_m) in zip(
+            numbers, fresh, noises, rows.tolist(), strict=True
+        ):
             if is_new:
                 size += 1
                 if self.config.merge:
-                    self._merged.append(MergedCenter(self.kernel, (north_m, east_m), depth_m, noise_std_m))
+                    self._merged.append(MergedCenter(self.kernel, (north_m, east_m), depth_m, noise))
                 self.counts.kept += 1
                 outcomes.append(Outcome.KEPT)
             elif number < 0:
                 self.counts.full += 1
                 outcomes.append(Outcome.FULL)
-            elif self.config.merge and number >= size - MERGE_WINDOW and not self._merged[number].full:
-                self._merged[number].add((north_m, east_m), depth_m)
+            elif self.config.merge and number >= size - MERGE_WINDOW and self._merged[number].takes(noise):
+                self._merged[number].add((north_m, east_m), depth_m, noise)
                 self._moved.add(number)
                 self.revision += 1
                 self.counts.merged += 1

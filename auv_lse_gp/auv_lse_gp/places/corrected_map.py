@@ -28,17 +28,20 @@ class CorrectedMap:
         self.map = depth_map
         self.log = SoundingLog()
         self.own = own
+        self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
         self._seeds: list[int] = []  # number in the log of the first sounding of each center
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
         """Takes soundings of a vehicle in `own`."""
         ordered = soundings.in_order()
+        self._packets += [self._packets[-1] if self._packets else 0] * len(ordered)
         places = self.log.add(vehicle, ordered, correction)
         outcomes = self.map.add_soundings(np.column_stack([ordered.stamp_s, places, ordered.depth_m]))
         self._remember(outcomes, np.arange(len(self.log) - len(ordered), len(self.log)))
 
     def add_samples(self, vehicle: int, samples: Soundings, correction: Correction | None) -> None:
         """Takes a mate's samples; those without a time (NaN) stay at their estimated positions."""
+        self._packets += [self._packets[-1] + 1 if self._packets else 0] * len(samples)
         places = self.log.add(vehicle, samples, correction)
         outcomes = self.map.add_samples(np.column_stack([places, samples.depth_m]), vehicle)
         self._remember(outcomes, np.arange(len(self.log) - len(samples), len(self.log)))
@@ -54,14 +57,14 @@ class CorrectedMap:
         self._seeds.clear()
         self.map.clear()
         vehicles, stamps, depths = self.log.vehicles, self.log.stamps_s, self.log.depths_m
-        is_own = np.isin(vehicles, sorted(self.own))
+        is_own, packets = np.isin(vehicles, sorted(self.own)), np.array(self._packets, dtype=np.int64)
         own = np.flatnonzero(is_own)
         own = own[np.argsort(stamps[own], kind="stable")]
         self._remember(self.map.add_soundings(np.column_stack([stamps[own], places_m[own], depths[own]])), own)
         for mate in np.unique(vehicles[~is_own]).tolist():
             theirs = np.flatnonzero(vehicles == mate)
             samples = np.column_stack([places_m[theirs], depths[theirs]])
-            self._remember(self.map.add_samples(samples, mate), theirs)
+            self._remember(self.map.add_samples(samples, mate, packets[theirs]), theirs)
 
     def set_uncertainty(self, correction: Correction, vehicle: int = 0) -> None:
         """Sets the modes of the remaining common position errors of the map's centers.

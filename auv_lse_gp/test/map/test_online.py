@@ -201,7 +201,7 @@ def test_ill_conditioned_merge_is_undone_and_reported(monkeypatch):
     queries = np.array([[50.0, 60.0], [200.0, 100.0]])
     before, place = gp.predict(queries), gp.centers.places_m[-3]
     assert gp.add(*gp._merged[-3]._places_m[0], 15.0) is Outcome.MERGED
-    gp._merged[-4].add(place, 15.0)
+    gp._merged[-4].add(place, 15.0, 0.3)
     gp._moved.add(len(gp) - 4)
     summary = (place, 15.0, 1e-16)  # two centers at one place, without noise
     monkeypatch.setattr(type(gp._merged[-4]), "summary", lambda self: summary)
