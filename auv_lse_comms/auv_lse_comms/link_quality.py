@@ -74,17 +74,8 @@ class LinkQuality:
         if reason in _REFUSALS and len(self._refused_s) < _MAX_REFUSALS:
             self._refused_s[reason, source] = now_s, clock_s
 
-    def accept_arrival(self, stamp_s: float, source: int, is_candidate: bool = False) -> bool:
-        """Records a packet of a sender.
-
-        Args:
-            stamp_s: When its reception ended (s).
-            source: Its sender.
-            is_candidate: Whether it may be one of several in its slot: a forged packet must not shut out the true one.
-
-        Returns:
-            False if the sender has sent too many.
-        """
+    def accept_arrival(self, stamp_s: float, source: int) -> bool:
+        """Records a packet of `source` whose reception ended at `stamp_s` (s); False if it has sent too many."""
         self._heard_s[source] = stamp_s
         late_s = self._lateness_s(stamp_s, source)
         self._late_s.setdefault(source, deque(maxlen=RECENT)).append(late_s)
@@ -93,12 +84,22 @@ class LinkQuality:
             if owner:
                 self.counts[f"in_slot_of.{owner}.from.{source}"] += 1
             self._foreign_s.setdefault(source, deque(maxlen=RECENT)).append(stamp_s)
-        in_time = late_s == 0.0
-        if self._use_allowance(stamp_s, source, in_time):
+        if self._use_allowance(stamp_s, source, late_s == 0.0):
             return True
         self.counts[f"excess.{source}"] += 1
         self._excess_s[source] = stamp_s
-        return is_candidate and in_time and self._fits_slot(stamp_s, source)
+        return False
+
+    def accept_candidate(self, stamp_s: float, source: int) -> bool:
+        """Whether a packet that is too many may be one of several in its sender's slot.
+
+        A forged packet that comes first must not shut out the true one. Accepts as many as a modem can send in a slot.
+        """
+        tdma, slot = self._tdma.settings(stamp_s), self._tdma.slot(stamp_s)
+        index, count = self._candidates.get(source, (-1, 0))
+        count = count + 1 if slot.index == index else 1
+        self._candidates[source] = slot.index, count
+        return self._lateness_s(stamp_s, source) == 0.0 and count <= tdma.slot_s / tdma.send_duration_s
 
     def problems(self, now_s: float) -> dict[str, str]:
         """Problems that an operator should know of: texts by key."""
@@ -165,15 +166,6 @@ class LinkQuality:
         self._allowed[source, True] = (in_slots - (take and in_time), stamp_s)
         self._allowed[source, False] = (max(in_all - take, -AHEAD), stamp_s)
         return take
-
-    def _fits_slot(self, stamp_s: float, source: int) -> bool:
-        """Whether a packet beyond its sender's slots may be accepted: as many as the modem could send in the slot."""
-        tdma = self._tdma.settings(stamp_s)
-        index, count = self._candidates.get(source, (-1, 0))
-        slot = self._tdma.slot(stamp_s).index
-        count = count + 1 if slot == index else 1
-        self._candidates[source] = slot, count
-        return count <= tdma.slot_s / tdma.send_duration_s
 
     def _allowance(self, stamp_s: float, source: int, in_time: bool) -> float:
         tdma = self._tdma.settings(stamp_s)

@@ -230,9 +230,12 @@ class ModemBridge:
                 near_s = self.tdma.around(now_s, source)
                 reserve = self._tagger.accept(payload, source, near_s, self._other_slots(now_s, source))
             packet = self._plausible(now_s, source, decode(payload, self._limits, reserve))
-            is_candidate = self.tracks is not None and payload != self._last_payload.get(source)
-            if not self.quality.accept_arrival(now_s, source, is_candidate):
-                raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
+            if not self.quality.accept_arrival(now_s, source):
+                is_echo = self.tracks is None or payload == self._last_payload.get(source)
+                if is_echo or not self.quality.accept_candidate(now_s, source):
+                    raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
+                self.counts["samples.excess"] += len(packet.samples)
+                packet = dataclasses.replace(packet, samples=packet.samples[:0])
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
             self.quality.note_refusal(now_s, error.reason, source, error.clock_s)
