@@ -28,6 +28,7 @@ KINDS = {
     "watch": "random sequences of readings for the safety watch: every limit, dropouts, outliers",
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
     "flood": "10,000 datagrams a second on the port of the MAVLink link",
+    "mixing": "missions that share a ROS domain, in pairs",
     "forgery": "an attacker with a modem and no key; clocks that are corrected",
 }
 

@@ -1,0 +1,248 @@
+"""Missions that share a ROS domain, in pairs: each must be refused, or must not change the other.
+
+Intruders that reserve nothing, as a vehicle in a container or nodes that were started by hand, join the domain of a
+simulation as soon as it is known. The simulation's summary must be that of the same mission alone, and its terminal
+must name the intruder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, local_environment, own_domain
+from auv_lse_common.process.keeper import ProcessKeeper, node_task
+from auv_lse_common.process.processes import Process, vehicle_nodes
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_record.recording import recording_in
+from benchmarks.faults.kills import Program
+from benchmarks.faults.report import Report
+
+#: Arguments of `scripts/faults all`.
+SMALL: Sequence[str] = ()
+_DOMAIN = re.compile(r"ROS_DOMAIN_ID=(\d+)|ROS domain (\d+)")
+_NAMED = "publishes in this ROS domain, too"
+_MISSION = ("--vehicles", "2", "--steps", "30", "--seed", "5", "--no-report")
+_TIMES = ("planning_median_s", "planning_max_s", "wall_s")
+_START_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """What became of a pair: its name, what happened, what is wrong with that, and when the intruder was named (s)."""
+
+    name: str
+    what: str
+    wrong: str = ""
+    named_s: float | None = None
+
+
+def _until(condition: Callable[[], object], program: Program, what: str, seconds: float = _START_S) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > until or program.process.poll() is not None:
+            raise RuntimeError(f"{what}: {''.join(program.text)[-2000:]}")
+        time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def _ended(*programs: Program) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        for program in programs:
+            if program.process.poll() is None:
+                program.process.terminate()
+        for program in programs:
+            program.wait(60.0)
+
+
+def _refused(name: str, program: Program, expected: str) -> Pair:
+    """A pair of which the second one must be refused with a sentence."""
+    program.wait(60.0)
+    text = "".join(program.text)
+    right = program.process.returncode == 2 and re.search(expected, text) is not None
+    last = text.strip().splitlines()[-1] if text.strip() else ""
+    return Pair(name, f"refused: {last}" if right else f"exit code {program.process.returncode}", "" if right else text)
+
+
+def _domain(program: Program) -> int:
+    _until(lambda: _DOMAIN.search("".join(program.text)), program, "no ROS domain is printed")
+    match = _DOMAIN.search("".join(program.text))
+    assert match is not None
+    return int(match[1] or match[2])
+
+
+def _mission(out: Path, *more: str) -> Program:
+    return Program("auv_lse_shore.mission.command", *_MISSION, *more, "--out", str(out))
+
+
+def _summary(run: Path) -> dict[str, object]:
+    values: dict[str, object] = json.loads((run / "summary.json").read_text())
+    return {name: value for name, value in values.items() if name not in _TIMES}
+
+
+def _vehicle_file(path: Path, out: Path) -> Path:
+    """The mission file of a vehicle that starts at once and has nobody to answer it."""
+    body = yaml.safe_load((out / "mission.yaml").read_text())
+    own = body["/**"]["ros__parameters"]
+    del own["sim"]
+    own.setdefault("record", {})["folder"] = ""
+    path.write_text(yaml.safe_dump(body))
+    return path
+
+
+def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
+    """The pairs of which the second one is refused: it would take a domain that is in use."""
+    file, pairs = _vehicle_file(folder / "vehicles.yaml", alone), []
+    with own_domain(VEHICLE_DOMAINS) as free:
+        first = Program(
+            "auv_lse_common.commands.vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
+        )
+        with _ended(first):
+            _until(lambda: any("started" in line for line in first.text), first, "the vehicle does not start")
+            again = ("auv1", str(file), "--domain", str(free), "--out", str(folder / "b"))
+            pairs.append(
+                _refused(
+                    "two vehicles with one name",
+                    Program("auv_lse_common.commands.vehicle", *again),
+                    "where the nodes of auv1 run already",
+                )
+            )
+            pairs.append(
+                _refused(
+                    "a replay beside a vehicle",
+                    Program("auv_lse_shore.replay", str(alone), "--domain", str(free)),
+                    "expected 1 to 80 for a simulation or a replay",
+                )
+            )
+            sim = ("--vehicles", "1", "--steps", "2", "--domain", str(free), "--out", str(folder / "s"))
+            pairs.append(
+                _refused(
+                    "a simulation beside a vehicle",
+                    Program("auv_lse_shore.mission.sim", *sim),
+                    "expected 1 to 80 for a simulation or a replay",
+                )
+            )
+    sim = Program("auv_lse_shore.mission.sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
+    with _ended(sim):
+        domain = _domain(sim)
+        second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
+        pairs.append(
+            _refused("two simulations", Program("auv_lse_shore.mission.sim", *second), f"got {domain}, which sim-")
+        )
+        vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))
+        pairs.append(
+            _refused(
+                "a vehicle beside a simulation",
+                Program("auv_lse_common.commands.vehicle", *vehicle),
+                "expected 81 to 101 or 0 for a vehicle",
+            )
+        )
+    return pairs
+
+
+@contextlib.contextmanager
+def _stray_nodes(domain: int, dive: str, file: Path, logs: Path) -> Iterator[None]:
+    """The nodes of a vehicle that have reserved nothing, as in a container, or started by hand."""
+    logs.mkdir(parents=True)
+    nodes = [
+        Process(package=package, executable=name, namespace="/auv1") for package, name in vehicle_nodes(False, False)
+    ]
+    environment = local_environment(project_folder(), domain) | {DIVE_VARIABLE: dive}
+    keeper = ProcessKeeper([node_task(node, file) for node in nodes], logs, environment, lambda text: None)
+    stop = threading.Event()
+
+    def keep() -> None:
+        while not stop.wait(0.2):
+            keeper.tick(time.monotonic())
+
+    thread = threading.Thread(target=keep)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+        keeper.stop()
+
+
+@contextlib.contextmanager
+def _stray_recording(domain: int, run: Path) -> Iterator[None]:
+    """`ros2 bag play` of another mission's recording, its commands included, again and again."""
+    command = [sys.executable, "-m", "benchmarks.faults.stray_player_node", str(recording_in(run))]
+    player = subprocess.Popen(command, env=local_environment(project_folder(), domain), cwd=project_folder())
+    try:
+        yield
+    finally:
+        player.terminate()
+        player.wait(20.0)
+
+
+def intruded(name: str, folder: Path, alone: Path, intruder: Callable[[int], AbstractContextManager[None]]) -> Pair:
+    """A simulation into whose domain an intruder comes that has reserved nothing."""
+    mission = _mission(folder / "run")
+    with _ended(mission):
+        with intruder(_domain(mission)):
+            began_s, named_s = time.monotonic(), None
+            while mission.process.poll() is None and time.monotonic() - began_s < _START_S:
+                if named_s is None and any(_NAMED in line for line in mission.text):
+                    named_s = time.monotonic() - began_s
+                time.sleep(0.05)
+        mission.wait(60.0)
+    wrong = []
+    if mission.process.returncode != 0:
+        wrong.append(f"exit code {mission.process.returncode}: {''.join(mission.text)[-1000:]}")
+    elif changed := _changed(_summary(folder / "run"), _summary(alone)):
+        wrong.append(f"changed: {', '.join(changed)}")
+    if named_s is None:
+        wrong.append("the intruder was not named")
+    named = next((line.strip() for line in mission.text if _NAMED in line), "")
+    return Pair(name, f"the same mission as alone; {named[:100]}" if not wrong else "", "; ".join(wrong), named_s)
+
+
+def _changed(one: dict[str, object], other: dict[str, object]) -> list[str]:
+    return sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds no option."""
+
+
+def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
+    """Tries every pair."""
+    folder.mkdir(parents=True)
+    alone, other = folder / "alone", folder / "other"
+    for out, seed in ((alone, "5"), (other, "6")):
+        mission = _mission(out, "--seed", seed)
+        mission.wait(_START_S)
+        if mission.process.returncode:
+            raise RuntimeError("".join(mission.text))
+    file = _vehicle_file(folder / "stray.yaml", other)
+    intruders: dict[str, Callable[[int], AbstractContextManager[None]]] = {
+        "nodes started by hand in a simulation": lambda domain: _stray_nodes(domain, "", file, folder / "by hand"),
+        "a vehicle in a simulation": lambda domain: _stray_nodes(domain, new_dive("auv1"), file, folder / "vehicle"),
+        "a recording played into a simulation": lambda domain: _stray_recording(domain, other),
+    }
+    pairs = []
+    for number, (name, intruder) in enumerate(intruders.items()):
+        pairs.append(intruded(name, folder / f"intruded {number}", alone, intruder))
+        say(f"{name}: {pairs[-1].wrong or 'good'}")
+    pairs += refused_pairs(folder, alone)
+    lines = ["| pair | what happened |", "|---|---|", *(f"| {p.name} | {p.wrong or p.what} |" for p in pairs)]
+    named_s = [p.named_s for p in pairs if p.named_s is not None]
+    wrong = [f"{p.name}: {p.wrong}" for p in pairs if p.wrong]
+    return Report(lines, len(pairs), len(pairs) - len(wrong), max(named_s, default=None), wrong)
