@@ -35,7 +35,7 @@ from benchmarks.faults.report import Report
 SMALL: Sequence[str] = ()
 _DOMAIN = re.compile(r"ROS_DOMAIN_ID=(\d+)|ROS domain (\d+)")
 _NAMED = "publishes in this ROS domain, too"
-_MISSION = ("--vehicles", "2", "--steps", "30", "--seed", "5", "--no-report")
+_MISSION = ("--vehicles", "2", "--steps", "20", "--seed", "5", "--no-report")
 _TIMES = ("planning_median_s", "planning_max_s", "wall_s")
 _START_S = 120.0
 

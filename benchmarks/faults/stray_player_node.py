@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import rclpy
+from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_record.recording import Recording
@@ -20,7 +21,7 @@ def main() -> None:
     with Recording(Path(sys.argv[1])) as recording:
         topics = {name: topic for name, topic in recording.topics.items() if name.startswith(("/auv", "/sim"))}
         messages = [(topic, data) for topic, _, data in recording.raw(topics)]
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("stray_player")
     publishers = {
         name: node.create_publisher(message_class(topic.kind), name, quality_of(topic))
