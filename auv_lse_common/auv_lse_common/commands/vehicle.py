@@ -18,8 +18,8 @@ from typing import Any
 import yaml
 
 from auv_lse_common.commands.dive_record import DiveRecord, StateFolderError
-from auv_lse_common.mission_file.parameter_file import merge, parameters_for, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, merge
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.process.domain import (
@@ -120,7 +120,9 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
         record = bool(recorder.get("folder")) and not simulated
     if lockstep and not sim.get("lockstep", False):
         # Nodes read lockstep from their own parameters, where its default is false.
-        file = _with_lockstep(patterns, out / "mission.yaml")
+        patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
+    if patterns != parse_parameters(file.read_text(), str(file)):  # lockstep, or places in degrees
+        file = _written(patterns, out / "mission.yaml")
     processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
     return Crew(
         vehicle=vehicle,
@@ -203,10 +205,9 @@ def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any
     return found
 
 
-def _with_lockstep(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
-    whole = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
+def _written(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump({k: {"ros__parameters": v} for k, v in whole.items()}, sort_keys=False))
+    path.write_text(yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False))
     return path
 
 

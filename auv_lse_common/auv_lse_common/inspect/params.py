@@ -12,7 +12,7 @@ import yaml
 
 from auv_lse_common.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_common.inspect.nodes import known_node
-from auv_lse_common.mission_file.parameter_file import nest
+from auv_lse_common.mission_file.parameters import nest
 
 #: Names of the types of values in `ros2 param get`.
 _KINDS = {bool: "Boolean", int: "Integer", float: "Double", str: "String"}

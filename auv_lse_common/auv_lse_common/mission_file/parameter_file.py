@@ -10,44 +10,19 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
+from auv_lse_common.mission_file.places_file import with_places
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 
-def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}.
-
-    Raises:
-        ParameterError: if a name is both a section and a value.
-    """
-    nested: dict[str, Any] = {}
-    for name, value in flat.items():
-        *parents, leaf = str(name).split(".")
-        level = nested
-        for parent in parents:
-            level = level.setdefault(parent, {})
-            if not isinstance(level, dict):
-                raise ParameterError(f"{name}: got {value!r}; expected '{parent}' to be a section, but it has a value")
-        level[leaf] = value
-    return nested
-
-
-def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested mapping with the values of `over` on top of those of `base`."""
-    merged = dict(base)
-    for key, value in over.items():
-        old = merged.get(key)
-        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
-    return merged
-
-
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order.
+    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; places are in metres.
 
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
-    return parse_parameters(_read_text(Path(path)), str(path))
+    path = Path(path)
+    return with_places(parse_parameters(_read_text(path), str(path)), path.parent, str(path))
 
 
 def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:

@@ -86,6 +86,33 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise ParameterError(f"{file}{separator}{full}") from error
 
 
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}.
+
+    Raises:
+        ParameterError: if a name is both a section and a value.
+    """
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *parents, leaf = str(name).split(".")
+        level = nested
+        for parent in parents:
+            level = level.setdefault(parent, {})
+            if not isinstance(level, dict):
+                raise ParameterError(f"{name}: got {value!r}; expected '{parent}' to be a section, but it has a value")
+        level[leaf] = value
+    return nested
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping with the values of `over` on top of those of `base`."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return merged
+
+
 def section(cls: type[T], parameters: Mapping[str, Any], name: str, where: str) -> T:
     """The section `name` of nested `parameters` as `cls`; a missing section has its defaults."""
     return from_mapping(cls, parameters.get(name, {}), f"{where}: {name}")

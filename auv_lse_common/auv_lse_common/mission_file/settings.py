@@ -16,8 +16,9 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameter_file import merge, nest, parameters_for, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, section, to_mapping
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
+from auv_lse_common.mission_file.places_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig, in_force
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
@@ -66,6 +67,9 @@ class Settings(TeamSections):
             ParameterError: naming the key, the value, what was expected and the file.
         """
         patterns: Patterns = read_parameter_file(path) if path is not None else {"/**": {}}
+        if overrides and "area.file" in overrides:
+            overrides = dict(overrides)
+            patterns = with_area_file(patterns, str(overrides.pop("area.file")))
         return cls.from_patterns(patterns, str(path) if path is not None else "defaults", overrides)
 
     @classmethod

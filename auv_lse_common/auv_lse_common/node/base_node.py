@@ -15,8 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from auv_lse_common.mission_file.parameter_file import merge, nest
-from auv_lse_common.mission_file.parameters import describe, to_mapping
+from auv_lse_common.mission_file.parameters import describe, merge, nest, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.process.dive import Strangers, own_dive
 from auv_lse_common.process.heartbeat import Heartbeat

@@ -14,8 +14,7 @@ from typing import Any
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from auv_lse_common.mission_file.parameter_file import merge, nest
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet

@@ -10,11 +10,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auv_lse_common.mission_file.parameter_file import merge, nest, parameters_for, read_parameter_file, read_yaml
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file, read_yaml
 from auv_lse_common.mission_file.parameters import (
     ParameterError,
     describe,
     from_mapping,
+    merge,
+    nest,
     parameter,
     section,
     to_mapping,

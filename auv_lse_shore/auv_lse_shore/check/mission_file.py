@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import nest, parameters_for, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, split_refused
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, check_planner
 from auv_lse_common.mission_file.sections.table import (

@@ -11,8 +11,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.methods import METHODS
-from auv_lse_common.mission_file.parameter_file import nest
-from auv_lse_common.mission_file.parameters import ParameterError, problems
+from auv_lse_common.mission_file.parameters import ParameterError, nest, problems
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
 #: First part of the name of a vehicle's own parameter: auv2.vehicle.depth_m.
@@ -47,6 +46,15 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+class _AreaAction(argparse.Action):
+    """Stores the words of --area; a mission file that follows them is the positional argument."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option: str | None = None) -> None:
+        if len(values) > 1 and Path(values[-1]).suffix in (".yaml", ".yml"):
+            namespace.mission = Path(values.pop())
+        namespace.area = values
+
+
 def add_mission_options(p: argparse.ArgumentParser) -> None:
     """Adds the options that choose a mission: its file, and overrides of the file's parameters (`overrides_of`)."""
     p.add_argument(
@@ -69,10 +77,11 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         "--area",
-        type=float,
-        nargs=4,
-        metavar=("SOUTH", "WEST", "NORTH", "EAST"),
-        help="operating area (m, local north and east; default with --bathymetry: the file's extent)",
+        action=_AreaAction,
+        nargs="+",
+        metavar="FILE or SOUTH WEST NORTH EAST",
+        help="operating area: a GeoJSON, KML or QGroundControl .plan file, or four numbers (m, local north and east; "
+        "default with --bathymetry: the file's extent)",
     )
     p.add_argument(
         "--real-time-factor",
@@ -128,10 +137,27 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
             )
         wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
     if options.area is not None:
-        south, west, north, east = options.area
-        wanted["area.polygon_m"] = [south, west, north, west, north, east, south, east]
+        wanted.update(_area(options.area))
     wanted.update(settings_given(options.set))
     return wanted
+
+
+def _area(words: Sequence[str]) -> dict[str, Any]:
+    """The parameters of `--area`: the name of a file, or four numbers.
+
+    Raises:
+        ParameterError: if they are neither, or the corners are not in order.
+    """
+    given = " ".join(words)
+    if len(words) == 1:
+        return {"area.file": str(Path(words[0]).resolve())}
+    try:
+        south, west, north, east = (float(word) for word in words)
+    except ValueError:
+        raise ParameterError(f"--area {given}: expected a file, or SOUTH WEST NORTH EAST (m)") from None
+    if not (south < north and west < east):
+        raise ParameterError(f"--area {given}: expected SOUTH WEST NORTH EAST (m) with SOUTH < NORTH and WEST < EAST")
+    return {"area.polygon_m": [south, west, north, west, north, east, south, east]}
 
 
 def settings_given(texts: Sequence[str]) -> dict[str, Any]:

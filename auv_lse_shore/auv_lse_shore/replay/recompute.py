@@ -9,7 +9,7 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameter_file import nest
+from auv_lse_common.mission_file.parameters import nest
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_record.recording import RecordingError

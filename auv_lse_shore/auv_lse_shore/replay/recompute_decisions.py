@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.mission_file.parameter_file import nest, parameters_for
-from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.mission_file.parameters import ParameterError, nest, section
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.topics.records import Odometry, PlanReport

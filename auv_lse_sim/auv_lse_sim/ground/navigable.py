@@ -19,6 +19,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
@@ -85,7 +86,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         notes.append(
             f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by the origin of the ground, "
-            f"{origin[0]:.5f}, {origin[1]:.5f} deg"
+            f"{origin[0]:.5f}, {origin[1]:.5f} deg; area, starts and recovery places are converted"
         )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
     raster = rasterize(settings.area, ground, limit)
@@ -110,9 +111,36 @@ def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[
         ]  # fmt: skip
         wanted_by = "the file's extent"
     origin = ground.origin
-    if origin is not None and (settings.area.origin_lat_deg, settings.area.origin_lon_deg) != origin:
+    asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
+    if origin is not None and asked != origin:
         overrides["area.origin_lat_deg"], overrides["area.origin_lon_deg"] = origin
+        if asked[0] is not None and asked[1] is not None and given:
+            overrides.update(_converted(settings, (asked[0], asked[1]), origin))
     return (settings.with_overrides(overrides) if overrides else settings), wanted_by
+
+
+def _converted(settings: Settings, old: tuple[float, float], new: tuple[float, float]) -> dict[str, Any]:
+    """The places of a mission relative to another origin (deg), {parameter: value}."""
+
+    def moved(flat: tuple[float, ...]) -> list[float]:
+        places = np.reshape(flat, (-1, 2))
+        north, east = local_from_geodetic(*geodetic_from_local(places[:, 0], places[:, 1], *old), *new)
+        return [round(float(v), 2) for v in np.column_stack([north, east]).ravel()]
+
+    area = settings.area
+    found: dict[str, Any] = {"area.polygon_m": moved(area.polygon_m)}
+    found.update({f"area.no_go.{name}": moved(flat) for name, flat in area.no_go.items()})
+    for number, own in enumerate(settings.vehicles, 1):
+        v = own.vehicle
+        for name, place in (
+            ("start", (v.start_north_m, v.start_east_m)),
+            ("recovery", (v.recovery_north_m, v.recovery_east_m)),
+        ):
+            if place[0] is not None and place[1] is not None:
+                north, east = moved((place[0], place[1]))
+                found[f"auv{number}.vehicle.{name}_north_m"] = north
+                found[f"auv{number}.vehicle.{name}_east_m"] = east
+    return found
 
 
 def _polygon(flat: tuple[float, ...]) -> shapely.Polygon:

@@ -25,6 +25,15 @@ class AreaConfig:
     no_go: dict[str, tuple[float, ...]] = parameter(
         {}, unit="m", help="Areas that vehicles must not enter, by name: corners as in polygon_m."
     )
+    file: str | None = parameter(
+        None,
+        help="Instead of polygon_m: a GeoJSON, KML or QGroundControl .plan file with the area, no-go areas, starts and "
+        "recovery places (docs/guide/your-own-lake.md). Relative to the mission file.",
+    )
+    polygon_deg: tuple[float, ...] = parameter(
+        (), unit="deg", help="Instead of polygon_m: the corners' latitude, longitude, latitude, longitude, ..."
+    )
+    no_go_deg: dict[str, tuple[float, ...]] = parameter({}, unit="deg", help="As no_go, with corners as polygon_deg.")
     origin_lat_deg: float | None = parameter(
         None, low=-90.0, high=90.0, unit="deg", help="WGS84 latitude of north = east = 0, where known."
     )
@@ -47,6 +56,9 @@ class AreaConfig:
         Raises:
             ParameterError: naming the polygon and the error.
         """
+        for key in ("file", "polygon_deg", "no_go_deg"):
+            if value := getattr(self, key):
+                raise ParameterError(metres_only(f"area.{key}", value))
         number = (len(self.polygon_m) + sum(map(len, self.no_go.values()))) // 2
         if number > MAX_CORNERS:
             raise ParameterError(
@@ -61,6 +73,14 @@ class AreaConfig:
                 f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "
                 "expected both or neither. Set the missing one, or remove the other"
             )
+
+
+def metres_only(key: str, value: object) -> str:
+    """The message of a node that gets places in degrees, which are converted where a mission file is read."""
+    return (
+        f"{key}: got {value!r}; expected places in metres, since nodes and --set take no others. Give it in a mission "
+        "file, and start with scripts/mission, scripts/sim or scripts/vehicle, which convert it"
+    )
 
 
 def corners(name: str, flat: tuple[float, ...]) -> Array:

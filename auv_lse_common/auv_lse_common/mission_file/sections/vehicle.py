@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import merge
-from auv_lse_common.mission_file.parameters import ParameterError, parameter
+from auv_lse_common.mission_file.parameters import ParameterError, merge, parameter
+from auv_lse_common.mission_file.sections.area import metres_only
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
 #: Default of `vehicle.surfacings` if a fix can improve the map.
@@ -37,6 +37,9 @@ class VehicleConfig:
     speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
     start_north_m: float = parameter(0.0, unit="m", help="north of the start")
     start_east_m: float = parameter(0.0, unit="m", help="east of the start")
+    start_deg: tuple[float, ...] = parameter(
+        (), unit="deg", help="instead of start_north_m, start_east_m: latitude, longitude of the start"
+    )
     start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
     start_delay_s: float = parameter(
         0.0,
@@ -55,6 +58,9 @@ class VehicleConfig:
     )
     recovery_north_m: float | None = parameter(None, unit="m", help="north of the recovery place")
     recovery_east_m: float | None = parameter(None, unit="m", help="east of the recovery place")
+    recovery_deg: tuple[float, ...] = parameter(
+        (), unit="deg", help="instead of recovery_north_m, recovery_east_m: latitude, longitude of the recovery place"
+    )
     surfacings: int | None = parameter(
         None,
         low=0,
@@ -82,8 +88,11 @@ class VehicleConfig:
         """Checks that a place to go to is given.
 
         Raises:
-            ParameterError: if it is not.
+            ParameterError: if it is not, or a place is in degrees.
         """
+        for key in ("start_deg", "recovery_deg"):
+            if value := getattr(self, key):
+                raise ParameterError(metres_only(f"vehicle.{key}", value))
         self.stop("vehicle.at_end", self.at_end)
 
     def without_surfacing(self) -> VehicleConfig:
