@@ -30,7 +30,6 @@ NEEDED = {
 USEFUL = {
     "SYSTEM_TIME": "stamps are times of receipt",
     "SYS_STATUS": "the safety watch cannot check the battery",
-    "SCALED_PRESSURE2": "no pressure is published",
     "GLOBAL_POSITION_INT": "the origin is not checked against the global position",
 }
 #: A leg of the flight (m), and how long it may take (s).
@@ -65,6 +64,8 @@ def _parameters(kind: tuple[int, int], system_id: int) -> tuple[_Parameter, ...]
             own,
             _Parameter("FS_LEAK_ENABLE", (1.0, 2.0), "0 does not report a leak"),
             _Parameter("RNGFND1_ORIENT", (25.0,), "the range finder looks down"),
+            _Parameter("BARO_PRIMARY", None, "the barometer that it zeroes itself: the water's"),
+            _Parameter("BARO_SPEC_GRAV", None, "density for its own depth: link.water_density_kgpm3 / 1000"),
             _Parameter("WPNAV_SPEED", None, "cm/s"),
         )
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
@@ -226,7 +227,8 @@ class AutopilotCheck:
             others = ", ".join(map(str, sorted(self._others)))
             text = f"no heartbeat of system {self._system} (link.autopilot_system_id, or the vehicle's number)"
             return [Finding(ok=False, text=f"{text}; heard instead: {others}" if others else text)]
-        return [*self._streams(), *self._states(), *self._parameter_findings(), *self._flight_findings()]
+        found = [*self._streams(), *self._depth_findings(), *self._states()]
+        return [*found, *self._parameter_findings(), *self._flight_findings()]
 
     def _streams(self) -> list[Finding]:
         heard_s = max(self._now_s - self._since_s, 1e-9)
@@ -241,8 +243,27 @@ class AutopilotCheck:
                 found.append(Finding(ok=None, text=f"{kind}: not sent; {without}"))
         return found
 
+    def _depth_findings(self) -> list[Finding]:
+        """Which pressure is sent and how often, its zero, and how it agrees with the autopilot's own depth."""
+        wanted, gauge = self._config.pressure, self.link.gauge
+        sent = {kind: count for kind, count in self.messages.items() if kind.startswith("SCALED_PRESSURE")}
+        if wanted == "none":
+            return [Finding(ok=None, text="link.pressure is none: depth is the autopilot's own")]
+        if wanted not in sent:
+            text = f"{wanted}: not sent; expected it for depth (link.pressure; none for a boat)"
+            return [Finding(ok=False, text=f"{text}. Sent instead: {', '.join(sorted(sent))}" if sent else text)]
+        rate_hz = sent[wanted] / max(self._now_s - self._since_s, 1e-9)
+        text = f"{wanted}: {rate_hz:.1f} Hz"
+        found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; expected at least 1 Hz")]
+        problem = gauge.problem(self._now_s)
+        if problem:
+            return [*found, Finding(ok=None if self.link.armed else False, text=problem)]
+        zero = f"depth is zeroed at {gauge.zero_pa / 100.0:.1f} hPa"
+        agrees = f"the autopilot's own depth is {gauge.offset_m:+.2f} m off pressure depth; targets are shifted by it"
+        return [*found, Finding(ok=True, text=f"{zero}; {agrees}")]
+
     def _states(self) -> list[Finding]:
-        report = self.link.report
+        report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # that one is reported already
         modes = self._config.modes or obeying_modes(*self._kind, self._mission)
         obeys = report.mode in modes if modes else None
         expected = f"expected one of {list(modes)}" if modes else "unknown which modes follow targets: set link.modes"
@@ -250,7 +271,7 @@ class AutopilotCheck:
             Finding(ok=self._origin, text="origin known" if self._origin else "no GPS_GLOBAL_ORIGIN: expected one"),
             Finding(ok=report.armed, text="armed" if report.armed else "not armed: the mission waits until it is"),
             Finding(ok=obeys, text=f"mode {report.mode}; {expected}"),
-            *(Finding(ok=None, text=problem) for problem in dict.fromkeys(self.problems)),
+            *(Finding(ok=None, text=problem) for problem in dict.fromkeys(self.problems) if problem != depth),
         ]
 
     def _parameter_findings(self) -> list[Finding]:

@@ -42,6 +42,9 @@ def parser() -> argparse.ArgumentParser:
         default="position_target",
         help="as link.mode: what is expected",
     )
+    p.add_argument(
+        "--pressure", default="SCALED_PRESSURE2", metavar="MESSAGE", help="as link.pressure (SCALED_PRESSURE2)"
+    )
     p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and accept only signed messages")
     p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="how long to listen (10)")
     p.add_argument(
@@ -64,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Checks an autopilot. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     try:
-        config = from_mapping(LinkConfig, {"endpoint": options.endpoint}, "command line")
+        config = from_mapping(LinkConfig, {"endpoint": options.endpoint, "pressure": options.pressure}, "command line")
         address = read_address(options.endpoint, _BAUD)
         key = read_key(options.key) if options.key else None
         if not 1 <= options.vehicle <= 255:

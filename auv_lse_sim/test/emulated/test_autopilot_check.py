@@ -41,7 +41,12 @@ class Sea(threading.Thread):
                     del self.legs[0]
                     self.along_m = 0.0
             heading, north, east = map(float, self.place)
-            report = Report(heading_rad=heading, north_m=north, east_m=east, depth_m=4.0, altitude_m=9.0)
+            pressure_pa = 98_000.0 + 4.0 * 9807.5
+            report = Report(
+                heading_rad=heading, north_m=north, east_m=east, depth_m=4.0, altitude_m=9.0, pressure_pa=pressure_pa
+            )
+            if not self.legs:
+                self.dock.send_on_deck(2, time.time(), 98_000.0)
             self.dock.report(2, time.time(), report)
             for _ in range(10):
                 self.dock.serve(time.time())
@@ -68,7 +73,14 @@ def test_the_simulated_autopilot_lacks_nothing_and_flies_three_legs(
         sea.join(5.0)
     printed = capsys.readouterr().out
     assert code == 0, printed
-    for words in ("ok      LOCAL_POSITION_NED: ", "ok      origin known", "ok      armed", "3 legs flown"):
+    for words in (
+        "ok      LOCAL_POSITION_NED: ",
+        "ok      SCALED_PRESSURE2: ",
+        "ok      depth is zeroed at 980.0 hPa; the autopilot's own depth is ",
+        "ok      origin known",
+        "ok      armed",
+        "3 legs flown",
+    ):
         assert words in printed, printed
     assert "note    SYS_STATUS: not sent" in printed
     assert printed.endswith("nothing is missing\n")
@@ -131,3 +143,27 @@ def test_a_missing_autopilot_is_reported_with_those_present(capsys: pytest.Captu
     assert finding.text.endswith("heard instead: 7")
     assert main(["nowhere://x"]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
+    sub = Sub()
+    sub.listen(5)
+
+    def found() -> dict[str, bool | None]:
+        return {finding.text: finding.ok for finding in sub.check.findings()}
+
+    assert found()["SCALED_PRESSURE2: not sent; expected it for depth (link.pressure; none for a boat)"] is False
+    sub.say(mavlink.MAVLink_scaled_pressure3_message(1000, 960.0, 0.0, 1000))
+    assert any(text.endswith("Sent instead: SCALED_PRESSURE3") for text in found())
+    for _ in range(20):  # disarmed at 10 m
+        sub.listen(1)
+        sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 1960.0, 0.0, 1000))
+    assert any("zero of pressure refused: got 1960 hPa" in text and ok is False for text, ok in found().items()), found()
+    for _ in range(60):
+        sub.listen(1)
+        sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 960.0, 0.0, 1000))
+        sub.say(mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 8.0, 0.0, 0.0, 0.0))
+    wanted = (
+        "depth is zeroed at 960.0 hPa; the autopilot's own depth is +8.00 m off pressure depth; targets are shifted"
+    )
+    assert any(text.startswith(wanted) and ok for text, ok in found().items()), found()
