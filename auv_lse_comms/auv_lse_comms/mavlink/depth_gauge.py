@@ -88,7 +88,7 @@ class DepthGauge:
         self._zeroing: deque[float] = deque(maxlen=MOST_SAMPLES)  # pressures (Pa) while the zero may be set
         self._surfaced: deque[float] = deque(maxlen=MOST_SAMPLES)  # depths (m) since GPS has a fix
         self._differences: deque[float] = deque(maxlen=DIFFERENCES)
-        self._reference_m = math.nan  # the offset at the surface
+        self._reference_m = self._newest_m = math.nan  # the offset at the surface, and unfiltered
         self._is_alive = True  # whether the last two pressures differ
         self._waiting_m = math.nan  # pressure depth (m) that awaits the autopilot's own
         self._pressure_s = self._own_s = self._compared_s = -math.inf
@@ -196,7 +196,7 @@ class DepthGauge:
             return self._refusal or "depth has no zero: disarm the vehicle at the surface or on deck"
         if math.isnan(self.offset_m):
             return "the autopilot's own depth is unknown: targets cannot be converted"
-        change_m = median(self._differences) - self._reference_m
+        change_m = self._newest_m - self._reference_m
         if abs(change_m) <= self._limit_m:
             return ""
         return (
@@ -248,7 +248,7 @@ class DepthGauge:
         self._differences.append(difference_m)
         if len(self._differences) < FIRST_DIFFERENCES:
             return
-        newest_m = median(self._differences)
+        self._newest_m = newest_m = median(self._differences)
         self._is_ready = self._is_ready or not math.isnan(self.zero_pa)
         if math.isnan(self.offset_m):
             self.offset_m = self._reference_m = newest_m

@@ -186,6 +186,16 @@ def test_after_a_reboot_of_the_autopilot_the_offset_is_learned_anew():
     assert water.problem == ""
 
 
+def test_a_new_zero_leaves_the_offset_until_there_is_a_new_one():
+    water = Water().wait(5, disarmed=True)
+    water.air_pa += 1000.0
+    for _ in range(60):
+        water.wait(0.5, disarmed=True)
+        assert water.problem == ""
+    assert water.gauge.zero_pa == pytest.approx(AIR_PA + 1000.0)
+    assert water.gauge.shift_m == pytest.approx(8.0, abs=0.01)
+
+
 def test_a_restored_zero_serves_under_water():
     water = Water()
     water.gauge.restore(AIR_PA)

@@ -158,7 +158,7 @@ def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
     for _ in range(20):  # disarmed at 10 m
         sub.listen(1)
         sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 1960.0, 0.0, 1000))
-    assert any("zero of pressure refused: got 1960 hPa" in text and ok is False for text, ok in found().items()), found()
+    assert any("zero of pressure refused: got 1960 hPa" in text and ok is False for text, ok in found().items())
     for _ in range(60):
         sub.listen(1)
         sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 960.0, 0.0, 1000))
