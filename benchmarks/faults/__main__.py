@@ -29,6 +29,7 @@ KINDS = {
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
     "flood": "10,000 datagrams a second on the port of the MAVLink link",
     "mixing": "missions that share a ROS domain, in pairs",
+    "sensors": "depth, pressure, altitudes and stamps that are wrong, frozen or missing",
     "forgery": "an attacker with a modem and no key; clocks that are corrected",
 }
 

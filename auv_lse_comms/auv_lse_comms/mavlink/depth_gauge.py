@@ -14,9 +14,10 @@ which may be metres wrong, and `problem` says so.
 *Drift.* At the first GPS fix after a dive, the depth that the gauge shows is reported, and not corrected.
 
 *Offset.* The autopilot's own depth minus pressure depth, filtered. Depth targets are shifted by it. Under water it may
-differ from its value at the surface by at most `link.depth_difference_m`. The shift stops there, so that a gauge that
-is stuck cannot make a vehicle dive on and on; beyond it `problem` says so. When the autopilot reboots or gets another
-origin, its datum may change (`forget`).
+differ from its value at the surface by at most `link.depth_difference_m`; beyond it `problem` says so. The shift stops
+there, so that a gauge that is stuck cannot make a vehicle dive on and on. It follows a sudden step of the autopilot's
+own depth, faster than a vehicle or a gauge, which is one of its datum. Targets at the surface take the smaller of both
+shifts. When the autopilot reboots or gets another origin, its datum may change (`forget`).
 
 *No pressure* for `link.stale_after_s`: depth is the autopilot's own minus the last offset, and `problem` says so.
 """
@@ -50,6 +51,8 @@ ZERO_SAMPLES, MOST_SAMPLES = 5, 40
 FIRST_DIFFERENCES, DIFFERENCES = 3, 5
 #: Time constant of the offset (s).
 OFFSET_TIME_S = 5.0
+#: A step of the autopilot's own depth is one of its datum if it is more than this (m), and this much a second (m/s).
+STEP_M, STEP_MPS = 0.5, 1.5
 #: Below this depth (m) the vehicle has dived; a GPS fix above this depth means that it is at the surface.
 DIVED_M = 1.0
 
@@ -89,6 +92,8 @@ class DepthGauge:
         self._surfaced: deque[float] = deque(maxlen=MOST_SAMPLES)  # depths (m) since GPS has a fix
         self._differences: deque[float] = deque(maxlen=DIFFERENCES)
         self._reference_m = self._newest_m = math.nan  # the offset at the surface, and unfiltered
+        self._center_m = math.nan  # the offset at the surface, with the steps of the autopilot's datum since then
+        self._compared_m = (math.nan, math.nan)  # the last depths compared: the autopilot's own, pressure depth
         self._is_alive = True  # whether the last two pressures differ
         self._waiting_m = math.nan  # pressure depth (m) that awaits the autopilot's own
         self._pressure_s = self._own_s = self._compared_s = -math.inf
@@ -121,8 +126,8 @@ class DepthGauge:
         if now_s > before_s and now_s - before_s <= self._stale_s:
             part = (self._pressure_s - before_s) / (now_s - before_s)
         own_m = before_m + part * (depth_m - before_m) if part < 1.0 else depth_m
-        difference_m, self._waiting_m = own_m - self._waiting_m, math.nan
-        self._compare(now_s, difference_m)
+        pressure_m, self._waiting_m = self._waiting_m, math.nan
+        self._compare(now_s, own_m, pressure_m)
 
     def pressure(self, now_s: float, pressure_pa: float) -> None:
         """Takes an absolute pressure (Pa)."""
@@ -145,7 +150,7 @@ class DepthGauge:
     def forget(self) -> None:
         """The autopilot's datum may have changed: the offset is unknown."""
         self._differences.clear()
-        self._waiting_m = self.offset_m = self._reference_m = math.nan
+        self._waiting_m = self.offset_m = self._reference_m = self._center_m = math.nan
 
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""
@@ -175,8 +180,12 @@ class DepthGauge:
         """What to add to a depth (m) to get a target in the autopilot's datum; 0 while unknown."""
         if math.isnan(self.offset_m):
             return 0.0
-        low_m, high_m = self._reference_m - self._limit_m, self._reference_m + self._limit_m
-        return min(max(self.offset_m, low_m), high_m)
+        return min(max(self.offset_m, self._center_m - self._limit_m), self._center_m + self._limit_m)
+
+    def own_target_m(self, depth_m: float) -> float:
+        """A target's depth (m) in the autopilot's datum; at the surface the higher of what both depths say."""
+        surfaces = depth_m <= 0.0 and not math.isnan(self.offset_m)
+        return depth_m + (min(self.shift_m, self.offset_m) if surfaces else self.shift_m)
 
     def settling(self, now_s: float) -> bool:
         """Whether the offset will be known in a moment, so that targets should wait."""
@@ -242,20 +251,26 @@ class DepthGauge:
             self._surfaced.clear()
             self._report(Surfaced(drift_m=self.drift_m))
 
-    def _compare(self, now_s: float, difference_m: float) -> None:
-        """Updates the offset with a new difference; at the surface it is the reference."""
+    def _compare(self, now_s: float, own_m: float, pressure_m: float) -> None:
+        """Updates the offset with both depths of one time; at the surface it is the reference."""
         passed_s, self._compared_s = now_s - self._compared_s, now_s
-        self._differences.append(difference_m)
+        moved_m, sank_m = own_m - self._compared_m[0], pressure_m - self._compared_m[1]
+        self._compared_m = own_m, pressure_m
+        if abs(moved_m - sank_m) > STEP_M + STEP_MPS * passed_s and abs(moved_m) > abs(sank_m):
+            self._differences.clear()
+            self.offset_m += moved_m - sank_m
+            self._center_m += moved_m - sank_m
+        self._differences.append(own_m - pressure_m)
         if len(self._differences) < FIRST_DIFFERENCES:
             return
         self._newest_m = newest_m = median(self._differences)
         self._is_ready = self._is_ready or not math.isnan(self.zero_pa)
         if math.isnan(self.offset_m):
-            self.offset_m = self._reference_m = newest_m
+            self.offset_m = self._reference_m = self._center_m = newest_m
         self.offset_m += (newest_m - self.offset_m) * min(passed_s / OFFSET_TIME_S, 1.0)
         at_surface = self._may_zero and not self._refusal
         if at_surface or (self._has_fix and self._is_alive and abs(self._depth_m) <= DIVED_M):
-            self.offset_m = self._reference_m = newest_m
+            self.offset_m = self._reference_m = self._center_m = newest_m
 
 
 def _refusal(pressure_pa: float, pressures: Iterable[float], last_pa: float) -> str:

@@ -317,7 +317,7 @@ class VehicleLink:
         if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
             ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             boot_ms = self._clock.boot_ms_at(self._now_s)
-            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.shift_m, ardupilot)
+            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.own_target_m, ardupilot)
 
     def _judge(self) -> None:
         """Judges whether the autopilot carries out its targets; reports it when that changes."""

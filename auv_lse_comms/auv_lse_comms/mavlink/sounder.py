@@ -15,8 +15,10 @@ from collections import Counter, deque
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
 from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 Array = NDArray[np.float64]
 
@@ -33,8 +35,8 @@ class Sounder:
 
     Attributes:
         counts: "soundings"; "periods_short" had too few pings; "pings_blind" saw no ground, "pings_unplaced" had no
-            odometry around them, "pings_late" came after their period, "pings_dropped" exceeded the limit;
-            "bad_odometry", and "clock_steps" of odometry back in time.
+            odometry around them, "pings_frozen" repeated one altitude, "pings_late" came after their period,
+            "pings_dropped" exceeded the limit; "bad_odometry", and "clock_steps" of odometry back in time.
     """
 
     def __init__(self, every_s: float, least_pings: int) -> None:
@@ -46,6 +48,7 @@ class Sounder:
         self._odometry: deque[tuple[float, float, float, float, float, float]] = deque(maxlen=MAX_KEPT)
         self._pings: list[tuple[float, float]] = []  # stamp, altitude, of unfinished periods
         self._over = -math.inf  # number of the last finished period
+        self._altimeter = FrozenSensor(FLATTEST)
 
     def reset(self) -> None:
         """Discards unfinished periods: places before and after this must not be mixed."""
@@ -90,9 +93,12 @@ class Sounder:
         self._over = over
         count = bisect.bisect_right(self._pings, over, key=lambda ping: self._period(ping[0]))
         pings, self._pings = self._pings[:count], self._pings[count:]
-        placed = [row for ping in pings if (row := self._placed(*ping)) is not None]
-        if len(placed) < len(pings):
-            self.counts["pings_unplaced"] += len(pings) - len(placed)
+        found = [row for ping in pings if (row := self._placed(*ping)) is not None]
+        if len(found) < len(pings):
+            self.counts["pings_unplaced"] += len(pings) - len(found)
+        placed = [row[:6] for row in found if not self._altimeter.update(row[6], row[1], row[2])]
+        if len(placed) < len(found):
+            self.counts["pings_frozen"] += len(found) - len(placed)
         # the last odometry before the end of the last finished period is the first one that is still needed
         while len(self._odometry) > 1 and self._odometry[1][0] <= over * self._every_s:
             self._odometry.popleft()
@@ -103,7 +109,7 @@ class Sounder:
         return int(period_of(stamp_s, self._every_s))
 
     def _placed(self, stamp_s: float, altitude_m: float) -> tuple[float, ...] | None:
-        """Stamp, north, east, water depth, raw north, east of a ping; None without odometry close before and after."""
+        """Stamp, north, east, water depth, raw north, east, altitude of a ping; None without odometry around it."""
         after = bisect.bisect_left(self._odometry, stamp_s, key=lambda row: row[0])
         if after == len(self._odometry):
             return None
@@ -113,7 +119,7 @@ class Sounder:
             return None
         part = (stamp_s - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
         north, east, depth, *raw = (x + part * (y - x) for x, y in zip(a[1:], b[1:], strict=True))
-        return stamp_s, north, east, depth + altitude_m, *raw
+        return stamp_s, north, east, depth + altitude_m, *raw, altitude_m
 
     def _sounding(self, pings: Array) -> Sounding | None:
         if len(pings) < self._least_pings:

@@ -313,30 +313,34 @@ class TargetSender:
         self._unsent = True
         return surfacing.stage is Stage.OVER
 
-    def send(self, now_s: float, boot_ms: int, datum: Datum, shift_m: float, ardupilot: bool) -> None:
+    def send(
+        self, now_s: float, boot_ms: int, datum: Datum, own_depth: Callable[[float], float], ardupilot: bool
+    ) -> None:
         """Sends what is due; call it only if the autopilot is heard and its frame is known.
 
         Args:
             now_s: The host's clock.
             boot_ms: The autopilot's time since boot.
             datum: The mission's origin and the autopilot's.
-            shift_m: The autopilot's own depth minus the true one (m).
+            own_depth: Converts a depth (m) to the autopilot's own.
             ardupilot: Whether missions begin with a home.
         """
         current = self.current
         if current is None:
             return
         if self._config.mode == "position_target":
-            self._send_position_target(now_s, boot_ms, datum, current, shift_m)
+            self._send_position_target(now_s, boot_ms, datum, current, own_depth)
         else:
             later = self._stop is None and self._surfacing is None
-            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), shift_m, ardupilot)
+            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth, ardupilot)
 
-    def _send_position_target(self, now_s: float, boot_ms: int, datum: Datum, target: Target, shift_m: float) -> None:
+    def _send_position_target(
+        self, now_s: float, boot_ms: int, datum: Datum, target: Target, own_depth: Callable[[float], float]
+    ) -> None:
         if not self._unsent and now_s - self._target_s < self._config.target_period_s:
             return
         self._send_speed(target)
-        self._send(position_target(_shifted(target, shift_m), datum, boot_ms, *self._autopilot))
+        self._send(position_target(_shifted(target, own_depth), datum, boot_ms, *self._autopilot))
         self._counts["target_messages"] += 1
         if self._unsent:
             self._counts["targets_sent"] += 1
@@ -345,7 +349,12 @@ class TargetSender:
         self._target_s = now_s
 
     def _send_mission(
-        self, now_s: float, datum: Datum, wanted: tuple[Target, ...], shift_m: float, ardupilot: bool
+        self,
+        now_s: float,
+        datum: Datum,
+        wanted: tuple[Target, ...],
+        own_depth: Callable[[float], float],
+        ardupilot: bool,
     ) -> None:
         if self._upload.busy or not self._unsent:
             return
@@ -359,7 +368,7 @@ class TargetSender:
         self._send_speed(wanted[0])
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
-            mission_item(_shifted(end, shift_m), datum, number, self._config.acceptance_m, *self._autopilot)
+            mission_item(_shifted(end, own_depth), datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
         ]
         self._upload.start(now_s, items, first=int(ardupilot))
@@ -401,9 +410,9 @@ class TargetSender:
         return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
 
 
-def _shifted(target: Target, shift_m: float) -> Target:
+def _shifted(target: Target, own_depth: Callable[[float], float]) -> Target:
     """A target in the autopilot's own depth."""
-    return dataclasses.replace(target, depth_m=target.depth_m + shift_m)
+    return dataclasses.replace(target, depth_m=own_depth(target.depth_m))
 
 
 def _follows(target: Target, stop: Stop) -> Target:

@@ -125,11 +125,33 @@ def test_the_shift_follows_the_datum_slowly_and_no_farther_than_the_limit():
     water.wait(30)
     assert water.gauge.shift_m == pytest.approx(8.5, abs=0.02)
     assert water.problem == ""
-    water.origin_m = 12.0
+    for _ in range(70):
+        water.origin_m += 0.05
+        water.wait(0.5)
     water.wait(60)
     assert water.gauge.shift_m == pytest.approx(9.0)
+    assert water.gauge.own_target_m(0.0) == pytest.approx(9.0)
     assert "the autopilot's own depth have diverged by +4.0 m; expected at most 1 m (link.depth_diff" in water.problem
     assert water.shown_m == pytest.approx(4.0, abs=0.01), "pressure is still the depth"
+
+
+@pytest.mark.parametrize("step_m", [6.0, -6.0])
+def test_a_step_of_the_autopilots_datum_is_followed_and_reported(step_m):
+    water = Water().wait(5, disarmed=True).dive(4.0)
+    water.origin_m += step_m
+    water.wait(0.5)
+    assert water.gauge.shift_m == pytest.approx(8.0 + step_m, abs=0.02), "at once: it would travel 6 m off"
+    water.wait(5)
+    assert water.gauge.shift_m == pytest.approx(8.0 + step_m, abs=0.02)
+    assert f"have diverged by {step_m:+.1f} m" in water.problem
+
+
+def test_a_gauge_that_is_stuck_does_not_keep_the_vehicle_down():
+    water = Water().wait(5, disarmed=True).dive(4.0)
+    for _ in range(100):
+        water.depth_m += max(-0.15, min(0.15, water.gauge.own_target_m(0.0) - water.origin_m - water.depth_m))
+        water.wait(0.5, stuck_m=4.0)
+    assert water.depth_m <= 0.0
 
 
 def test_a_datum_that_moves_at_the_surface_with_gps_is_taken_over():

@@ -128,3 +128,14 @@ def test_no_input_makes_the_driver_raise(events: list[tuple[bool, float, float, 
             sounder.odometry(t, a, b, c)
         else:
             sounder.altitude(t, a)
+
+
+def test_a_frozen_altimeter_gives_no_soundings_though_the_vehicle_wobbles() -> None:
+    sounder, soundings = Sounder(1.0, 1), 0
+    for second in range(60):
+        stamp_s, north_m = EPOCH_S + second, 1.5 * second
+        altitude_m = 10.0 + 0.01 * (second % 3) if second < 20 else 10.0
+        sounder.altitude(stamp_s, altitude_m)
+        soundings += len(sounder.odometry(stamp_s, north_m, 0.0, 3.0 + 0.01 * (second % 5)))
+    assert soundings == 31, "20, and those before it counts as frozen"
+    assert sounder.counts["pings_frozen"] == 28

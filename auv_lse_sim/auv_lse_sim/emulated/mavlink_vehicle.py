@@ -26,7 +26,7 @@ import enum
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
@@ -187,6 +187,12 @@ class MavlinkVehicle:
             ):
                 self._send(message)
         self._send(heartbeat())
+
+    def move_origin(self, up_m: float) -> None:
+        """Moves the estimator's origin up (m), as a correction by GPS or a ground station does."""
+        height_m = self._setup.origin_height_m + up_m
+        self._setup = replace(self._setup, origin_height_m=height_m)
+        self._own_depth = height_m, self._setup.pressure
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send; returns each once."""
