@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.executor import make_executor
+from auv_lse_common.process.dive import sender_of
 from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import find_topic
@@ -36,15 +37,16 @@ class MissionListener:
         state: The simulator's last reported state, None before its first report.
     """
 
-    def __init__(self, vehicles: int, domain: int, take: Callable[[str, Any], None]) -> None:
+    def __init__(self, vehicles: int, domain: int, take: Callable[[str, Any], None], dive: str | None = None) -> None:
         """Stores its arguments.
 
         Args:
             vehicles: Number of vehicles.
             domain: ROS domain.
             take: Takes a topic's full name and a message, on the thread that calls `serve`.
+            dive: The id of the simulation, whose messages alone are taken; None: any.
         """
-        self._vehicles, self._domain, self._take = vehicles, domain, take
+        self._vehicles, self._domain, self._take, self._dive = vehicles, domain, take, dive
         self._joined = False
         self.state: int | None = None
 
@@ -74,10 +76,17 @@ class MissionListener:
             self._join()
 
     def _on_status(self, message: SimStatus) -> None:
+        if self._is_strangers(message):
+            return
         self.state = message.state
         self._receive("/sim/status", message)
 
+    def _is_strangers(self, message: Any) -> bool:
+        return self._dive is not None and sender_of(message) != self._dive
+
     def _receive(self, topic: str, message: Any) -> None:
+        if self._is_strangers(message):
+            return
         self.heard_s = time.monotonic()
         self._take(topic, message)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.domain import busy_domains, run_on
+from auv_lse_common.process.domain import busy_domains, dive_on, run_on
 from auv_lse_record.recording import RecordingError
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
@@ -114,7 +114,8 @@ class MissionFollower:
         self._timeline.set_state(source="mission", domain=found.domain, growing=True, problem="", waiting="")
         self._timeline.set_state(run=_shown(found.run))
         merged = _MergedMessages(settings, self._timeline, found.run)
-        with MissionListener(settings.mission.vehicles, found.domain, merged.receive) as listener:
+        listening = MissionListener(settings.mission.vehicles, found.domain, merged.receive, dive_on(found.domain))
+        with listening as listener:
             while not stop.is_set() and not merged.restarted:
                 listener.serve(_SERVE_S)
                 merged.add_events()
