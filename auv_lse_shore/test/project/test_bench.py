@@ -274,7 +274,8 @@ def modules_in_pages():
 
 @pytest.mark.parametrize("name", modules_in_pages())
 def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys):
-    main = importlib.import_module(name).main
+    is_package = hasattr(importlib.import_module(name), "__path__")
+    main = importlib.import_module(f"{name}.__main__" if is_package else name).main
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0

@@ -220,7 +220,7 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     notes = [
         f"area: of {wanted_by} ({wanted_m2 / 1e6:.2f} km2), {km2:.2f} km2 can be navigated: known ground under "
         f"at least {limit_m:g} m of water, in one part"
-        + (f", around {len(polygon.interiors)} no-go areas" if len(polygon.interiors) else "")
+        + (f", around {islands} no-go area{'s' * (islands > 1)}" if (islands := len(polygon.interiors)) else "")
     ]
     left_out = (float(free.sum()) - float(region.sum())) * step**2 / 1e6
     if count > 1 and left_out > 0.005:
