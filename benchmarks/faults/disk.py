@@ -34,7 +34,7 @@ def set_limit(bed: DiveBed, limit: int) -> None:
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (limit, most))
 
 
-def fill(bed: DiveBed, rng: np.random.Generator) -> tuple[str, float, list[str]]:
+def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
     """Fills the disk at one moment and kills a node; returns what it was, the recovery (s) and what went wrong."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
@@ -51,7 +51,6 @@ def fill(bed: DiveBed, rng: np.random.Generator) -> tuple[str, float, list[str]]
         if math.isnan(water.wait(lambda: water.is_in(wanted), 5.0)):
             wrong.append(f"{order} was not obeyed on a full disk")
     before = water.state.state
-    node = NODES[rng.integers(len(NODES))]
     what = f"{'read-only' if limit == 0 else 'full'} disk, {order or 'no order'}, {node} killed"
     is_full = any(file.stat().st_size > limit - 1000 for file in bed.out.glob("journal/*/*.journal"))
     if math.isnan(reported_s) and is_full:
@@ -100,12 +99,14 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     rows: dict[str, list[float]] = {}
     lost: list[str] = []
     survived = resumed = 0
+    node = ""
     with dive_bed(folder, say) as bed:
         for number in range(options.moments):
             if bed.program is None or not resumed:
                 bed.dive()
             broken = len(bed.witness.broken)
-            what, back_s, wrong = fill(bed, rng)
+            node = str(rng.choice([other for other in NODES if other != node]))  # the keeper delays repeated restarts
+            what, back_s, wrong = fill(bed, node, rng)
             resumed = recover(bed) if not math.isnan(back_s) else False
             wrong += bed.witness.broken[broken:]
             survived += not wrong
