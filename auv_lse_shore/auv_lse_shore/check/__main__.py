@@ -10,10 +10,13 @@ from pathlib import Path
 from auv_lse_common.commands.vehicle import vehicle_number
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_files, check_machine
 from auv_lse_shore.check.mission_file import check_file
+from auv_lse_shore.check.places import places_notes
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
 
@@ -23,10 +26,25 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/check",
         description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
-        "mission's duration, coverage and packet content. Starts nothing.",
+        "mission's duration, coverage and packet content. Draws the mission on a map. Starts nothing.",
         epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
     )
     p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check")
+    p.add_argument(
+        "--area",
+        type=Path,
+        metavar="FILE",
+        help="check with the area, no-go areas, starts and recovery places of a GeoJSON, KML or QGroundControl .plan "
+        "file, as scripts/mission --area; without MISSION.yaml with the default mission",
+    )
+    p.add_argument(
+        "--map",
+        type=_picture,
+        nargs="?",
+        const=Path(),
+        metavar="OUT.png",
+        help="draw area, no-go areas, margin, starts and recovery places (default: MISSION-map.png in this folder)",
+    )
     p.add_argument("--vehicle", metavar="NAME", help="also check this computer as that of a vehicle, such as auv2")
     p.add_argument("--strict", action="store_true", help="treat warnings as errors")
     p.add_argument("--quiet", action="store_true", help="print errors and warnings only")
@@ -39,14 +57,35 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def check(path: Path, vehicle: str | None = None) -> Findings:
+def _picture(name: str) -> Path:
+    path = Path(name)
+    if path.suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(
+            f"got {name}; expected a name that ends in .png. Give the mission file first: scripts/check {name} --map"
+        )
+    return path
+
+
+def check(
+    path: Path, vehicle: str | None = None, *, area_file: Path | None = None, picture: Path | None = None
+) -> Findings:
     """The findings about a mission file.
 
+    Args:
+        path: The mission file.
+        vehicle: Also check this computer as that of a vehicle ("auv2").
+        area_file: File of places that replaces the mission file's area.
+        picture: Where to draw the mission; None: nowhere.
+
     Raises:
-        ParameterError: if it cannot be read.
+        ParameterError: if the file or its places cannot be read.
+        OSError: if the picture cannot be written.
     """
     findings = Findings()
-    settings = check_file(path, findings)
+    settings = check_file(path, findings, area_file)
+    places = places_notes(path, area_file)
+    for text in places:
+        findings.note(text)
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
         team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
@@ -58,7 +97,23 @@ def check(path: Path, vehicle: str | None = None) -> Findings:
     if number is not None:
         simulated = "sim" in read_parameter_file(path).get("/**", {})
         check_machine(settings, number, simulated, findings)
+    if picture is not None:
+        _draw(
+            settings, findings, picture, f"{path.name}{'' if area_file is None else f' with {area_file.name}'}", places
+        )
     return findings
+
+
+def _draw(settings: Settings, findings: Findings, picture: Path, title: str, notes: Sequence[str]) -> None:
+    """Draws the mission, unless errors make that impossible."""
+    if not findings.usable("area", "mission", "motion", "planner", "vehicle"):
+        findings.note(f"map: {picture} is not drawn; correct the errors above first")
+        return
+    from auv_lse_shore.check.map_picture import mission_figure  # slow to import
+    from auv_lse_shore.report.figures import save
+
+    save(mission_figure(settings, title, notes), picture)
+    findings.note(f"map: {picture}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,13 +123,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.schema or options.template:
         print(schema_text() if options.schema else template_text(), end="")
         return 0
-    if not options.mission:
+    missions = options.mission
+    if not missions and options.area is not None:
+        missions = [project_folder() / "config" / "missions" / "default.yaml"]
+    if not missions:
         p.error("expected a mission file: scripts/check config/missions/default.yaml")
+    if options.map is not None and options.map.name and len(missions) > 1:
+        p.error(f"--map {options.map}: got {len(missions)} mission files; expected one, or --map without a name")
     code = 0
-    for path in options.mission:
+    for path in missions:
+        picture = options.map
+        if picture == Path():
+            picture = Path(f"{(options.area or path).stem}-map.png")
         try:
-            findings = check(path, options.vehicle)
-        except ParameterError as error:
+            findings = check(path, options.vehicle, area_file=options.area, picture=picture)
+        except (ParameterError, OSError) as error:
             print(f"error    {error}", file=sys.stderr)
             code = 2
             continue

@@ -12,6 +12,7 @@ from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
+from auv_lse_common.mission_file.places_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, check_planner
 from auv_lse_common.mission_file.sections.table import (
@@ -29,16 +30,23 @@ from auv_lse_shore.check.findings import Findings
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
 
 
-def check_file(path: Path, findings: Findings) -> Settings:
+def check_file(path: Path, findings: Findings, area_file: Path | None = None) -> Settings:
     """Reads a mission file and adds its errors to `findings`.
+
+    Args:
+        path: The mission file.
+        findings: Takes what is found.
+        area_file: File of places that replaces the mission file's area.
 
     Returns:
         The settings. Refused parameters have their defaults and are listed in `findings.refused`.
 
     Raises:
-        ParameterError: if the file is missing, or not a ROS 2 parameter file.
+        ParameterError: if the file is missing, or not a ROS 2 parameter file, or the places cannot be used.
     """
     patterns = read_parameter_file(path)
+    if area_file is not None:
+        patterns = with_area_file(patterns, str(area_file))
     usable, owners = _usable_values(patterns, str(path), findings)
     settings = _settings(usable, owners, str(path), findings)
     if findings.count("error"):

@@ -1,0 +1,157 @@
+"""Draws a mission file: what `scripts/check --map` shows."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_shore.judge.planned_paths import PlannedPaths
+from auv_lse_shore.report.figures import WIDTH_IN, new_figure, styled, vehicle_style
+from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
+
+Array = NDArray[np.float64]
+
+_WATER, _BORDER, _NO_GO, _FREE = "#dcebf5", "#2b5d80", "#b03a2e", "#5f8fae"
+#: Length of a line of the notes, in characters.
+_NOTE_WIDTH = 120
+#: Nodes of the raster, each way, from which the line of the margin is drawn.
+_RASTER = 300
+_CASING = [withStroke(linewidth=2.5, foreground="white")]
+
+
+@styled
+def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) -> Figure:
+    """Area, no-go areas, margin, starts with headings, lawnmower paths and recovery places on a map.
+
+    Args:
+        settings: The mission; the parameters of area, motion and vehicles are usable.
+        title: Its title.
+        notes: Sentences below the title.
+
+    Raises:
+        ParameterError: if the area is impossible.
+    """
+    area = OperatingArea(settings.area)
+    places = np.vstack([area.polygon, *_marked_places(settings)])
+    low, high = places.min(axis=0), places.max(axis=0)
+    pad = 0.04 * float((high - low).max())
+    aspect = float((high - low)[0] + 2.0 * pad) / float((high - low)[1] + 2.0 * pad)
+    height = min(max((WIDTH_IN - 1.2) * aspect, 2.0), 8.0)
+    lines = [line for note in notes for line in textwrap.wrap(note, _NOTE_WIDTH)]
+    figure = new_figure(WIDTH_IN, height + 1.2 + 0.13 * len(lines))
+    axis = figure.subplots()
+    axis.set_aspect("equal")
+    axis.set_xlim(low[1] - pad, high[1] + pad)
+    axis.set_ylim(low[0] - pad, high[0] + pad)
+    _draw_area(axis, area)
+    _draw_lanes(axis, settings, area)
+    _draw_vehicles(axis, settings)
+    lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg
+    add_graticule(axis, None if lat is None or lon is None else (lat, lon))
+    add_scale_bar(axis)
+    figure.suptitle(title, x=0.02, ha="left", fontsize=10.0)
+    axis.set_title("\n".join(lines), fontsize=7.5, color="#444444")
+    axis.set_xlabel("east (m)")
+    axis.set_ylabel("north (m)")
+    figure.legend(handles=_handles(settings, area), loc="outside lower center", ncols=4, handlelength=2.0)
+    return figure
+
+
+def _marked_places(settings: Settings) -> list[Array]:
+    """Places (n, 2) north, east (m) of the starts and the recovery places."""
+    starts = [(own.vehicle.start_north_m, own.vehicle.start_east_m) for own in settings.vehicles]
+    return [np.array(starts), *(np.array([place]) for place in _recoveries(settings))]
+
+
+def _recoveries(settings: Settings) -> dict[tuple[float, float], list[int]]:
+    """The vehicles of each recovery place (north, east in m)."""
+    places: dict[tuple[float, float], list[int]] = {}
+    for number, own in enumerate(settings.vehicles, 1):
+        north, east = own.vehicle.recovery_north_m, own.vehicle.recovery_east_m
+        if north is not None and east is not None:
+            places.setdefault((north, east), []).append(number)
+    return places
+
+
+def _draw_area(axis: Any, area: OperatingArea) -> None:
+    axis.add_patch(Polygon(area.polygon[:, ::-1], facecolor=_WATER, edgecolor=_BORDER, lw=1.4, zorder=1))
+    for name, ring in area.no_go.items():
+        look: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch": "////", "lw": 1.0}
+        axis.add_patch(Polygon(ring[:, ::-1], zorder=2, **look))
+        north, east = ring.mean(axis=0)
+        axis.text(east, north, name, color=_NO_GO, ha="center", va="center", fontsize=8, zorder=6, path_effects=_CASING)
+    south, north, west, east = area.extent_m
+    n, e = np.linspace(south, north, _RASTER), np.linspace(west, east, _RASTER)
+    mesh = np.column_stack([x.ravel() for x in np.meshgrid(n, e, indexing="ij")])
+    clearance = area.clearance_m(mesh).reshape(_RASTER, _RASTER)
+    if area.margin_m > 0.0 and clearance.max() > area.margin_m:
+        axis.contour(e, n, clearance, [area.margin_m], colors=_FREE, linestyles="dashed", linewidths=0.8, zorder=2)
+
+
+def _draw_lanes(axis: Any, settings: Settings, area: OperatingArea) -> None:
+    """Draws each vehicle's lawnmower path, the same as the planner's first candidate."""
+    for number, own in enumerate(settings.vehicles, 1):
+        start = np.array([own.vehicle.start_heading_rad, own.vehicle.start_north_m, own.vehicle.start_east_m])
+        if not area.contains(start[None, 1:])[0]:
+            continue
+        rollout = PlannedPaths(settings.planner_settings(number), area).rollout
+        path = rollout.path(0, start, (), FITTED[(number - 1) % len(FITTED)])
+        line = np.vstack([start[None, 1:], path.places_m])
+        axis.plot(line[:, 1], line[:, 0], lw=0.9, alpha=0.75, zorder=3, **vehicle_style(number - 1))
+
+
+def _draw_vehicles(axis: Any, settings: Settings) -> None:
+    """Draws starts as arrows along the heading, and recovery places as crosses; both with their vehicles."""
+    starts: dict[tuple[float, float], list[int]] = {}
+    length = 0.06 * float(np.ptp(axis.get_xlim()))
+    for number, own in enumerate(settings.vehicles, 1):
+        v = own.vehicle
+        ahead = (length * math.sin(v.start_heading_rad), length * math.cos(v.start_heading_rad))
+        color = vehicle_style(number - 1)["color"]
+        arrow = {"arrowstyle": "-|>", "lw": 2.0, "color": color, "shrinkA": 0.0, "shrinkB": 0.0}
+        place = (v.start_east_m, v.start_north_m)
+        axis.annotate("", (place[0] + ahead[0], place[1] + ahead[1]), place, zorder=5, arrowprops=arrow)
+        axis.plot(*place, "o", ms=5.0, mfc="white", mec="black", mew=0.9, zorder=5.5)
+        starts.setdefault(place, []).append(number)
+    for (east, north), numbers in starts.items():
+        _name(axis, north, east, _vehicles(numbers), below=True)
+    for (north, east), numbers in _recoveries(settings).items():
+        axis.plot(east, north, "P", ms=8.0, mfc="#009E73", mec="white", mew=0.8, zorder=5.5)
+        all_of_them = len(numbers) == settings.mission.vehicles
+        text = "recovery" if all_of_them else f"recovery {_vehicles(numbers)}"
+        _name(axis, north, east, text, below=False)
+
+
+def _vehicles(numbers: Sequence[int]) -> str:
+    return ", ".join(f"auv{number}" for number in numbers)
+
+
+def _name(axis: Any, north: float, east: float, text: str, *, below: bool) -> None:
+    look = {"fontsize": 8.0, "zorder": 6, "path_effects": _CASING, "textcoords": "offset points", "ha": "center"}
+    axis.annotate(text, (east, north), (0.0, -6.0 if below else 6.0), va="top" if below else "bottom", **look)
+
+
+def _handles(settings: Settings, area: OperatingArea) -> list[Any]:
+    """The entries of the legend."""
+    handles: list[Any] = [Patch(facecolor=_WATER, edgecolor=_BORDER, label="operating area")]
+    if area.no_go:
+        handles.append(Patch(facecolor="#f6ddd9", edgecolor=_NO_GO, hatch="////", label="no-go area"))
+    if area.margin_m > 0.0:
+        handles.append(Line2D([], [], color=_FREE, ls="--", lw=0.8, label=f"margin, {area.margin_m:g} m"))
+    handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start and heading"))
+    if _recoveries(settings):
+        handles.append(Line2D([], [], ls="", marker="P", ms=7, mfc="#009E73", mec="white", label="recovery place"))
+    handles.append(Line2D([], [], lw=1.0, color="#777777", label="lawnmower, for comparison"))
+    return handles

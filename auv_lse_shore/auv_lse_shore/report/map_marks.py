@@ -1,0 +1,105 @@
+"""Marks on maps in local metres: latitude and longitude, a scale bar, and north."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+
+Array = NDArray[np.float64]
+
+#: Color of the lines of latitude and longitude, and their width (points).
+GRATICULE: dict[str, Any] = {"color": "#7a7a7a", "lw": 0.45, "ls": (0, (1.0, 3.0)), "zorder": 2.5}
+#: White around marks.
+_CASING = [withStroke(linewidth=3.2, foreground="white")]
+#: Largest number of lines of latitude and of longitude.
+MAX_LINES = 5
+
+
+def add_graticule(
+    axis: Any, origin: tuple[float, float] | None, *, latitudes: bool = True, longitudes: bool = True
+) -> None:
+    """Draws lines of latitude and longitude over a map, labeled on the right and at the top.
+
+    The map's limits must be final.
+
+    Args:
+        axis: A map: x is east, y is north (m).
+        origin: Latitude and longitude (deg) of north = east = 0; None draws nothing.
+        latitudes: Whether to label the lines of latitude.
+        longitudes: Whether to label the lines of longitude.
+    """
+    if origin is None:
+        return
+    (west, east), (south, north) = axis.get_xlim(), axis.get_ylim()
+    corners_n, corners_e = np.array([south, south, north, north]), np.array([west, east, west, east])
+    lat, lon = geodetic_from_local(corners_n, corners_e, *origin)
+    ends = np.linspace(0.0, 1.0, 9)
+    at_north: list[tuple[float, str]] = []
+    at_east: list[tuple[float, str]] = []
+    values, digits = nice_values(float(lat.min()), float(lat.max()))
+    for value in values:
+        n, e = local_from_geodetic(np.full_like(ends, value), lon.min() + ends * np.ptp(lon), *origin)
+        axis.plot(e, n, scalex=False, scaley=False, **GRATICULE)
+        at_north.append((float(np.interp(east, e, n)), degrees(value, digits, "NS")))
+    values, digits = nice_values(float(lon.min()), float(lon.max()))
+    for value in values:
+        n, e = local_from_geodetic(lat.min() + ends * np.ptp(lat), np.full_like(ends, value), *origin)
+        axis.plot(e, n, scalex=False, scaley=False, **GRATICULE)
+        at_east.append((float(np.interp(north, n, e)), degrees(value, digits, "EW")))
+    if latitudes:
+        _label(axis.secondary_yaxis("right"), "yaxis", [row for row in at_north if south <= row[0] <= north])
+    if longitudes:
+        _label(axis.secondary_xaxis("top"), "xaxis", [row for row in at_east if west <= row[0] <= east])
+
+
+def nice_values(low: float, high: float, most: int = MAX_LINES) -> tuple[list[float], int]:
+    """Round values between two, at most `most`, and the number of decimals that tells them apart."""
+    step, digits = 10.0, 0
+    for exponent in range(0, -7, -1):
+        for factor in (5, 2, 1):
+            finer = factor * 10.0**exponent
+            if (high - low) / finer > most:
+                return [round(k * step, 8) for k in range(math.ceil(low / step), math.floor(high / step) + 1)], digits
+            step, digits = finer, -exponent
+    return [round(k * step, 8) for k in range(math.ceil(low / step), math.floor(high / step) + 1)], digits
+
+
+def degrees(value: float, digits: int, signs: str) -> str:
+    """A latitude (signs "NS") or longitude ("EW") for readers."""
+    return f"{abs(value):.{digits}f}° {signs[0] if value >= 0.0 else signs[1]}"
+
+
+def _label(secondary: Any, name: str, rows: list[tuple[float, str]]) -> None:
+    axis = getattr(secondary, name)
+    axis.set_ticks([place for place, _ in rows], [text for _, text in rows], fontsize=6.5, color="#555555")
+    axis.set_tick_params(length=2.0, width=0.4, color="#7a7a7a", pad=1.5)
+    for spine in secondary.spines.values():
+        spine.set_visible(False)
+
+
+def add_scale_bar(axis: Any) -> None:
+    """Draws a scale bar of a round length at the lower left, and an arrow to the north above it."""
+    (west, east), (south, north) = axis.get_xlim(), axis.get_ylim()
+    length = round_length((east - west) / 4.0)
+    x, y = west + 0.03 * (east - west), south + 0.03 * (north - south)
+    end = {"markeredgewidth": 2.0, "marker": "|", "markersize": 6.0}
+    line = {"color": "black", "lw": 2.0, "zorder": 6, "path_effects": _CASING}
+    axis.plot([x, x + length], [y, y], **line, **end)
+    text = {"zorder": 6, "ha": "center", "va": "bottom", "path_effects": _CASING}
+    words = f"{length:g} m" if length < 1000.0 else f"{length / 1000.0:g} km"
+    axis.annotate(words, (x + length / 2.0, y), (0.0, 4.0), textcoords="offset points", fontsize=7.5, **text)
+    tail, head = (x, y + 0.05 * (north - south)), (x, y + 0.13 * (north - south))
+    arrow = {"arrowstyle": "<|-", "lw": 1.2, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
+    axis.annotate("N", tail, head, arrowprops=arrow, fontsize=9.0, fontweight="bold", **text)
+
+
+def round_length(largest_m: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, ... that is at most `largest_m`."""
+    decade = 10.0 ** math.floor(math.log10(largest_m))
+    return max(factor * decade for factor in (1.0, 2.0, 5.0) if factor * decade <= largest_m)

@@ -1,0 +1,102 @@
+"""scripts/check --map and --area: what is drawn of a mission, and what is said of a file of places."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.patches import Polygon
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.check.__main__ import check, main
+from auv_lse_shore.check.map_picture import mission_figure
+
+MISSION = """\
+/**:
+  ros__parameters:
+    mission: {vehicles: 2, steps: 20}
+    area: {file: lake.geojson}
+"""
+RING = [[8.500, 47.300], [8.505, 47.300], [8.505, 47.304], [8.500, 47.304], [8.500, 47.300]]
+PIER = [[8.502, 47.302], [8.503, 47.302], [8.503, 47.303], [8.502, 47.302]]
+
+
+def feature(name, kind, coordinates):
+    return {"type": "Feature", "properties": {"name": name}, "geometry": {"type": kind, "coordinates": coordinates}}
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    features = [
+        feature("lake", "Polygon", [RING]),
+        feature("no-go pier", "Polygon", [PIER]),
+        feature("start 1", "Point", [8.501, 47.301]),
+        feature("start 2", "Point", [8.5015, 47.301]),
+        feature("recovery", "Point", [8.4995, 47.301]),  # on the shore
+        feature("harbor", "Point", [8.5, 47.3]),
+    ]
+    (tmp_path / "lake.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (tmp_path / "mission.yaml").write_text(MISSION)
+    return tmp_path / "mission.yaml"
+
+
+def test_what_was_used_of_a_file_of_places_and_what_was_not_is_reported(mission: Path) -> None:
+    notes = "\n".join(text for level, text in check(mission).rows if level == "note")
+    assert "lake.geojson: used the area, no-go area no_go_pier, start of auv1, start of auv2, recovery" in notes
+    assert "lake.geojson: ignored 'harbor'" in notes
+
+
+def test_the_map_shows_the_places_where_they_are(mission: Path) -> None:
+    settings = Settings.load(mission)
+    origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
+    figure = mission_figure(settings, "a mission", ["ignored 'harbor'"])
+    (axis,) = figure.axes
+    drawn = [patch.get_xy()[:-1, ::-1] for patch in axis.patches if isinstance(patch, Polygon)]
+    for ring, seen in zip((RING, PIER), drawn, strict=True):
+        lon, lat = np.array(ring[:-1]).T
+        np.testing.assert_allclose(seen, np.column_stack(local_from_geodetic(lat, lon, *origin)), atol=0.02)
+    words = [text.get_text() for text in axis.texts]
+    assert {"auv1", "auv2", "recovery", "no_go_pier", "N", "100 m"} <= set(words)
+    assert "ignored 'harbor'" in axis.get_title(loc="left")
+    # The recovery place, outside of the area, is within the picture, and so are lines of latitude and longitude.
+    low, high = axis.get_xlim()
+    west = float(local_from_geodetic(47.301, 8.4995, *origin)[1])
+    assert low < west < high
+    labels = [
+        (tick.get_text(), place)
+        for side in axis.child_axes
+        for of in (side.xaxis, side.yaxis)
+        for tick, place in zip(of.get_ticklabels(), of.get_ticklocs(), strict=True)
+    ]
+    north = dict(labels)["47.302° N"]
+    assert north == pytest.approx(float(local_from_geodetic(47.302, 8.5025, *origin)[0]), abs=0.1)
+    east = dict(labels)["8.502° E"]
+    assert east == pytest.approx(float(local_from_geodetic(47.304, 8.502, *origin)[1]), abs=0.2)
+
+
+def test_area_replaces_that_of_the_mission_file_and_the_map_has_its_name(
+    mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["--area", "lake.geojson", "--map"]) == 1  # the default start of auv3 is in the no-go area
+    assert Path("lake-map.png").read_bytes()[:4] == b"\x89PNG"
+    assert "no-go area no_go_pier" in capsys.readouterr().out
+
+
+def test_a_mission_file_is_never_taken_for_the_name_of_the_picture(
+    mission: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["--map", str(mission)])
+    assert "expected a name that ends in .png. Give the mission file first" in capsys.readouterr().err
+    assert mission.read_text() == MISSION
+
+
+def test_a_mission_with_an_impossible_area_is_not_drawn(mission: Path, tmp_path: Path) -> None:
+    mission.write_text(MISSION.replace("file: lake.geojson", "polygon_m: [0.0, 0.0, 9.0, 9.0, 9.0, 0.0, 0.0, 9.0]"))
+    rows = check(mission, picture=tmp_path / "no.png").rows
+    assert any("is not drawn; correct the errors" in text for _, text in rows)
+    assert not (tmp_path / "no.png").exists()
