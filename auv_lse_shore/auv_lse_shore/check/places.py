@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameter_file import read_yaml
-from auv_lse_common.mission_file.parameters import nest
 from auv_lse_common.mission_file.places_file import Places, read_places
 
 #: Largest number of ignored features that are listed by name.
@@ -28,9 +27,10 @@ def places_notes(mission: Path, area_file: Path | None = None) -> list[str]:
 
 def _files_of(mission: Path) -> list[Path]:
     """The values of `area.file` in a mission file."""
-    bodies = [nest(body.get("ros__parameters") or {}) for body in read_yaml(mission).values()]
-    areas = [body["area"] for body in bodies if isinstance(body.get("area"), dict)]
-    return [mission.parent / area["file"] for area in areas if area.get("file")]
+    bodies = [body.get("ros__parameters") or {} for body in read_yaml(mission).values()]
+    names = [body.get("area.file") for body in bodies]
+    names += [body["area"].get("file") for body in bodies if isinstance(body.get("area"), dict)]
+    return [mission.parent / name for name in names if name]
 
 
 def _notes(file: Path, places: Places) -> list[str]:

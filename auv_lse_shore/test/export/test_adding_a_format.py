@@ -25,7 +25,7 @@ def test_a_format_is_one_file(tmp_path, synthetic_run):
     copy = tmp_path / "packages" / "auv_lse_shore"
     shutil.copytree(Path(auv_lse_shore.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    (copy / "export" / "formats" / "kml.py").write_text(code)
+    (copy / "export" / "formats" / "gpx.py").write_text(code)
 
     path = os.pathsep.join([str(copy.parent), *sys.path])
     command = [sys.executable, "-m", "auv_lse_shore.export"]
@@ -36,10 +36,9 @@ def test_a_format_is_one_file(tmp_path, synthetic_run):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert "isobath.kml: the isobath that was found, for Google Earth." in said("--help")
-    assert re.search(r"^ +isobath.kml \(\d+ pieces\)$", said("run"), re.MULTILINE)
-    lines = ElementTree.parse(tmp_path / "run" / "export" / "isobath.kml").findall(".//{*}coordinates")
-    places = np.array([[float(x) for x in place.split(",")] for line in lines for place in line.text.split()])
-    north, east = local_from_geodetic(places[:, 1], places[:, 0], *ORIGIN)
+    assert "isobath.gpx: the isobath that was found, for chart plotters and handheld GPS receivers." in said("--help")
+    assert re.search(r"^ +isobath.gpx \(\d+ pieces\)$", said("run"), re.MULTILINE)
+    points = ElementTree.parse(tmp_path / "run" / "export" / "isobath.gpx").findall(".//{*}trkpt")
+    north, east = local_from_geodetic(*np.array([[float(p.get(k)) for p in points] for k in ("lat", "lon")]), *ORIGIN)
     valley = 120.0 + 30.0 * np.sin(east / 50.0)  # the synthetic run's true isobath
     assert np.abs(north - valley).mean() < 3.0
