@@ -31,7 +31,7 @@ def add_graph_options(p: argparse.ArgumentParser) -> None:
         help="ROS domain (default: ROS_DOMAIN_ID, else that of the mission on this machine, else 0)",
     )
     p.add_argument(
-        "--spin-time", type=float, metavar="S", help="seconds to discover nodes (default: until no new one appears)"
+        "--spin-time", type=float, metavar="S", help="seconds to discover nodes (default: until no new one appears, up to 4.2 s)"
     )
 
 
@@ -68,6 +68,12 @@ def join(wanted: str | None, root: Path | None = None) -> int:
     return domain
 
 
+def _wanted(options: argparse.Namespace) -> str:
+    """Full name of the one node or topic that a command is about, "" if it is about all."""
+    name = getattr(options, "node", None) or getattr(options, "topic", None) or ""
+    return f"/{name.lstrip('/')}" if name else ""
+
+
 def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespace, Any], int]) -> int:
     """Runs a command on the graph of the chosen domain; returns its exit code, 1 for an error, 130 after Ctrl-C."""
     try:
@@ -79,7 +85,9 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     except KeyboardInterrupt:
         return 130
     try:
-        with Graph(options.spin_time) as graph:
+        with Graph(options.spin_time, _wanted(options)) as graph:
+            if graph.missing:
+                print(f"warning: still waiting for {graph.missing}; --spin-time 10 waits longer", file=sys.stderr)
             return command(options, graph)
     except (GraphError, FieldError) as error:
         print(f"error: {error}", file=sys.stderr)

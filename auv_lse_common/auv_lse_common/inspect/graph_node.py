@@ -18,8 +18,11 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
-#: Discovery is complete when the graph has not changed for `_QUIET_S`, but takes at least `_LEAST_S`.
-_QUIET_S, _LEAST_S = 0.5, 1.0
+#: Discovery is complete when the graph has not changed for `_QUIET_S` and every participant has had time to announce
+#: itself: by default they do so every 3 s. What a command asks for by name may be found earlier, after `_LEAST_S`.
+_QUIET_S, _LEAST_S, _ANNOUNCED_S, _MOST_S = 0.5, 1.0, 3.2, 4.2
+#: rmw's name of a node whose participant is known and whose name has not arrived.
+_UNNAMED = "_NODE_NAME_UNKNOWN_"
 _ANSWER_S = 5.0
 
 
@@ -56,11 +59,21 @@ class Endpoint:
 
 
 class Graph:
-    """A context that joins the environment's ROS domain and discovers its nodes."""
+    """A context that joins the environment's ROS domain and discovers its nodes.
 
-    def __init__(self, spin_s: float | None = None) -> None:
-        """Args: spin_s: duration (s) of the discovery; None: until nothing new appears."""
-        self._spin_s = spin_s
+    Attributes:
+        missing: What the discovery still waited for when its time was over; "" if it is complete.
+    """
+
+    def __init__(self, spin_s: float | None = None, wanted: str = "") -> None:
+        """Sets how long to discover.
+
+        Args:
+            spin_s: Duration (s) of the discovery; None: until nothing new appears, at most 4.2 s.
+            wanted: Full name of a node or topic, which ends the discovery early; "": all are wanted.
+        """
+        self._spin_s, self._wanted = spin_s, wanted
+        self.missing = ""
 
     def __enter__(self) -> Graph:
         """Joins the domain and discovers the nodes; the caller keeps handling Ctrl-C."""
@@ -85,14 +98,31 @@ class Graph:
         seen: Any = None
         while True:
             self.spin(0.05)
-            now, found = time.monotonic(), (self.nodes(hidden=True), self.topics(hidden=True))
+            found = nodes, topics = self.nodes(hidden=True), self.topics(hidden=True)
+            now = time.monotonic()
             if found != seen:
                 seen, changed = found, now
-            if self._spin_s is not None:
-                if now - began >= self._spin_s:
+            took_s, is_changing = now - began, now - changed < _QUIET_S
+            if self._spin_s is None and took_s >= _LEAST_S and not is_changing:
+                if self._wanted and (self._wanted in nodes or self._wanted in topics):
                     return
-            elif now - began >= _LEAST_S and now - changed >= _QUIET_S:
+                if took_s >= _ANNOUNCED_S and not self._unnamed():
+                    return
+            if took_s >= (_MOST_S if self._spin_s is None else self._spin_s):
+                self.missing = self._unnamed() or ("nodes or topics that are just appearing" if is_changing else "")
                 return
+
+    def _unnamed(self) -> str:
+        """The participants whose endpoints are known and whose nodes' names are not, "" if there are none."""
+        by = self.node
+        found = [
+            (bytes(info.endpoint_gid[:12]), topic)
+            for topic in self.topics(hidden=True)
+            for info in (*by.get_publishers_info_by_topic(topic), *by.get_subscriptions_info_by_topic(topic))
+            if info.node_name == _UNNAMED
+        ]
+        number, topics = len({participant for participant, _ in found}), sorted({topic for _, topic in found})
+        return f"node names of {number} participant{'s' * (number > 1)} on {', '.join(topics[:3])}" if found else ""
 
     def spin(self, seconds: float) -> None:
         """Handles messages for `seconds`."""
