@@ -7,11 +7,11 @@ from abc import abstractmethod
 from typing import Any, Protocol
 
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_common.vocabulary.health import Health
+from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_comms.transport import PortWatcher, Transport
 
 _POLL_PERIOD_S = 0.05
-_DIAGNOSTICS_PERIOD_S = 5.0
+_DIAGNOSTICS_PERIOD_S = 4.0
 
 
 class Port(Protocol):
@@ -51,10 +51,15 @@ class DriverNode(VehicleNode):
         super().__init__(name)
         self._status_name = status_name
         self._watched: tuple[Transport, PortWatcher] | None = None
+        self._waited_for: str | None = ""  # logged last; None once the device was ready
 
-    def drive(self, port: Port) -> None:
-        """Begins to open the port; call it after wiring every topic."""
-        self._port = port
+    def drive(self, port: Port, address: str) -> None:
+        """Begins to open the port; call it after wiring every topic.
+
+        Args:
+            address: The parameter that names the port, and its value, for the log.
+        """
+        self._port, self._address = port, address
         self._bytes = self.create_guard_condition(self._on_bytes)
         self.phase(self._status_name, lambda now_s: self._exchange(poll=True), self.totals)
         self.begin()
@@ -88,8 +93,14 @@ class DriverNode(VehicleNode):
         return not self.lockstep
 
     def diagnose(self) -> None:
-        """Publishes the state of device and port."""
-        self.publish_health(self.now_s(), self._port.health(), self._status_name)
+        """Publishes the state of device and port; logs what the first connection waits for."""
+        health = self._port.health()
+        self.publish_health(self.now_s(), health, self._status_name)
+        if health.level is not Level.ERROR:
+            self._waited_for = None
+        elif self._waited_for is not None and health.text != self._waited_for:
+            self._waited_for = health.text
+            self.get_logger().warning(f"waiting for a device on {self._address}: {health.text}")
 
     def _on_timer(self) -> None:
         self.log_ready()

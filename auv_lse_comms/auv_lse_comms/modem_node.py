@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
 from collections.abc import Mapping
 from typing import Any
 

@@ -20,8 +20,9 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import itertools
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from pymavlink.dialects.v20 import common as mavlink
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
@@ -36,6 +37,7 @@ from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
+from auv_lse_comms import driver_node
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
@@ -322,3 +324,32 @@ def test_a_node_names_its_dive_in_what_it_publishes(tmp_path: Path, monkeypatch:
         found = s.collect(TdmaStatus, "/auv2/tdma")
         s.until(lambda: found)
         assert found[0].header.frame_id == f"{DIVE}/map"
+
+
+@pytest.mark.parametrize(
+    ("make", "parameters", "text"),
+    [
+        (MicromodemNode, "modem: {kind: micromodem, port: /dev/no-modem}", "modem.port /dev/no-modem: "),
+        (
+            VehicleLinkNode,
+            "link: {kind: mavlink, endpoint: 'udpin://127.0.0.1:%d'}",
+            "link.endpoint udpin://127.0.0.1:%d: no autopilot heard",
+        ),
+    ],
+)
+def test_a_driver_without_its_device_logs_and_publishes_what_it_waits_for(
+    make: Callable[[], Any], parameters: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert driver_node._DIAGNOSTICS_PERIOD_S < 5.0
+    monkeypatch.setattr(driver_node, "_DIAGNOSTICS_PERIOD_S", 0.3)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    parameters, text = (line % port if "%d" in line else line for line in (parameters, text))
+    with spun(make, tmp_path / "p.yaml", parameters) as s:
+        logs = s.collect(Log, "/rosout")
+        reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
+        waiting = lambda: [log.msg for log in logs if log.msg.startswith(f"waiting for a device on {text}")]
+        s.until(lambda: waiting() and len(reports) >= 3)
+        assert len(waiting()) == 1, "the log has it once"
+        assert reports[0].status[0].level == DiagnosticStatus.ERROR

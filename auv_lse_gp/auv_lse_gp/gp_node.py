@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
 import time
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
@@ -48,8 +52,8 @@ class GpNode(VehicleNode):
         self._field = self.publisher("field")
         self._risk = self.publisher("risk_map")
         self._isobath = self.publisher("isobath")
-        self.listen("sounding", lambda sounding: self._intake.add_soundings([sounding]))
-        self.listen("dead_reckoning", self._intake.add_dead_reckoning)
+        self.listen("sounding", lambda sounding: self._intake.add_soundings([sounding]), needed=True)
+        self.listen("dead_reckoning", self._intake.add_dead_reckoning, needed=self._intake.corrector is not None)
         self.listen("fix", self._intake.add_fix)
         self.listen("team/navigation", self._intake.add_navigation)
         self.listen("team/samples", self._on_samples)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
 import dataclasses
 import time
 from collections.abc import Callable

@@ -31,7 +31,10 @@ def add_graph_options(p: argparse.ArgumentParser) -> None:
         help="ROS domain (default: ROS_DOMAIN_ID, else that of the mission on this machine, else 0)",
     )
     p.add_argument(
-        "--spin-time", type=float, metavar="S", help="seconds to discover nodes (default: until no new one appears, up to 4.2 s)"
+        "--spin-time",
+        type=float,
+        metavar="S",
+        help="seconds to discover nodes (default: until no new one appears, up to 4.2 s)",
     )
 
 

@@ -36,6 +36,8 @@ _STEP_PERIOD_S = 0.1
 #: earlier are in no recording, and a planner decides within 0.2 s of its start. The recorder is looked for on topics
 #: that nobody else reads: a vehicle's other nodes may be away for longer.
 _RECORDER_WAIT_S = 3.0
+#: Without lockstep, how often (s) a node reports what it waits for; it logs that once.
+_WAITING_PERIOD_S = 4.0
 
 
 @dataclass(slots=True)
@@ -72,6 +74,8 @@ class VehicleNode(BaseNode):
         self._health = Health(level=Level.OK, text="started")  # published last
         self._storage_problem = ""  # published last
         self._has_strangers = False  # published last
+        self._has_logged_waiting = False
+        self._unheard: set[str] = set()  # topics that the node needs and has received nothing on
         self._readers: dict[Publisher, int] = {}
         self._only_recorded: list[Publisher] = []  # publishers that only the recorder reads
         self._handlers: dict[str, _Handler] = {}
@@ -149,7 +153,7 @@ class VehicleNode(BaseNode):
         values = {**health.values, "journal": self.journal.status} if self.journal.status else health.values
         strangers = self.strangers.problems(time.monotonic()).values()
         self._has_strangers = bool(strangers)
-        found = "; ".join(filter(None, (self._storage_problem, *strangers)))
+        found = "; ".join(filter(None, (self._storage_problem, *strangers, self._waits_for())))
         if not found:
             return dataclasses.replace(health, values=values)
         text = found if health.level is Level.OK else f"{health.text}; {found}"
@@ -187,7 +191,22 @@ class VehicleNode(BaseNode):
         """Whether `reader` gets the topic's messages without ROS: in lockstep, from a node in the same process."""
         return self.lockstep and reader in POST.nodes and POST.carries(topic)
 
-    def listen(self, name: str, take: Callable[[Any], None], *, raw: bool = False) -> None:
+    def _waits_for(self) -> str:
+        if self.lockstep or not self._unheard:
+            return ""
+        return f"waiting for a first message on {', '.join(sorted(self._unheard))}"
+
+    def _report_waiting(self) -> None:
+        """Publishes the node's health until everything it needs has arrived; the first call logs what is missing."""
+        if text := self._waits_for():
+            self.publish_health(self.now_s(), self._health)
+            if not self._has_logged_waiting:
+                self.get_logger().warning(text)
+            self._has_logged_waiting = True
+        else:
+            self._waiting.cancel()
+
+    def listen(self, name: str, take: Callable[[Any], None], *, raw: bool = False, needed: bool = False) -> None:
         """Subscribes to one of the vehicle's topics, or takes it from the node beside this one that alone writes it.
 
         Args:
@@ -195,6 +214,7 @@ class VehicleNode(BaseNode):
             take: Takes the value of each message. In lockstep the message then counts as arrived. A message that
                 cannot be decoded is logged and counts as arrived, too. One of another dive is ignored.
             raw: Whether `take` takes the messages themselves.
+            needed: Whether the node reports that it waits for the first message (not in lockstep).
 
         Raises:
             ValueError: if the table does not list the node as a reader; in lockstep no node would wait for it.
@@ -202,10 +222,13 @@ class VehicleNode(BaseNode):
         topic = VEHICLE_TOPICS[name]
         self._check_reader(topic)
         decode = None if raw else topic.decode
+        if needed:
+            self._unheard.add(name)
 
         def receive(message: Any) -> None:
             if self.ignores(topic, sender_of(message)):
                 return
+            self._unheard.discard(name)
             try:
                 value = message if decode is None else decode(message)
             except ValueError as error:
@@ -257,6 +280,7 @@ class VehicleNode(BaseNode):
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
         if not self.lockstep:
             self.when_matched(dict.fromkeys(self._only_recorded, 1), self._start_timer, _RECORDER_WAIT_S)
+            self._waiting = self.create_timer(_WAITING_PERIOD_S, self._report_waiting)
             return
         self._ticks = Ticks(tuple(self._handlers))
         self._check_reader(MISSION_TOPICS["/lockstep/tick"])

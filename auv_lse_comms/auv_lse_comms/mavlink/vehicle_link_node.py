@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
@@ -56,7 +60,7 @@ class VehicleLinkNode(DriverNode):
             self._sounding = self.publisher("sounding")
         self.listen("waypoint", self._on_waypoint)
         self.listen("mission/state", self._on_state)
-        self.drive(self._autopilot)
+        self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self._waypoints += 1

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
@@ -34,7 +38,7 @@ class MicromodemNode(DriverNode):
         self._sent = self.publisher("modem/sent")
         self._failed = self.publisher("modem/failed")
         self.listen("modem/tx", self._on_transmit, raw=True)  # its header comes back as it is
-        self.drive(self._modem)
+        self.drive(self._modem, f"modem.port {config.port}")
 
     def _on_transmit(self, message: ModemTx) -> None:
         self.reach_time(seconds(message.header.stamp))  # the packet may arrive before the tick's announcement

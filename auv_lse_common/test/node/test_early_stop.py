@@ -1,0 +1,59 @@
+"""A node that is interrupted while it starts."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+pytestmark = pytest.mark.ros
+
+_NODE = """\
+import sys
+from importlib import import_module
+
+started = import_module("auv_lse_common.node.early_stop")
+print("importing", flush=True)
+from auv_lse_planner.safety_node import main
+
+sys.exit(main())
+"""
+
+
+def test_sigint_during_the_start_leaves_no_traceback(tmp_path: Path) -> None:
+    """What `ros2 run auv_lse_planner safety_node` starts is interrupted ever later: within imports, and after them."""
+    script = tmp_path / "safety_node"
+    script.write_text(_NODE)
+    command = [sys.executable, str(script), "--ros-args", "-r", "__ns:=/auv1", "-p", "mission.vehicles:=1"]
+    environment = {**os.environ, "ROS_DOMAIN_ID": "80"}
+    started = []
+    for _ in range(5):
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        started.append(subprocess.Popen(command, env=environment, **pipes))
+    for process, delay_s in zip(started, (0.0, 0.1, 0.2, 0.4, 0.4), strict=True):
+        assert process.stdout is not None
+        assert process.stdout.readline() == "importing\n"
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGINT)
+    for process in started:
+        output, _ = process.communicate(timeout=30)
+        assert process.returncode == 0, output
+        assert "Traceback" not in output
+
+
+def test_every_node_imports_it_first() -> None:
+    root = Path(__file__).resolve().parents[3]
+    modules = [path for path in root.glob("auv_lse_*/auv_lse_*/**/*_node.py") if "\nmain = Main(" in path.read_text()]
+    assert len(modules) >= 8
+    for path in modules:
+        imports = [line for line in path.read_text().splitlines() if line.startswith(("import ", "from "))]
+        assert imports[1].startswith("import auv_lse_common.node.early_stop  #"), path
