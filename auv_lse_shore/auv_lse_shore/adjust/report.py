@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.error_model import STATIC
 from auv_lse_record.run_data import RunData, VehicleRun
@@ -18,6 +19,8 @@ from auv_lse_shore.report.page import render
 
 #: Columns of the table of soundings before and after.
 COLUMNS = ("run", "vehicle", "time_s", "north_m", "east_m", "adjusted_north_m", "adjusted_east_m", "depth_m")
+#: Further columns where the origin is known: the adjusted position.
+GEODETIC = ("adjusted_latitude_deg", "adjusted_longitude_deg")
 
 
 def report(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> str:
@@ -63,14 +66,20 @@ def _unknowns(correction: Correction, key: int) -> list[str]:
 
 def write_before_and_after(path: Path, adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> int:
     """Writes each sounding's position before and after the adjustment as CSV; returns the number of soundings."""
-    count = 0
+    count, origin = 0, adjustment.runs[0].origin
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+        writer.writerow([*COLUMNS, *(GEODETIC if origin is not None else ())])
         for name, old_run, new_run in zip(names, before, adjustment.runs, strict=True):
             for old, new in zip(old_run.vehicles, new_run.vehicles, strict=True):
-                for was, place in zip(old.soundings, new.soundings.places_m, strict=True):
+                places = new.soundings.places_m
+                geodetic = np.empty((len(places), 0))
+                if origin is not None:
+                    geodetic = np.column_stack(geodetic_from_local(places[:, 0], places[:, 1], *origin))
+                for was, place, degrees in zip(old.soundings, places, geodetic, strict=True):
                     numbers = (was.north_m, was.east_m, *place, was.depth_m)
-                    writer.writerow([name, old.vehicle, f"{was.stamp_s:.3f}", *(f"{value:.3f}" for value in numbers)])
+                    metres = (f"{value:.3f}" for value in numbers)
+                    angles = (f"{value:.8f}" for value in degrees)
+                    writer.writerow([name, old.vehicle, f"{was.stamp_s:.3f}", *metres, *angles])
                     count += 1
     return count

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.report.figures import WIDTH_IN, add_color_bar, new_figure, save, styled
+from auv_lse_shore.report.map_marks import add_graticule
 
 #: Panels: file, title, unit, colors.
 PANELS = (
@@ -59,10 +60,18 @@ def draw_export(folder: Path, path: Path) -> None:
         places = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
     axes[2].plot(*places.T, ".", ms=0.6, color="white", alpha=0.7)
     axes[0].set_ylabel("north (m)")
+    for axis in axes:
+        add_graticule(axis, _origin(crs), latitudes=axis is axes[-1])
     handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]
     handles.append(Line2D([], [], ls="", marker=".", ms=3, color="#999999", label="soundings.csv"))
     figure.legend(handles=handles, loc="outside lower center", ncols=5, title="isobath.geojson")
     save(figure, path)
+
+
+def _origin(crs: Any) -> tuple[float, float] | None:
+    """Latitude and longitude (deg) of the rasters' origin; `crs` is None for local metres."""
+    values = crs.to_dict() if crs is not None else {}
+    return (float(values["lat_0"]), float(values["lon_0"])) if values.get("proj") == "aeqd" else None
 
 
 def _local(line: Any, crs: Any) -> Any:

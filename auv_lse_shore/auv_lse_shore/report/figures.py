@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from auv_lse_shore.judge.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.tracks import navigation_error, track
+from auv_lse_shore.report.map_marks import add_graticule
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
@@ -136,7 +137,7 @@ def risk_maps(e: Evaluation) -> Figure:
         draw_tracks(axis, e)
         draw_isobath(axis, e.truth, "true")
     draw_pieces(axes[1], e.pieces)
-    outer_labels(axes, columns)
+    outer_labels(axes, columns, e.run.origin)
     add_color_bar(figure, image, axes.tolist(), "Bayes risk per place (units of cost)")
     map_legend(figure, e, truth=bool(e.truth), estimate=True)
     return figure
@@ -149,19 +150,19 @@ def local_risk_error(e: Evaluation) -> Figure:
     columns = min(count, 3 if aspect >= 0.5 else 2)
     rows = math.ceil(count / columns)
     width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
-    panel_in = (width - 1.3) / columns * aspect + 0.3
+    panel_in = (width - 1.3) / columns * aspect + 0.45
     figure = new_figure(width, rows * panel_in + 0.7 + legend_in(e, 2))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     differences = [own.risk - e.team.risk for own in e.local]
     largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
     image: Any = None
     for index, (axis, difference) in enumerate(zip(axes, differences, strict=False)):
-        title = f"auv{e.run.vehicles[index].vehicle}   mean |difference| {e.summary.local_risk_error[index]:.3f}"
+        title = f"auv{e.run.vehicles[index].vehicle}\nmean |difference| {e.summary.local_risk_error[index]:.3f}"
         image = draw_map(axis, e, difference, title, cmap=DIFFERENCE_COLORS, vmin=-largest, vmax=largest)
         draw_tracks(axis, e, only=index)
     for axis in axes[count:]:
         axis.set_visible(False)
-    outer_labels(axes[:count], columns)
+    outer_labels(axes[:count], columns, e.run.origin)
     label = "own risk − risk given all\n(units of cost per place)"
     add_color_bar(figure, image, axes[:count].tolist(), label, aspect=26 * rows)
     map_legend(figure, e, truth=False, estimate=False)
@@ -182,14 +183,14 @@ def depth_map(e: Evaluation) -> Figure:
         scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
         panels.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
     panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.05
-    figure = new_figure(WIDTH_IN, panel_in + 0.45)
+    figure = new_figure(WIDTH_IN, panel_in + 0.6)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
     for axis, (title, label, values, scale) in zip(axes, panels, strict=True):
         image = draw_map(axis, e, values, title, **scale)
         draw_isobath(axis, e.truth, "true")
         draw_pieces(axis, e.pieces)
         add_color_bar(figure, image, axis, label, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
-    outer_labels(axes, len(panels))
+    outer_labels(axes, len(panels), e.run.origin)
     lines = isobath_handles(e) + ([isobath_handle("true", "true isobath")] if e.truth else [])
     figure.legend(handles=lines, loc="outside lower center", ncols=4, handlelength=2.6)
     return figure
@@ -235,9 +236,14 @@ def panel_size(aspect: float, columns: int) -> tuple[float, bool]:
     return min(width * aspect, 7.5) + 0.25, side_by_side
 
 
-def outer_labels(axes: Any, columns: int) -> None:
-    """Labels the outer axes of panels in `columns` columns: north on the left, east at the bottom."""
+def outer_labels(axes: Any, columns: int, origin: tuple[float, float] | None = None) -> None:
+    """Labels the outer axes of panels in `columns` columns.
+
+    North is on the left, east at the bottom; with an origin (deg), latitude is on the right, longitude at the top.
+    """
     for index, axis in enumerate(axes):
+        last = index % columns == columns - 1 or index == len(axes) - 1
+        add_graticule(axis, origin, latitudes=last, longitudes=index < columns)
         if index % columns == 0:
             axis.set_ylabel("north (m)")
         if index >= len(axes) - columns:

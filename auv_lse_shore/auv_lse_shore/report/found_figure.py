@@ -22,7 +22,7 @@ def found(e: Evaluation) -> Figure:
     figures.draw_tracks(axis, e, width=0.7)
     figures.draw_isobath(axis, e.truth, "true")
     figures.draw_pieces(axis, e.pieces)
-    figures.outer_labels([axis], 1)
+    figures.outer_labels([axis], 1, e.run.origin)
     label = f"Is the water at least {e.settings[0].level_set.level_m:g} m deep?"
     bar = figures.add_color_bar(figure, image, axis, label, ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["surely\nshallower", "uncertain", "surely\ndeeper"])

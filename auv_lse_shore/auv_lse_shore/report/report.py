@@ -68,9 +68,12 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     paper = pictures.pop(report_figures.PAPER, None)
     return render(
         "report.html",
-        title=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {steps}, {s.method}, seed {s.seed}",
+        title=f"{e.settings[0].level_set.level_m:g} m isobath",
         subtitle=words.subtitle(e),
-        cards=words.cards(s),
+        cards=words.cards(e),
+        findings=words.findings(e),
+        setting=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {steps}, {s.method}, seed {s.seed}",
+        quality=words.quality_cards(s),
         notes=[*words.ended_early(s, planned), *e.run.notes],
         pictures=list(pictures.values()),
         results=words.paragraphs(e),

@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.summary import Summary
+from auv_lse_shore.report.map_marks import degrees
 from auv_lse_shore.report.page import number
 
 #: Number of stretches that the report lists one by one, and the shortest (m) that it lists.
@@ -68,34 +70,58 @@ def _bound_in_brief(s: Summary) -> str:
 
 
 def subtitle(e: Evaluation) -> str:
-    """What was searched for, and how long it took."""
+    """What was searched for, by whom, and how long it took."""
     s = e.summary
+    team = f"{s.vehicles} underwater vehicle{'s' if s.vehicles > 1 else ''}"
     wall = "" if s.wall_s is None else f", simulated in {s.wall_s:.1f} s of wall-clock time"
-    return f"Search for the {_level(e)} isobath: {s.sim_s / 60.0:.1f} min of mission time{wall}."
+    return (
+        f"Search for the {_level(e)} isobath, the line along which the water is {_level(e)} deep. {team}, "
+        f"{s.sim_s / 60.0:.1f} min of mission time{wall}."
+    )
 
 
-def cards(s: Summary) -> list[tuple[str, str]]:
-    """The main figures as pairs of a value and its meaning."""
+def cards(e: Evaluation) -> list[tuple[str, str]]:
+    """The main results, for everyone, as pairs of a value and its meaning."""
+    s, level = e.summary, _level(e)
+    rows: list[tuple[float | None, Callable[[float], str], str]] = [
+        (s.isobath_found_m, _m, "of isobath found"),
+        (s.isobath_likely_m + s.isobath_guessed_m, _m, "of isobath likely or guessed"),
+        (s.isobath_found, _percent, "of the true isobath found"),
+        (s.isobath_found_error_m, "{:.1f} m".format, "mean error of the isobath found"),
+        (s.deep_m2, _area, f"surely at least {level} deep"),
+        (s.shallow_m2, _area, f"surely shallower than {level}"),
+        (s.unsure_m2, _area, "uncertain"),
+    ]
+    return _known(rows)
+
+
+def quality_cards(s: Summary) -> list[tuple[str, str]]:
+    """The main measures of map and acoustic link, as pairs of a value and its meaning."""
     lawnmower = "lawnmower bound on map risk" if s.map_bound_promised else "map risk expected of a lawnmower"
     risk = f"{_three(s.risk_before)} → {_three(s.risk_after)}"
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
-        (s.isobath_found_error_m, "{:.1f} m".format, "mean isobath error"),
-        (s.isobath_found_m, _m, "of isobath found"),
-        (s.isobath_found, _percent, "of the true isobath found"),
         (s.risk_after, lambda _: risk, "map risk before → after (cost per place)"),
         (s.mowing_risk, _three, lawnmower),
         (s.loss_expected, _three, "expected loss (cost per place)"),
         (s.loss_after, _three, "actual loss (cost per place)"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
     ]
+    return _known(rows)
+
+
+def _known(rows: list[tuple[float | None, Callable[[float], str], str]]) -> list[tuple[str, str]]:
     return [(shown(value), meaning) for value, shown, meaning in rows if value is not None]
 
 
+def findings(e: Evaluation) -> list[str]:
+    """What was found, and what remains uncertain and why."""
+    return [text for text in (_found(e), _sides(e), _uncertain(e)) if text]
+
+
 def paragraphs(e: Evaluation) -> list[str]:
-    """What was found, what remains uncertain and why, whether the bound was met, and what the acoustic link cost."""
+    """Whether the bound was met, what wrong calls cost, and what the acoustic link and positions did to the map."""
     s = e.summary
-    texts = [_found(e), _sides(e), _uncertain(e), _bound(s), _loss(s), _link(s), _position(s)]
-    return [text for text in texts if text]
+    return [text for text in (_bound(s), _loss(s), _link(s), _position(s)) if text]
 
 
 def _found(e: Evaluation) -> str:
@@ -139,14 +165,18 @@ def _uncertain(e: Evaluation) -> str:
     if not reasons:
         return "No part of the line remains uncertain."
     longest = sorted((p for p in e.pieces if p.kind != FOUND), key=lambda p: p.length_m, reverse=True)
-    listed = [_stretch(p) for p in longest[:MAX_STRETCHES] if p.length_m >= MIN_STRETCH_M]
+    listed = [_stretch(p, e.run.origin) for p in longest[:MAX_STRETCHES] if p.length_m >= MIN_STRETCH_M]
     where = f" Longest stretches: {'; '.join(listed)}." if listed else ""
     return f"Line not found: {'; '.join(reasons)}.{where}"
 
 
-def _stretch(piece: Piece) -> str:
+def _stretch(piece: Piece, origin: tuple[float, float] | None) -> str:
     north, east = np.mean(piece.line, axis=0)
-    return f"{_m(piece.length_m)} near north {north:.0f} m, east {east:.0f} m ({piece.kind}, {piece.reason})"
+    place = f"north {north:.0f} m, east {east:.0f} m"
+    if origin is not None:
+        latitude, longitude = geodetic_from_local(north, east, *origin)
+        place += f" ({degrees(float(latitude), 5, 'NS')}, {degrees(float(longitude), 5, 'EW')})"
+    return f"{_m(piece.length_m)} near {place}: {piece.kind}, {piece.reason}"
 
 
 def _bound(s: Summary) -> str:

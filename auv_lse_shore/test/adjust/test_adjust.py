@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.run_writer import write_run
@@ -191,6 +192,8 @@ def test_a_recording_that_is_given_twice_is_refused(synthetic_run):
 
 def test_the_command_writes_map_table_and_report_and_can_be_repeated(synthetic_run, tmp_path, capsys):
     run = dived(synthetic_run)
+    area, origin = run.parameters["/**"]["area"], (46.5, 6.6)
+    area["origin_lat_deg"], area["origin_lon_deg"] = origin
     folder = tmp_path / "a run"
     write_run(run, folder)
     for _ in range(2):
@@ -203,6 +206,9 @@ def test_the_command_writes_map_table_and_report_and_can_be_repeated(synthetic_r
         rows = list(csv.DictReader(file))
     assert len(rows) == sum(len(v.soundings) for v in run.vehicles)
     assert any(abs(float(r["adjusted_north_m"]) - float(r["north_m"])) > 3.0 for r in rows)
+    places = np.array([[float(r[f"adjusted_{side}_m"]) for side in ("north", "east")] for r in rows])
+    degrees = [[float(r[f"adjusted_{name}_deg"]) for r in rows] for name in ("latitude", "longitude")]
+    assert np.column_stack(local_from_geodetic(*degrees, *origin)) == pytest.approx(places, abs=2e-3)
     lines = json.loads((adjusted / "isobath.geojson").read_text())["features"]
     assert any(feature["properties"]["class"] == "found" for feature in lines)
     assert (adjusted / "soundings.csv").is_file()

@@ -1,22 +1,29 @@
 """The run folder and its page."""
 
+import base64
+import html
 import json
 import re
 import struct
 
 import pytest
 import yaml
+from browser import CHROMIUM, Browser
 from jinja2 import UndefinedError
 
 from auv_lse_shore.judge.summary import table
 from auv_lse_shore.report.page import number, page_environment
 from auv_lse_shore.report.report import write_report
 
+#: What the first screen does without: words of the method, the judge and the acoustic link.
+JARGON = re.compile(r"bayes|risk|loss|cost|prior|posterior|packet|seed|method|bound", re.IGNORECASE)
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, synthetic_run):
     run = synthetic_run(steps=8)
     run.notes.append("start moved by <3 m>")
+    run.origin = (46.5, 6.6)
     folder = tmp_path_factory.mktemp("report") / "run"
     write_report(run, folder)
     return folder
@@ -45,7 +52,7 @@ def test_the_run_folder_is_complete(folder):
 
 
 def test_the_page_needs_nothing_but_itself(folder):
-    page = (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text().replace("<wbr>", "")
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     assert "http" not in page
     assert "<script" not in page
@@ -107,3 +114,36 @@ def test_values_of_a_page_are_escaped_and_none_may_be_missing():
     assert '<td class="n">&lt;b&gt; &amp; c</td>' in environment.from_string(template).render(**values)
     with pytest.raises(UndefinedError, match="rows"):
         environment.from_string(template).render(header=["a"])
+
+
+def test_the_first_screen_needs_no_knowledge_of_the_method(folder):
+    page = (folder / "report.html").read_text().split("<body>")[1]
+    first = re.sub(r"<[^>]*>|data:[^\"]*", " ", html.unescape(page[: page.index("<h2>")]))
+    assert not JARGON.search(first), JARGON.search(first)
+    assert "the line along which the water is 15 m deep" in first
+    assert "of isobath found" in first
+    assert "surely shallower than 15 m" in first
+
+
+def test_stretches_that_were_not_found_have_latitude_and_longitude(folder):
+    page = (folder / "report.html").read_text()
+    assert re.search(r"near north -?\d+ m, east -?\d+ m \(46\.50\d\d\d° N, 6\.60\d\d\d° E\)", page)
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
+def test_the_summary_table_is_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6_printed_pages(folder, tmp_path):
+    with Browser(tmp_path) as browser:
+        for width in (360, 1400):
+            browser.size(width, 800, mobile=width < 500)
+            browser.open((folder / "report.html").as_uri())
+            browser.wait("document.readyState === 'complete' && !!document.querySelector('table.stacked')")
+            assert browser.ask("document.documentElement.scrollWidth") == width
+            outside = browser.ask(
+                "[...document.querySelectorAll('table.stacked tbody td')].filter(cell => { const box = "
+                "cell.getBoundingClientRect(); return box.left < 0 || box.right > innerWidth || (cell.textContent && "
+                "box.height < 8) || cell.scrollWidth > cell.clientWidth + 1; }).map(cell => cell.textContent)"
+            )
+            assert outside == []
+        pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+        assert browser.errors == []
+    assert 1 < len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 6

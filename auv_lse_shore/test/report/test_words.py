@@ -7,9 +7,11 @@ import re
 import pytest
 
 from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_shore.report.figures import depth_map, risk_maps
+from auv_lse_shore.report.found_figure import found
 from auv_lse_shore.report.report import page
 from auv_lse_shore.report.report_figures import FIGURES
-from auv_lse_shore.report.words import headlines, paper_paragraphs, paragraphs
+from auv_lse_shore.report.words import findings, headlines, paper_paragraphs, paragraphs
 
 #: What the paper's reward is called where a user sees it.
 PAPER = re.compile(r"team reward|path reward|lower bound|stepwise|the paper's", re.IGNORECASE)
@@ -33,7 +35,7 @@ def other(synthetic_run):
 
 
 def text_of(evaluation):
-    return " ".join(paragraphs(evaluation))
+    return " ".join([*findings(evaluation), *paragraphs(evaluation)])
 
 
 def test_the_terminal_leads_with_the_isobath_and_the_map(other):
@@ -138,3 +140,15 @@ def test_a_lone_vehicle_without_truth_gets_no_word_of_mates_and_truth(synthetic_
     text = text_of(evaluation) + " ".join(headlines(evaluation.summary, 6))
     for word in ("coustic", "true", "None", "nan"):
         assert word not in text
+
+
+def test_maps_have_latitude_and_longitude_where_the_origin_is_known(synthetic_run):
+    evaluation = judged(synthetic_run)
+    for origin in (None, (46.5, 6.6)):
+        evaluation.run.origin = origin
+        counts = []
+        for draw in (found, risk_maps, depth_map):
+            panels = [axis for axis in draw(evaluation).axes if axis.images]
+            labels = [side for axis in panels for side in axis.child_axes]
+            counts.append(len(labels))
+        assert counts == ([0, 0, 0] if origin is None else [2, 3, 4])  # longitudes of each panel, latitudes of the last
