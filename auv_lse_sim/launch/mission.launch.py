@@ -7,13 +7,15 @@ default filled in, as mission.yaml in the run folder `out`; the recording goes t
 """
 
 import atexit
+import importlib.util
 import os
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, EmitEvent, ExecuteProcess, LogInfo, OpaqueFunction
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -27,6 +29,9 @@ from auv_lse_sim.engine.processes import mission_processes
 
 #: Launch argument, the parameter that it sets where it is not empty, and how its text becomes the value.
 _OVERRIDES = (("vehicles", "mission.vehicles", int), ("steps", "mission.steps", int), ("seed", "mission.seed", int))
+
+#: Time (s) for the report of a long mission of many vehicles.
+_REPORT_S = 900
 
 #: The reserved ROS domain, until the launch ends.
 _RESERVED = ExitStack()
@@ -58,7 +63,7 @@ def _nodes(context):
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     complete = folder / "mission.yaml"
     complete.write_text(settings.to_parameter_file())
-    return [
+    nodes = [
         Node(
             package=process.package,
             executable=process.executable,
@@ -72,6 +77,18 @@ def _nodes(context):
         )
         for process in mission_processes(settings.mission.vehicles, modem, link, record)
     ]
+    return [*nodes, _report_of(folder, variables)]
+
+
+def _report_of(folder, variables):
+    """The process that shows the progress and, at the end, makes the report."""
+    if importlib.util.find_spec("auv_lse_shore") is None:
+        return LogInfo(msg="no progress and no report: the package auv_lse_shore, which makes them, is not installed")
+    command = [sys.executable, "-m", "auv_lse_shore.mission.launched", str(folder)]
+    # Shutdown sends SIGINT, upon which the report is made.
+    return ExecuteProcess(
+        cmd=command, name="mission", output="screen", additional_env=variables, sigterm_timeout=str(_REPORT_S)
+    )
 
 
 def _truth(name, text):

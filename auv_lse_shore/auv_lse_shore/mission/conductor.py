@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.keeper import ProcessKeeper, node_task
 from auv_lse_common.process.processes import Process, last_lines
-from auv_lse_shore.mission.display import Display, MissionProgress, reward_shown
+from auv_lse_shore.mission.display import Display, progress_of
 from auv_lse_shore.mission.watch_node import MissionWatch
 
 _START_S = 90.0
@@ -55,11 +55,7 @@ def conduct(
     """
     start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
     keeper = _keeper(settings, folder, environment, console, processes)
-    progress = MissionProgress(
-        vehicles=settings.mission.vehicles,
-        steps_total=settings.mission.steps,
-        reward=reward_shown(settings.planner_settings(1).planner),
-    )
+    progress = progress_of(settings)
     marks = {"began": time.monotonic()}
     started_s: dict[str, float] = {}
     with contextlib.ExitStack() as stack:
@@ -81,7 +77,7 @@ def conduct(
             display.refresh()
         marks["ended"] = time.monotonic()
         processor_s = keeper.cpu_s()
-    return _write_times(folder, marks, processor_s, started_s)
+    return write_times(folder, marks, processor_s, started_s)
 
 
 def _keeper(
@@ -94,10 +90,17 @@ def _keeper(
     return ProcessKeeper(tasks, logs, environment, console.print, restart=False, in_turn=in_turn)
 
 
-def _write_times(
+def write_times(
     folder: Path, marks: dict[str, float], processor_s: dict[str, float], started_s: dict[str, float]
 ) -> dict[str, float]:
-    """Writes logs/times.json; returns the wall-clock seconds of the phases."""
+    """Writes logs/times.json; returns the wall-clock seconds of the phases.
+
+    Args:
+        folder: The run folder.
+        marks: Times (s) at which it "began", was "running" (left out if it never was) and "ended".
+        processor_s: Processor time of each process.
+        started_s: Its part before the first tick.
+    """
     phases = {"ending": time.monotonic() - marks["ended"]}
     if "running" in marks:
         phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}

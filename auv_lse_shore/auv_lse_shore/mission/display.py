@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.mission_file.settings import Settings
 
 _LINE_PERIOD_S = 5.0
 
@@ -118,6 +119,15 @@ class MissionProgress:
         rewards = f"   {self._rewards_text} (drop of Bayes risk)" if self._rewards_text else ""
         foot = Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")
         return Group(head, table, foot)
+
+
+def progress_of(settings: Settings) -> MissionProgress:
+    """The progress of a mission that has not begun."""
+    return MissionProgress(
+        vehicles=settings.mission.vehicles,
+        steps_total=settings.mission.steps,
+        reward=reward_shown(settings.planner_settings(1).planner),
+    )
 
 
 def reward_shown(planner: PlannerConfig) -> str:

@@ -154,22 +154,23 @@ def fly(
         _say(console, "interrupted: every process has ended; the recording is complete up to here")
     if not settings.record.folder or settings.sim.apart:  # separate vehicles make their own recordings
         return 130 if interrupt.came else 0
-    return _evaluated(folder, settings, wall_s, phases, console, interrupt, report)
+    interrupt.release()
+    return report_mission(folder, settings, wall_s, phases, console, is_complete=not interrupt.came, report=report)
 
 
-def _evaluated(
+def report_mission(
     folder: Path,
     settings: Settings,
     wall_s: float,
     phases: dict[str, float],
     console: Console,
-    interrupt: Interrupt,
-    report: bool,
+    *,
+    is_complete: bool,
+    report: bool = True,
 ) -> int:
     """Evaluates the mission; returns the exit code: 130 if the mission or the evaluation was interrupted."""
-    code = 130 if interrupt.came else 0
-    mission = "the mission was interrupted" if interrupt.came else "the mission is complete"
-    interrupt.release()
+    code = 0 if is_complete else 130
+    mission = "the mission is complete" if is_complete else "the mission was interrupted"
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:

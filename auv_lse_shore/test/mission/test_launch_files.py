@@ -39,7 +39,7 @@ def launch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     names = {
         "launch": ["LaunchDescription"],
-        "launch.actions": ["DeclareLaunchArgument", "EmitEvent", "OpaqueFunction"],
+        "launch.actions": ["DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "LogInfo", "OpaqueFunction"],
         "launch.events": ["Shutdown"],
         "launch.substitutions": [],
         "launch_ros": [],
@@ -85,7 +85,7 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     given = {"vehicles": "2", "steps": "7", "seed": "3", "real_time_factor": "5", "out": str(out)}
     arguments, start = launch("auv_lse_sim/launch/mission.launch.py", **given)
     assert Path(arguments["params_file"]).is_file()
-    nodes = start()
+    *nodes, report = start()
     of_vehicles = [f"/auv{k}/{name}" for k in (1, 2) for name in VEHICLE_NODES]
     assert names(nodes) == ["/recorder_node", *of_vehicles, "/sim_node"]
     settings = Settings.load(out / "mission.yaml")
@@ -98,7 +98,9 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert int(variables["ROS_DOMAIN_ID"]) in busy_domains()
     assert int(variables["ROS_DOMAIN_ID"]) in SIMULATOR_DOMAINS, "a free one: the shell has none"
     assert variables["AUV_LSE_DIVE"].startswith("sim-")
-    assert all(node.kwargs["additional_env"] == variables for node in nodes)
+    assert all(action.kwargs["additional_env"] == variables for action in (*nodes, report))
+    assert report.kwargs["cmd"][1:] == ["-m", "auv_lse_shore.mission.launched", str(out)]
+    assert float(report.kwargs["sigterm_timeout"]) > 600, "SIGINT starts the report, which takes a while"
     with pytest.raises(ValueError, match="exists and is not empty"):
         start()
 
@@ -106,13 +108,13 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
 def test_a_mission_with_emulated_modems_has_ranges(launch: Any, tmp_path: Path) -> None:
     out = tmp_path / "run"
     _, start = launch("auv_lse_sim/launch/mission.launch.py", modem="emulated", out=str(out))
-    assert "/auv1/micromodem_node" in names(start())
+    assert "/auv1/micromodem_node" in names(start()[:-1])
     assert Settings.load(out / "mission.yaml").vehicle(1).modem.synchronous, "as with scripts/mission"
 
 
 def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
     _, start = launch("auv_lse_sim/launch/mission.launch.py", record="false", out=str(tmp_path / "run"))
-    assert "/recorder_node" not in names(start())
+    assert "/recorder_node" not in names(start()[:-1])
     assert Settings.load(tmp_path / "run" / "mission.yaml").record.folder == ""
     _, start = launch("auv_lse_sim/launch/mission.launch.py", record="maybe", out=str(tmp_path / "other"))
     with pytest.raises(ValueError, match="record:=maybe: expected true or false"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 from auv_lse_common.topics.table import (
@@ -17,6 +18,7 @@ from auv_lse_common.topics.table import (
     recorded_topics,
     waits_for,
 )
+from auv_lse_shore.reference_pages.tables import nodes
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -136,3 +138,11 @@ def test_the_recorder_records_every_vehicles_topics_and_the_truth() -> None:
     assert not any("lockstep" in name for name in topics)
     assert topics["/auv1/plan"].latched
     assert not topics["/auv1/modem/tx"].latched
+
+
+def test_the_table_of_nodes_lists_every_topic_that_a_node_publishes() -> None:
+    rows = {line.split("|")[1].strip(" `"): line for line in nodes().splitlines() if "_node`" in line}
+    for name, row in rows.items():
+        (path,) = ROOT.glob(f"auv_lse_*/auv_lse_*/**/{name}.py")
+        for topic in re.findall(r'self\.publisher\("([^"]+)"\)', path.read_text()):
+            assert f"`{topic}`" in row.split("|")[4], f"{name} publishes {topic}"
