@@ -34,7 +34,7 @@ def test_the_command_reports_errors(tmp_path, capsys):
     assert "SPEC.yaml: missing" in capsys.readouterr().err
     (tmp_path / "tiny.yaml").write_text(yaml.safe_dump({"set": TINY}))
     assert main([str(tmp_path / "tiny.yaml"), "--out", str(tmp_path / "tiny.yaml")]) == 2
-    assert "tiny.yaml: is a file; expected a folder" in capsys.readouterr().err
+    assert "tiny.yaml: got a file; expected a folder" in capsys.readouterr().err
     assert main(["--rerun", "abc"]) == 2
     assert "--out DIR" in capsys.readouterr().err
 

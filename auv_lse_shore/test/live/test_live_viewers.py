@@ -65,7 +65,7 @@ def test_they_hold_what_the_page_shows(told):
     per = events[0]["points_per_leg"]
     assert (len(actions.poses), len(rest.poses)) == (3 * per + 1, 9 * per + 1)
     assert actions.poses[-1].pose.position == rest.poses[0].pose.position
-    heard = [m for _, array in found["/viz/packets"] for m in array.markers if m.ns.startswith("heard")]
+    heard = [m for _, array in found["/viz/packets"] for m in array.markers if m.ns.startswith("received")]
     assert len(heard) == len([e for e in events if e["kind"] == "received"])
     assert all(m.lifetime.sec == 10 for m in heard)
 

@@ -31,20 +31,8 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             if not fields:
                 continue
             if fields[0][0].isalpha() and fields[0].lower() != "nan" and not rows:
-                key = fields[0].lower()
-                try:
-                    header[key] = float(fields[1])
-                except (IndexError, ValueError):
-                    raise GroundError(
-                        f"{path}:{number}: {line.strip()!r}; expected a header line 'name number'"
-                    ) from None
-                count = key in ("ncols", "nrows")
-                if count and not (header[key].is_integer() and header[key] >= 2):
-                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a whole number of at least 2")
-                if count:
-                    check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
-                if not (math.isfinite(header[key]) or key == "nodata_value"):
-                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a finite number")
+                _read_header_line(fields, header, f"{path}:{number}: {line.strip()!r}")
+                check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
                 continue
             try:
                 row = [float(f) for f in fields]
@@ -75,6 +63,23 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return raster_ground(path, x, y, grid, crs, config, origin)
+
+
+def _read_header_line(fields: list[str], header: dict[str, float], where: str) -> None:
+    """Adds a line 'name number' to the header.
+
+    Raises:
+        GroundError: beginning with `where`, and naming what was expected.
+    """
+    key = fields[0].lower()
+    try:
+        header[key] = float(fields[1])
+    except (IndexError, ValueError):
+        raise GroundError(f"{where}; expected a header line 'name number'") from None
+    if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):
+        raise GroundError(f"{where}; expected a whole number of at least 2")
+    if not (math.isfinite(header[key]) or key == "nodata_value"):
+        raise GroundError(f"{where}; expected a finite number")
 
 
 def _is_number(text: str) -> bool:

@@ -116,7 +116,25 @@ def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[
         overrides["area.origin_lat_deg"], overrides["area.origin_lon_deg"] = origin
         if asked[0] is not None and asked[1] is not None and given:
             overrides.update(_converted(settings, (asked[0], asked[1]), origin))
+            _check_overlap(overrides["area.polygon_m"], ground, (asked[0], asked[1]), origin)
     return (settings.with_overrides(overrides) if overrides else settings), wanted_by
+
+
+def _check_overlap(
+    polygon_m: list[float], ground: Ground, asked: tuple[float, float], origin: tuple[float, float]
+) -> None:
+    """Checks that a converted area lies on the ground.
+
+    Raises:
+        GroundError: naming both origins (deg).
+    """
+    low, high = np.reshape(polygon_m, (-1, 2)).min(axis=0), np.reshape(polygon_m, (-1, 2)).max(axis=0)
+    e = ground.extent
+    if high[0] < e.north_min_m or low[0] > e.north_max_m or high[1] < e.east_min_m or low[1] > e.east_max_m:
+        raise GroundError(
+            f"area.origin_lat_deg, origin_lon_deg: got {asked[0]:.5f}, {asked[1]:.5f}; expected an area on the ground, "
+            f"whose origin is {origin[0]:.5f}, {origin[1]:.5f}. Correct the origin, or remove it to use the ground's"
+        )
 
 
 def _converted(settings: Settings, old: tuple[float, float], new: tuple[float, float]) -> dict[str, Any]:

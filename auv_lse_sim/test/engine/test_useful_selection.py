@@ -43,7 +43,8 @@ def test_samples_of_a_packet_that_was_not_sent_are_worth_what_they_were(waiting:
     first = bridge.poll(OWN_SLOT_S)
     assert first is not None
     if heard:
-        mates = encode(Packet(PLAN, soundings(heard, seed=2)[:, 1:]))
+        along_m = np.arange(heard, dtype=float)  # where a mate that sends PLAN can have been
+        mates = encode(Packet(PLAN, np.column_stack([5.0 + along_m, along_m, 15.0 + 0.0 * along_m])))
         assert bridge.receive(OTHER_SLOT_S, 2, mates) is not None
         assert never.receive(OTHER_SLOT_S, 2, mates) is not None
     bridge.not_sent(OWN_SLOT_S)

@@ -59,7 +59,7 @@ def test_shallow_island_becomes_a_no_go_area():
     area = check_safe(fitted, terrain)
     assert not area.contains(np.array([[250.0, 250.0], [250.0, 195.0]])).any()
     assert area.contains(np.array([[250.0, 100.0], [30.0, 30.0], [460.0, 460.0]])).all()
-    assert any("around 1 no-go areas" in note for note in notes)
+    assert any("around 1 no-go area" in note for note in notes)
 
 
 def test_own_no_go_areas_stay():
@@ -172,12 +172,14 @@ def test_a_bottom_beyond_the_dvls_range_is_reported():
 def test_the_origin_of_the_ground_holds():
     axis = np.arange(-50.0, 551.0, 50.0)
     terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
-    for lat, lon in ((47.0, 9.5), (46.0, 8.0)):
-        s = settings(**{"area.origin_lat_deg": lat, "area.origin_lon_deg": lon})
-        fitted, notes = fit_to_ground(s, terrain)
-        assert (fitted.area.origin_lat_deg, fitted.area.origin_lon_deg) == (47.0, 8.0)
-        given = f"area.origin {lat:.5f}, {lon:.5f} deg"
-        assert f"origin: {given} is replaced by the origin of the ground, 47.00000, 8.00000 deg" in notes
+    elsewhere = settings(**{"area.origin_lat_deg": 47.0009, "area.origin_lon_deg": 8.0})
+    fitted, notes = fit_to_ground(elsewhere, terrain)
+    assert (fitted.area.origin_lat_deg, fitted.area.origin_lon_deg) == (47.0, 8.0)
+    replaced = "area.origin 47.00090, 8.00000 deg is replaced by the origin of the ground, 47.00000, 8.00000 deg"
+    assert any(replaced in note for note in notes)
+    assert min(fitted.area.polygon_m[::2]) == pytest.approx(min(elsewhere.area.polygon_m[::2]) + 100.1, abs=15.0)
+    with pytest.raises(GroundError, match=r"got 47\.00000, 9\.50000; expected an area on the ground"):
+        fit_to_ground(settings(**{"area.origin_lat_deg": 47.0, "area.origin_lon_deg": 9.5}), terrain)
     again, notes = fit_to_ground(fitted, terrain)
     assert again.area.origin_lon_deg == 8.0
     assert not any(note.startswith("origin:") for note in notes)
