@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import re
 import threading
 import time
 from io import BytesIO
@@ -13,6 +14,7 @@ import pytest
 from browser import CHROMIUM, Browser
 from PIL import Image
 
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.recording import recording_in
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -20,6 +22,9 @@ from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.server import LiveServer
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
+
+
+ORIGIN = (46.5, -6.6)
 
 
 class Serving:
@@ -51,7 +56,9 @@ class Serving:
 @pytest.fixture(scope="module")
 def serving(tmp_path_factory, synthetic_run):
     folder = tmp_path_factory.mktemp("page") / "a run"
-    write_run(synthetic_run(), folder)
+    run = synthetic_run()
+    run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
+    write_run(run, folder)
     serving = Serving(Timeline())
     RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
     yield serving
@@ -97,6 +104,20 @@ def test_it_shows_the_mission_and_reports_no_error(browser):
     for canvas in ("map", "slots", "reward", "risk"):
         shown = pixels(browser, canvas)
         assert len(np.unique(shown.reshape(-1, 4), axis=0)) > 20, f"{canvas} is blank"
+
+
+def test_the_place_under_the_pointer_has_latitude_and_longitude(browser):
+    at(browser, 200.0)
+    for x, y, scale in ((150, 120, 0), (400, 330, 0.02)):  # the second is kilometres away
+        browser.ask(f"liveView.map.view = {scale} && {{north: 0, east: 0, scale: {scale}}}")
+        place = browser.ask(f"(liveView.map.probe = {{x: {x}, y: {y}}}, liveView.map.projection().place({x}, {y}))")
+        at(browser, 200.0)
+        found = re.search(r"(\d+\.\d+)° N, (\d+\.\d+)° W", text(browser, "readout"))
+        latitude, longitude = float(found[1]), -float(found[2])
+        assert (latitude, longitude) == pytest.approx(
+            [float(v) for v in geodetic_from_local(place["north"], place["east"], *ORIGIN)], abs=1e-5
+        )
+    browser.ask("(liveView.map.probe = null, liveView.map.fit())")
 
 
 def test_the_map_changes_with_the_moment_the_layer_and_the_vehicle(browser):

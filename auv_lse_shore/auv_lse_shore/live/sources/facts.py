@@ -8,6 +8,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_record.run_data import origin_of
 from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import scales_of
 from auv_lse_shore.live.sources.plan_lines import POINTS_PER_LEG, decimetres
@@ -41,6 +42,7 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
         "level_m": level_set.level_m,
         "costs": [level_set.cost_false_safe, level_set.cost_false_unsafe],
         "largest_risk": level_set.largest_risk,
+        "origin_deg": origin_of(settings.to_patterns()),
         "extent_m": list(area.extent_m),
         "area": decimetres(area.polygon),
         "holes": [decimetres(hole) for hole in area.no_go.values()],

@@ -44,3 +44,14 @@ export function element(tag, attributes = {}, ...children) {
 export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
+
+// WGS84 latitude and longitude (deg) of a place (m north and east of the origin, a pair in deg), as a text. Terms of
+// third order in the distance are left out: within 10 km the error is below 0.2 m at latitudes up to 65 deg.
+export function geodetic(north, east, [lat0, lon0]) {
+  const a = 6378137, e2 = 0.00669437999014, radian = Math.PI / 180, phi = lat0 * radian;
+  const w2 = 1 - e2 * Math.sin(phi) ** 2, normal = a / Math.sqrt(w2), meridian = (a * (1 - e2)) / w2 ** 1.5;
+  const lat = lat0 + (north / meridian - (east * east * Math.tan(phi)) / (2 * meridian * normal)) / radian;
+  const lon = lon0 + ((east / (normal * Math.cos(phi))) * (1 + (north * Math.tan(phi)) / normal)) / radian;
+  const side = (value, signs) => `${Math.abs(value).toFixed(6)}° ${value < 0 ? signs[1] : signs[0]}`;
+  return `${side(lat, "NS")}, ${side(lon, "EW")}`;
+}

@@ -2,7 +2,7 @@
 
 import { cross, DM, label, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
 import { sharesColor, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
-import { number, tickDigits, ticks, tickStep } from "./format.js";
+import { geodetic, number, tickDigits, ticks, tickStep } from "./format.js";
 import { packetsAt } from "./packets.js";
 import { OUTSIDE } from "./store.js";
 
@@ -410,6 +410,7 @@ export class MapView {
       c.strokeRect(at.x - 5, at.y - 5, 10, 10);
     }
     const { north, east } = p.place(at.x, at.y), parts = [`north ${number(north)} m, east ${number(east)} m`];
+    if (this.store.facts.origin_deg) parts.push(geodetic(north, east, this.store.facts.origin_deg));
     const row = map ? Math.round((north - map.south) / map.cell) : -1, column = map ? Math.round((east - map.west) / map.cell) : -1;
     if (map && row >= 0 && row < map.rows && column >= 0 && column < map.columns) {
       const of = (layer) => this.store.value(layer, map.layers[layer][row * map.columns + column]);

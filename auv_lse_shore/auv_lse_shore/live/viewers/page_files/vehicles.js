@@ -1,7 +1,7 @@
 // One card per vehicle: health, progress, position and packets. Clicking a card shows that vehicle's map.
 
 import { vehicleColor } from "./colors.js";
-import { element, number, setText } from "./format.js";
+import { element, geodetic, number, setText } from "./format.js";
 
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… no data" };
@@ -63,6 +63,7 @@ export class VehicleCards {
     setText(fields.mission, run ? run.state + (run.state !== "running" && run.reason ? `: ${run.reason}` : "") : "–");
     setText(fields.step, `${steps} of ${facts.steps}`);
     setText(fields["N, E"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
+    fields["N, E"].title = pose && facts.origin_deg ? geodetic(pose.north, pose.east, facts.origin_deg) : "";
     setText(fields["position ±"], pose ? `${number(pose.std, 1)} m` : "–");
     setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
