@@ -39,7 +39,9 @@ PARSES = {"auv_lse_shore.mission.command": "auv_lse_shore.mission.mission"}
 #: Files that each page promises, below the folder in which it was followed.
 PROMISED = {
     "first-mission": ["runs/first/report.html", "runs/first/isobath.geojson", "runs/first/mission.yaml"],
-    "your-own-lake": ["gp.yaml", "lake-map.png", "runs/lake/export/isobath.kml", "runs/lake/mission.yaml", "vehicles.yaml"],
+    "your-own-lake": [
+        "gp.yaml", "lake-map.png", "runs/lake/export/isobath.kml", "runs/lake/mission.yaml", "vehicles.yaml",
+    ],
     "bench-to-water": ["team.key", "auv2.policy.xml"],
     "bluerov2": ["vehicle.yaml"],
     "blueboat": ["vehicle-boat.yaml"],
