@@ -10,7 +10,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
 GUIDE = sorted((ROOT / "docs" / "guide").glob("*.md"))
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "docs" / "reference" / "hardware.md", *GUIDE]
+PAGES = [
+    *(
+        ROOT / name
+        for name in ("README.md", "CONTRIBUTING.md", "docs/reference/hardware.md", "docs/design/adding-a-driver.md")
+    ),
+    *GUIDE,
+]
 
 #: How a block begins that the tests only parse: it names what it needs, or how long it takes.
 NOT_RUN = re.compile(r"# (needs|takes) ")
