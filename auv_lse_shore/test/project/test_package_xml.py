@@ -78,3 +78,72 @@ def test_the_message_package_names_the_packages_of_its_fields() -> None:
     used = set(re.findall(r"^(\w+)/\w+", text, re.MULTILINE))
     tree = ElementTree.parse(ROOT / "auv_lse_msgs" / "package.xml")
     assert {element.text for element in tree.iter("depend")} == used
+
+
+ALL = (*PACKAGES, "auv_lse_msgs")
+#: Names on PyPI of imports that have another name there.
+ON_PYPI = {"foxglove": "foxglove-sdk", "serial": "pyserial", "yaml": "pyyaml"}
+
+
+def known_keys() -> dict[str, set[str]]:
+    """The stored rosdep keys by heading: apt, ros, pip."""
+    text = re.sub(r"^#.*\n", "", (Path(__file__).parent / "rosdep_keys.txt").read_text(), flags=re.MULTILINE)
+    _, *parts = re.split(r"^\[(\w+)\]$", text, flags=re.MULTILINE)
+    return {heading: set(names.split()) for heading, names in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def test_every_dependency_has_a_rosdep_key_on_jazzy_and_lyrical() -> None:
+    known, from_pip = known_keys(), set()
+    for package in ALL:
+        tree = ElementTree.parse(ROOT / package / "package.xml").getroot()
+        used = {element.text for element in tree if element.tag.endswith("depend")} - set(ALL)
+        assert used <= set().union(*known.values()), package
+        from_pip |= {package} if used & known["pip"] else set()
+    assert len(from_pip) == 1, "only the package with the MAVLink link is not ready for a binary release"
+
+
+def test_all_packages_have_one_version_a_changelog_and_a_website() -> None:
+    (version,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert re.search(r"^## (\S+) \(", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+    for package in ALL:
+        tree = ElementTree.parse(ROOT / package / "package.xml").getroot()
+        assert tree.findtext("version") == version, package
+        assert tree.findtext("url"), package
+        lines = (ROOT / package / "CHANGELOG.rst").read_text().splitlines()
+        assert lines[:3] == ["^" * len(lines[1]), f"Changelog for package {package}", "^" * len(lines[1])]
+        assert re.fullmatch(rf"{re.escape(version)} \(\d{{4}}-\d\d-\d\d\)", lines[4])
+        assert lines[5] == "-" * len(lines[4]), "what bloom reads: catkin's format"
+        if package in PACKAGES:
+            assert f'"{package}", "{version}"' in (ROOT / package / "setup.py").read_text()
+
+
+def setup_of(package: str, command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
+    """What setup.py passes to setuptools for a command."""
+    path, given = ROOT / package / "setup.py", {}
+    monkeypatch.chdir(path.parent)
+    monkeypatch.setattr(sys, "argv", ["setup.py", command])
+    monkeypatch.setattr("setuptools.setup", lambda **options: given.update(options))
+    exec(compile(path.read_text(), str(path), "exec"), {"__file__": str(path)})
+    return given
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_pip_gets_dependencies_types_and_no_commands(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    library = setup_of(package, "bdist_wheel", monkeypatch)
+    required = {re.match(r"[\w-]+", requirement)[0] for requirement in library["install_requires"]}
+    ros = known_keys()["ros"] | {"auv_lse_msgs", "rclpy"}
+    imported = {ON_PYPI.get(name, name) for name in imports_of(package) - OPTIONAL - ros}
+    assert required == imported
+    optional = {ON_PYPI.get(name, name) for name in imports_of(package) & OPTIONAL}
+    assert set(library["extras_require"].get("optional", [])) == optional
+    assert not library.get("entry_points")
+    assert "py.typed" in library["package_data"][package]
+    assert (ROOT / package / package / "py.typed").is_file()
+    siblings = [requirement for requirement in library["install_requires"] if requirement.startswith("auv_lse_")]
+    assert all("file://" in requirement for requirement in siblings), "they are on no index"
+    monkeypatch.setenv("AUV_LSE_WHEELS", "1")
+    wheels = setup_of(package, "bdist_wheel", monkeypatch)["install_requires"]
+    assert not any("file:" in requirement for requirement in wheels), "a wheel is installed elsewhere"
+    colcon = setup_of(package, "install", monkeypatch)
+    assert colcon["install_requires"] == []
+    assert bool(colcon.get("entry_points")) == (package != "auv_lse_shore")
