@@ -226,8 +226,12 @@ class VehiclePlanner:
     def decide(self, now_s: float, deadline: Callable[[], bool] | None = None) -> Decision:
         """Decides the next leg.
 
+        The first call searches the whole mission: about 1 s of processor time for 100 legs and 9 s for 300, and up to a
+        minute more to compile with numba where its cache is empty. Later calls improve the plan within 0.05 to 0.3 s.
+
         Args:
-            deadline: Returns whether to stop searching; the decision then uses the best path so far.
+            deadline: Returns whether to stop searching, such as `lambda: time.monotonic() > end_s`; the decision then
+                uses the best path so far. Checked between evaluations, after the first ones; None: no deadline.
 
         Raises:
             ValueError: if there is no odometry or the mission is over. Call it only when `due`.

@@ -13,6 +13,7 @@ import pytest
 import auv_lse_comms
 import auv_lse_gp
 import auv_lse_planner
+import auv_lse_record
 
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
@@ -65,7 +66,7 @@ def test_a_node_imports_nothing_that_it_does_not_use() -> None:
         assert not (UNUSED[node] | NEVER) & set(modules), node
 
 
-@pytest.mark.parametrize("package", [auv_lse_comms, auv_lse_gp, auv_lse_planner])
+@pytest.mark.parametrize("package", [auv_lse_comms, auv_lse_gp, auv_lse_planner, auv_lse_record])
 def test_a_face_gives_every_name_that_it_offers_and_no_other(package: object) -> None:
     for name in package.__all__:
         assert getattr(package, name) is not None
