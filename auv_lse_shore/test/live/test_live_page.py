@@ -120,6 +120,22 @@ def test_the_place_under_the_pointer_has_latitude_and_longitude(browser):
     browser.ask("(liveView.map.probe = null, liveView.map.fit())")
 
 
+def test_twenty_vehicles_are_on_one_screen(browser, serving):
+    browser.size(1366, 768)
+    browser.ask(
+        "(facts => liveView.store.add({...facts, kind: 'mission', vehicles: "
+        "[...Array(20)].map((_, i) => ({number: i + 1, depth_m: 3}))}))(liveView.store.facts)"
+    )
+    browser.wait("document.querySelectorAll('.vehicle').length === 20")
+    browser.wait("document.querySelector('.vehicle[aria-pressed=true] dl')", "the chosen vehicle's card")
+    seen = browser.ask("[...document.querySelectorAll('.vehicle')].map(card => card.getBoundingClientRect().bottom)")
+    assert max(seen) < browser.ask("document.querySelector('footer').getBoundingClientRect().top") / 2.0
+    assert browser.ask("document.querySelector('.vehicle[aria-pressed=true] dl').getBoundingClientRect().height") > 20
+    assert browser.errors == []
+    browser.open(serving.url)
+    browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+
+
 def test_the_map_changes_with_the_moment_the_layer_and_the_vehicle(browser):
     at(browser, 60.0)
     early = pixels(browser, "map")

@@ -54,9 +54,16 @@ function draw() {
   const ofMap = store.facts.reward_of === "map";
   const counted = ofMap ? "Decrease of the map’s total risk, averaged over the vehicles" : "Sum over the vehicles";
   setText($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
-  setText($("risk-words"), `Now: ${words(risks, 2)}. Lower is better.`);
+  setText($("risk-words"), `Now: ${risks.length > 8 ? range(risks) : words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);
   describeMap(t);
+}
+
+// Lowest and highest of many values, as a text.
+function range(values) {
+  const known = values.filter(({ value }) => Number.isFinite(value)).sort((a, b) => a.value - b.value);
+  const text = ({ name, value }) => `${number(value, 2)} (${name})`;
+  return known.length ? `${text(known[0])} to ${text(known[known.length - 1])}` : "–";
 }
 
 function describeMap(t) {

@@ -17,7 +17,7 @@ export class SlotView {
   draw(t) {
     const { store, canvas } = this, facts = store.facts;
     if (!facts) return;
-    const row = facts.vehicles.length > 6 ? 14 : 22, high = STRIP.top + STRIP.bottom + row * facts.vehicles.length;
+    const row = facts.vehicles.length > 12 ? 9 : facts.vehicles.length > 6 ? 14 : 22, high = STRIP.top + STRIP.bottom + row * facts.vehicles.length;
     if (canvas.style.height !== `${high}px`) canvas.style.height = `${high}px`;
     const width = canvas.clientWidth, c = prepare(canvas, width, high), theme = themeColors(), tdma = facts.tdma;
     c.clearRect(0, 0, width, high);
@@ -42,10 +42,11 @@ export class SlotView {
     c.fillRect(x(t) - 1, STRIP.top, 2, bottom - STRIP.top + 5);
     c.restore();
     c.fillStyle = theme.ink;
-    c.font = `${row < 20 ? 11 : 13}px system-ui, sans-serif`;
+    c.font = `${row < 20 ? (row < 11 ? 10 : 11) : 13}px system-ui, sans-serif`;
     c.textAlign = "right";
     c.textBaseline = "middle";
-    for (const { number: vehicle } of facts.vehicles) c.fillText(`auv${vehicle}`, STRIP.left - 8, y(vehicle));
+    const every = row < 11 ? 2 : 1; // else the names would touch
+    for (const { number: vehicle } of facts.vehicles.filter((_, i) => i % every === 0)) c.fillText(`auv${vehicle}`, STRIP.left - 8, y(vehicle));
     c.fillStyle = theme.soft;
     c.font = "12px system-ui, sans-serif";
     c.textAlign = "center";

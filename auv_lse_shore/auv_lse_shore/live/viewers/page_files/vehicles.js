@@ -9,7 +9,7 @@ const SILENT_S = 30;
 const FIELDS = ["mission", "step", "N, E", "position ±", "depth", "speed", "decision", "packets"];
 const SHORT = ["mission", "step", "packets"]; // rows shown on the cards of a large team, except on the selected card
 const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received" };
-const LARGE_TEAM = 4;
+const LARGE_TEAM = 4, HUGE_TEAM = 8;
 
 export class VehicleCards {
   constructor(root, store, onChoose) {
@@ -22,7 +22,9 @@ export class VehicleCards {
   begin() {
     this.cards.clear();
     this.root.replaceChildren();
-    this.root.toggleAttribute("data-large", (this.store.facts?.vehicles.length ?? 0) > LARGE_TEAM);
+    const size = this.store.facts?.vehicles.length ?? 0;
+    this.root.toggleAttribute("data-large", size > LARGE_TEAM);
+    document.documentElement.toggleAttribute("data-huge", size > HUGE_TEAM);
     for (const { number: vehicle, depth_m } of this.store.facts?.vehicles ?? []) {
       const card = element("button", { type: "button", class: "vehicle", "aria-pressed": "false" });
       const swatch = element("span", { class: "swatch", style: `background: ${vehicleColor(vehicle)}` });
@@ -56,6 +58,7 @@ export class VehicleCards {
     if (health.dataset.level !== level) health.dataset.level = level;
     setText(health, SIGNS[level]);
     setText(note, notes.join("; "));
+    note.title = note.textContent;
     note.hidden = !notes.length;
     const width = `${(100 * Math.min(1, steps / facts.steps)).toFixed(1)}%`;
     if (meter.style.width !== width) meter.style.width = width;
