@@ -127,7 +127,7 @@ def test_twenty_vehicles_are_on_one_screen(browser, serving):
         "[...Array(20)].map((_, i) => ({number: i + 1, depth_m: 3}))}))(liveView.store.facts)"
     )
     browser.wait("document.querySelectorAll('.vehicle').length === 20")
-    browser.wait("document.querySelector('.vehicle[aria-pressed=true] dl')", "the chosen vehicle's card")
+    browser.wait("!!document.querySelector('.vehicle[aria-pressed=true] dl')", "the chosen vehicle's card")
     seen = browser.ask("[...document.querySelectorAll('.vehicle')].map(card => card.getBoundingClientRect().bottom)")
     assert max(seen) < browser.ask("document.querySelector('footer').getBoundingClientRect().top") / 2.0
     assert browser.ask("document.querySelector('.vehicle[aria-pressed=true] dl').getBoundingClientRect().height") > 20
