@@ -1,11 +1,12 @@
-"""Which dive a vehicle is on: read at the next start, so that a dive continues after a reboot.
+"""Record of a vehicle's current dive, read at the next start so that the dive continues after a reboot.
 
 Theory of operation
 -------------------
-`begin` allocates the nodes' state files and then records the dive in a state file of its own, `auv2.dive`. `end` marks
-the dive as over when its nodes were ended, unless the vehicle is under water. The next start continues a dive that is
-not over and has the same mission file. It is over, too, if its mission never ran, or has ended, and the vehicle was at
-the surface. If the record cannot be trusted, the nodes begin with invalid state files: the vehicle surfaces and holds.
+`begin` allocates the nodes' state files and then records the dive in a separate state file, `auv2.dive`. After the
+nodes have stopped, `end` marks the dive as over unless the vehicle is under water. The next start continues a dive that
+is not over and has the same mission file. A dive is also over if the vehicle was at the surface and the mission never
+ran or has ended. If the record cannot be trusted, the nodes start with invalid state files: the vehicle surfaces and
+holds.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from auv_lse_common.vocabulary.mission_run import RunState
 
 
 class StateFolderError(OSError):
-    """The state of a mission could not be kept."""
+    """The mission state cannot be stored."""
 
 
 class DiveRecord:
@@ -35,12 +36,12 @@ class DiveRecord:
     """
 
     def __init__(self, folder: Path, vehicle: int, mission_file: Path) -> None:
-        """Reads the record, and writes nothing.
+        """Reads the record; writes nothing.
 
         Args:
             folder: The folder of the record.
             vehicle: Number of the vehicle.
-            mission_file: Its mission file; another one is a new dive.
+            mission_file: Its mission file; a different one means a new dive.
         """
         self.continued: Path | None = None
         self._path = folder / f"auv{vehicle}.dive"
@@ -65,7 +66,7 @@ class DiveRecord:
             dive: Id of a new dive.
 
         Returns:
-            Variables of the nodes' environment: folder of journals and state files, id of the dive, and of this start.
+            Environment variables for the nodes: folder of journals and state files, dive id, and id of this start.
 
         Raises:
             StateFolderError: if there is no room for the state files of a new dive, or no permission.
@@ -127,7 +128,7 @@ class DiveRecord:
         return None if safety is None else bool(safety and safety["under_water"])
 
     def _is_over(self, values: dict[str, Any]) -> bool:
-        """Whether a dive that nobody ended is over."""
+        """Whether a dive without an orderly end is over."""
         try:
             safety = self._safety(values)
         except FileNotFoundError:  # somebody has cleared the folder

@@ -3,8 +3,8 @@
 A mission file may name such a file (`area.file`) or give places in latitude and longitude (`area.polygon_deg`,
 `vehicle.start_deg`, ...). They are converted to metres when the mission file is read: nodes only know metres.
 
-What a feature is, its name (or its property `role`) says: "no-go ...", "start ...", "recovery ..."; a number in the
-name of a start or recovery place is the vehicle's. The one polygon that remains is the operating area.
+A feature's name (or its property `role`) defines its use: "no-go ...", "start ...", "recovery ...". A number in the
+name of a start or recovery place is the vehicle number. The one remaining polygon is the operating area.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Places:
         no_go: Corners (n, 2) of each no-go area by name.
         starts: Starts by vehicle number.
         recoveries: Recovery places by vehicle number; 0 is that of all vehicles.
-        ignored: Names of features that have no use.
+        ignored: Names of unused features.
     """
 
     area: Array | None = None
@@ -102,7 +102,7 @@ def read_places(path: str | Path) -> Places:
 
 
 def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: str) -> Patterns:
-    """The parameters of a mission file with `area.file` and all places in degrees converted to metres.
+    """Converts `area.file` and all places in degrees of a mission file to metres.
 
     A file's starts and recovery places apply where the mission file gives none. Without `area.origin_lat_deg` and
     `origin_lon_deg` the origin is the middle of the area, rounded to 1e-5 deg.
@@ -141,7 +141,7 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
 
 
 def with_area_file(patterns: Mapping[str, Mapping[str, Any]], file: str) -> Patterns:
-    """The parameters of a mission file whose area, no-go areas and origin are replaced by those of a file of places.
+    """Replaces area, no-go areas and origin in a mission file's parameters with those of its file of places.
 
     Raises:
         ParameterError: as `with_places`.
@@ -182,7 +182,7 @@ def _under(patterns: Patterns, places: Places, origin: tuple[float, float]) -> P
 
 
 def _places_of(area: dict[str, Any], folder: Path, where: str) -> Places | None:
-    """The places that a section `area` names; takes their keys out of it."""
+    """The places that a section `area` specifies; removes their keys from it."""
     name = area.pop("file", None)
     if name is None and not {"polygon_deg", "no_go_deg"} & set(area):
         return None

@@ -1,4 +1,4 @@
-"""A node's state file: the little that a node must not forget, written in place so that a full disk cannot prevent it.
+"""A node's state file: the few values that must survive a restart, written in place so that it works on a full disk.
 
 Theory of operation
 -------------------
@@ -7,15 +7,15 @@ older slot and waits for the disk. A slot carries a sequence number and a checks
 
     magic (8 bytes) | sequence (8) | length (4) | CRC-32 of sequence, length and text (4) | text: JSON
 
-Nothing is published before its state is written, so a torn slot never held a state that anyone has seen. All the same
-the file is not trusted then, because a disk that tears one write may have damaged another. It is trusted if its size is
-right and each slot is blank or whole. Two blank slots are a first start.
+A node writes its state before it publishes the result, so the state in a torn slot was never published. The file is
+still not trusted, because a disk that tears one write may have damaged another. A file is trusted if its size is right
+and each slot is blank or whole. Two blank slots mean a first start.
 
-A file that cannot be written is invalidated in place, or else removed. `lost` says why the state of an earlier process
-is not trusted: a node then holds, and does not begin at the start.
+A file that cannot be written is invalidated in place, or removed if that fails. `lost` gives the reason why the state
+of an earlier process is not trusted. The node then holds instead of restarting the mission.
 
-The clock may be wrong after a reboot, so nothing here compares times. A reboot is recognized by `START_VARIABLE`: each
-start of a vehicle's programs has a value of its own; a single node that is restarted has the same.
+The clock may be wrong after a reboot, so this module compares no times. `START_VARIABLE` reveals a reboot: its value
+changes with each start of the vehicle's programs, but not when a single node restarts.
 """
 
 from __future__ import annotations
@@ -42,26 +42,26 @@ _HEAD = struct.Struct("<8sQLL")
 
 
 class StateFile:
-    """The state that outlives a node's process, and the power of its computer.
+    """State of a node that survives a restart of its process or its computer.
 
     Attributes:
-        values: What an earlier process wrote last; empty at a first start, or if it is not trusted.
-        lost: Why the state of an earlier process is not trusted; "" if it is, or if there was none. It stays set.
-        problem: Why the state is not being written; "" if it is.
-        rebooted: Whether `values` come from before a start of all the vehicle's programs.
-        written_s: When the file was written last (s since 1970), by the clock of then; 0 if it was missing.
+        values: Values that an earlier process wrote last; empty at a first start or if they are not trusted.
+        lost: Reason why the state of an earlier process is not trusted; "" if it is trusted or missing. It stays set.
+        problem: Reason why the state cannot be written; "" if it can.
+        rebooted: Whether all of the vehicle's programs were restarted since `values` were written.
+        written_s: Modification time of the file (s since 1970); 0 if it was missing.
     """
 
     def __init__(
         self, path: Path | None, identity: Mapping[str, Any], *, start: str = "", expected: bool = False
     ) -> None:
-        """Reads the file, or allocates it. A file that cannot be used is a `problem`, no error.
+        """Reads or allocates the file. An unusable file sets `problem` and raises no error.
 
         Args:
-            path: The file; its folder is made if it is missing. None: no state is kept.
-            identity: What the mission is known by: JSON values. The state of another identity is not trusted.
+            path: The file; a missing folder is created. None: no state is stored.
+            identity: JSON values that identify the mission. State with a different identity is not trusted.
             start: Value of `START_VARIABLE`.
-            expected: Whether an earlier process has left traces, so that a missing file is not a first start.
+            expected: Whether an earlier process left other files, so that a missing file is not a first start.
         """
         self.values: dict[str, Any] = {}
         self.lost = self.problem = ""
@@ -100,12 +100,12 @@ class StateFile:
         return self._file >= 0
 
     def write(self, values: Mapping[str, Any]) -> bool:
-        """Replaces the state, and waits until the disk has it. An unchanged state is not written again.
+        """Replaces the state and waits until it is on the disk. An unchanged state is not written again.
 
         After a failure the next changed state is written into a new file.
 
         Returns:
-            Whether the disk has it, or no state is kept; else `problem` says why not.
+            Whether the state is on the disk, or none is stored. If False, `problem` gives the reason.
         """
         if self._path is None:
             return True
@@ -157,7 +157,7 @@ class StateFile:
         self._sequence, self._text = number, text
 
     def _replace(self, text: bytes) -> None:
-        """Makes a new file with this state, after the last one could not be written; raises OSError."""
+        """Makes a new file with this state after writing the last file failed; raises OSError."""
         assert self._path is not None
         if len(text) > SLOT_BYTES - _HEAD.size:
             raise OSError(f"state of {len(text)} bytes; expected at most {SLOT_BYTES - _HEAD.size}")
@@ -166,7 +166,7 @@ class StateFile:
         self._sequence, self._text, self.problem = 1, text, ""
 
     def _repair(self) -> None:
-        """Makes a file that is not trusted whole again, with the reason in it; dying meanwhile leaves it untrusted."""
+        """Repairs an untrusted file and stores the reason in it; it stays untrusted if the process dies meanwhile."""
         document = {"identity": self._identity, "start": self._start, "lost": self.lost, "values": {}}
         try:
             _write(self._file, _INVALID, 0)
@@ -199,11 +199,11 @@ class StateFile:
 
 
 def allocate(path: Path, content: bytes = b"") -> None:
-    """Makes a state file, and its folder, in full and on the disk.
+    """Creates a state file of full size on the disk, and its folder.
 
     Args:
-        path: The file; one that exists is replaced.
-        content: Its first bytes; the others are zeros.
+        path: The file; an existing one is replaced.
+        content: Its first bytes; zeros follow.
 
     Raises:
         OSError: if there is no room for it, or no permission.
@@ -239,7 +239,7 @@ def invalidate(path: Path) -> None:
 
 
 def read_state(path: Path) -> dict[str, Any] | None:
-    """The values in a state file, which stays as it is.
+    """Reads the values in a state file without changing it.
 
     Returns:
         The values; empty if nothing was written yet; None if the file is not trusted, or cannot be read.

@@ -1,4 +1,4 @@
-"""What the nodes of one vehicle do alike: its number and topics, a journal, and phases, by a timer or in lockstep."""
+"""Base class of one vehicle's nodes: vehicle number, topics, journal, and phases run by a timer or in lockstep."""
 
 from __future__ import annotations
 

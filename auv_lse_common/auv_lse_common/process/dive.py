@@ -1,12 +1,12 @@
-"""The id of a dive or a simulation, by which nodes know the messages of their own mission.
+"""The id of a dive or a simulation, with which nodes recognize the messages of their own mission.
 
-An entry point begins a dive and names it in the environment of its nodes, "auv2-1123-184534-3f2a" for a vehicle's and
-"sim-1123-184534-3f2a" for a simulation's. Nodes prefix the frame in the header of each message with it, as the frames
-of several robots are prefixed: "sim-1123-184534-3f2a/map". Topics that only viewers read keep their frame.
+An entry point creates the id and passes it to its nodes in their environment: "auv2-1123-184534-3f2a" for a vehicle,
+"sim-1123-184534-3f2a" for a simulation. Nodes prefix the frame in each message header with it, as is usual for the
+frames of several robots: "sim-1123-184534-3f2a/map". Topics that only viewers read keep their frame.
 
-A node ignores the messages of another dive, and reports them. Messages without an id come from operators and from the
-drivers of users. Nodes accept them where these may publish; a simulation accepts only commands. Nodes that were started
-by hand have the id "", and ignore every message that has one: hardware never obeys a simulation.
+A node ignores messages of another dive and reports them. Messages without an id come from operators and from users'
+drivers. Nodes accept them on the topics on which these may publish; a simulation accepts only commands. Nodes started
+by hand have the id "" and ignore every message that has one, so hardware never obeys a simulation.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def new_dive(kind: str) -> str:
 
 
 def own_dive() -> str:
-    """The id of this process's dive; "" if its entry point named none."""
+    """The id of this process's dive; "" if its entry point set none."""
     return os.environ.get(DIVE_VARIABLE, "")
 
 
@@ -45,7 +45,7 @@ def tagged_frame(dive: str, frame: str) -> str:
     """The name of a frame in a header, with the id of the dive.
 
     Args:
-        dive: The id; "": the frame stays as it is.
+        dive: The id; "" leaves the frame unchanged.
         frame: The frame, such as "map".
     """
     return f"{dive}/{frame}" if dive else frame
@@ -63,10 +63,10 @@ def is_simulation(dive: str) -> bool:
 
 
 def tagged(message: Any, topic: Topic, dive: str) -> Any:
-    """The same message, with the id in the frame of its header unless only viewers read the topic.
+    """Adds the id to the frame in a message's header, unless only viewers read the topic; returns the message.
 
     Args:
-        message: A message of the topic; one without a header stays as it is.
+        message: A message of the topic; without a header it is unchanged.
         topic: The topic.
         dive: The id.
     """
@@ -116,7 +116,7 @@ class Strangers:
         self._heard_s: dict[str, float] = {}
 
     def ignores(self, topic: Topic, sender: str, now_s: float) -> bool:
-        """Whether to ignore a message; counts it then.
+        """Whether to ignore a message; counts ignored ones.
 
         Args:
             topic: The topic.
@@ -133,7 +133,7 @@ class Strangers:
         return True
 
     def problems(self, now_s: float) -> Mapping[str, str]:
-        """A sentence for each dive that was heard within the last minute, by its id.
+        """A sentence for each other dive with messages in the last minute, by its id.
 
         Args:
             now_s: A monotonic clock.

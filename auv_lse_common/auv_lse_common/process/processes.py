@@ -1,4 +1,4 @@
-"""Processes: what they are, the nodes of one vehicle, and how processes are started and ended."""
+"""Processes of a mission: their description, the nodes of one vehicle, and starting and ending processes."""
 
 from __future__ import annotations
 

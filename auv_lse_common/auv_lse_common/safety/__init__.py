@@ -1,1 +1,1 @@
-"""The safety watch: limits of depth, altitude, place, age and charge that hold whether the planner lives or not."""
+"""The safety watch: limits on depth, altitude, position, age and battery charge, independent of the planner."""

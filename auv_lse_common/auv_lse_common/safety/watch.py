@@ -3,18 +3,18 @@
 Theory of operation
 -------------------
 `odometry`, `altitude` and `autopilot` take the reports since the last step; `step` checks every limit. An exceeded
-limit is a warning at once. When it has been exceeded for `patience_s` in total within the last `2 * patience_s`, is
-exceeded still, and its response is not "warn", it trips: `MissionRun.trip` latches it until RESET. So a limit that is
-exceeded without a break trips after `patience_s`. With wrong readings in between it trips within twice that time, as
-long as at least half of the readings exceed it. Fewer do not trip it. For depth, fence and altitude every reading
-counts; the other limits are states, read once a step (`exceeded_time`). Two exceptions:
+limit is a warning at once. A limit trips when it has been exceeded for `patience_s` in total within the last
+`2 * patience_s`, is still exceeded, and its response is not "warn". `MissionRun.trip` latches it until RESET. A limit
+that is exceeded without a break thus trips after `patience_s`. With wrong readings in between it trips within twice
+that time, if at least half of the readings exceed it. For depth, fence and altitude every reading counts; the other
+limits are states, read once a step (`exceeded_time`). Two exceptions:
 
-- Before the mission has started nothing trips while the vehicle is at the surface. A submerged vehicle, after a restart
-  of its computer, is watched.
-- After a RESET outside the fence the vehicle may come back: the fence holds again once it is inside.
+- Before the mission has started nothing trips while the vehicle is at the surface. After a restart of its computer, a
+  submerged vehicle is watched.
+- After a RESET outside the fence the vehicle may return: the fence applies again once it is inside.
 
-Ages are counted by the step's clock from the step that took the report; that of odometry from its stamp, if it is
-older. A clock that is set shifts them, so that nothing becomes old.
+Ages are measured with the step's clock from the step that took the report; that of odometry from its stamp, if that is
+older. If the clock is set, ages are shifted with it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MOVED_M = 1.0
 AFLOAT_M = 2.0
 #: Below this speed (m/s) a vehicle may stand still.
 STANDING_MPS = 0.05
-#: No vehicle keeps its depth better than this (m per m of way), or to the last digit over this distance (m).
+#: No vehicle keeps its depth better than this (m per m travelled), or to the last digit over this distance (m).
 STEADIEST = 0.0005
 STEADY_M = 50.0
 
@@ -57,14 +57,14 @@ class AutopilotReport:
     """State of an autopilot, as it reports it.
 
     Attributes:
-        heard: Whether its heartbeat arrives.
+        heard: Whether its heartbeats arrive.
         armed: Whether its motors may turn.
         mode: Its flight mode's number; -1 unknown.
         mode_obeys: Whether it follows targets in that mode; True if unknown.
         battery: Charge left, 0 to 1; NaN unknown.
         leak: 1 water inside, 0 none, -1 unknown.
-        disobeys: How it has refused or ignored its targets, or a stop, for some seconds; "" if it has not.
-        depth_problem: Why the depth of its odometry is not to be trusted; "" if it is.
+        disobeys: How it has refused or ignored its targets or a stop for some seconds; "" if it follows them.
+        depth_problem: Reason not to trust the depth of its odometry; "" if there is none.
     """
 
     heard: bool
@@ -78,7 +78,7 @@ class AutopilotReport:
 
     @property
     def problem(self) -> str:
-        """Why it does not follow targets; "" if no reason is known."""
+        """Reason why it cannot follow targets; "" if none is known."""
         if not self.heard:
             return "the autopilot is not heard"
         if not self.armed:
@@ -90,7 +90,7 @@ class SafetyWatch:
     """Watches the limits of one vehicle; see the module's text.
 
     Attributes:
-        warnings: Exceeded limits that have not tripped, with the reason of each.
+        warnings: Exceeded limits that have not tripped, each with its reason.
     """
 
     def __init__(self, config: SafetyConfig, fence: Fence, deepest_m: float, has_autopilot: bool = False) -> None:
@@ -187,7 +187,7 @@ class SafetyWatch:
         return None if self._place is None else not self._afloat
 
     def snapshot(self) -> dict[str, Any]:
-        """State that outlives the process and that reports do not restore."""
+        """State that must survive a restart and that new reports do not restore."""
         return {"ran_s": self._ran_s, "was_inside": self._was_inside}
 
     def restore(self, values: Mapping[str, Any]) -> None:

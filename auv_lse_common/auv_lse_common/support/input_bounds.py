@@ -1,6 +1,6 @@
-"""Largest sizes of what users and strangers give: beyond them reading would take minutes, or all memory.
+"""Largest accepted sizes of inputs: larger ones would take minutes or all memory to read.
 
-Whoever reads an input compares its size with the bound before it does the work.
+Readers check the size of an input before they process it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MAX_TEXT_BYTES = 500_000_000
 
 
 def over_size(path: Path, most_bytes: int) -> str:
-    """Says that a file is too large: "FILE: got 2,100 MB; expected at most 500 MB"; "" if it is not.
+    """The error text for a file that is too large: "FILE: got 2,100 MB; expected at most 500 MB"; "" if it is not.
 
     Raises:
         OSError: if it cannot be read.
