@@ -92,7 +92,7 @@ def read_places(path: str | Path) -> Places:
         raise ParameterError(f"{path}: is not UTF-8 text: {error}") from error
     try:
         features = list(reader(text, str(path)))
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError, RecursionError, OverflowError) as error:
         if isinstance(error, ParameterError):
             raise
         raise ParameterError(
@@ -136,7 +136,10 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
     if places.area is not None:
         area["polygon_m"] = _flat(places.area, origin)
     if places.no_go:
-        area["no_go"] = {**area.get("no_go", {}), **{name: _flat(ring, origin) for name, ring in places.no_go.items()}}
+        given = area.get("no_go", {})
+        if not isinstance(given, Mapping):
+            raise ParameterError(f"{where}: area.no_go: got {given!r}; expected corners by name")
+        area["no_go"] = {**given, **{name: _flat(ring, origin) for name, ring in places.no_go.items()}}
     return _under(converted, places, origin)
 
 
@@ -209,7 +212,8 @@ def _origin(area: Mapping[str, Any], places: Places | None, where: str) -> tuple
     """Latitude and longitude (deg) of north = east = 0."""
     origin = area.get("origin_lat_deg"), area.get("origin_lon_deg")
     if isinstance(origin[0], int | float) and isinstance(origin[1], int | float):
-        return float(origin[0]), float(origin[1])
+        place = _numbers(origin, f"{where}: area.origin_lat_deg, origin_lon_deg")
+        return float(place[0, 0]), float(place[0, 1])
     if places is None or places.area is None:
         raise ParameterError(
             f"{where}: area.origin_lat_deg, origin_lon_deg: got {origin[0]!r}, {origin[1]!r}; expected both, since "
@@ -236,8 +240,8 @@ def _numbers(value: Any, key: str) -> Array:
         raise ParameterError(f"{key}: got {value!r}; expected latitude, longitude, ... in deg")
     try:
         flat = np.array([float(v) for v in value])
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"{key}: got {value!r}; expected latitude, longitude, ... in deg") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ParameterError(f"{key}: got {str(value)[:80]}; expected latitude, longitude, ... in deg") from error
     if len(flat) % 2 or not len(flat):
         raise ParameterError(f"{key}: got {len(flat)} numbers; expected latitude, longitude of each place")
     return _checked(flat.reshape(-1, 2), key)
@@ -264,6 +268,9 @@ def _sorted_by_role(features: Sequence[_Feature], where: str) -> Places:
     """Places of a file's features, by their names."""
     places = Places()
     areas: list[_Feature] = []
+    for feature in features:
+        if any(not len(ring) for ring in feature.rings):
+            raise ParameterError(f"{where}: got a polygon {feature.name!r} without corners; expected at least 3")
     everywhere = [ring for f in features for ring in f.rings] + [np.array([f.point]) for f in features if f.point]
     for ring in everywhere:
         _checked(ring, where)
@@ -307,7 +314,7 @@ def _add_no_go(places: Places, name: str, ring: Array) -> None:
 
 def _add_place(places: Places, role: str, feature: _Feature, where: str) -> None:
     assert feature.point is not None
-    number = re.search(r"\d+", feature.name)
+    number = re.search(r"\d+", feature.name[:80])  # Python converts no endless ones
     found = places.starts if role == "start" else places.recoveries
     key = int(number[0]) if number else (max(found, default=0) + 1 if role == "start" else 0)
     if key in found or not 0 <= key <= 255 or (role == "start" and key == 0):

@@ -1,7 +1,8 @@
 """Whether a vehicle follows the target that its autopilot was sent, judged by how it moves.
 
 A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the place where it was given:
-a vehicle that stands or circles there obeys. One that has done none of it for `IGNORED_S` ignores the target.
+a vehicle that stands or circles there obeys. One that has done none of it for `IGNORED_S` ignores the target. A jump of
+the estimate, which GPS or a positioning system may cause, counts neither for nor against it.
 
 target                  there                               counts as following
 on a leg, GO_TO         within `acceptance_m`               coming nearer, turning
@@ -12,6 +13,7 @@ back at depth           within `AT_DEPTH_M` of it           diving
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from auv_lse_common.vocabulary.frames import wrap_pi
@@ -55,6 +57,7 @@ class Obedience:
         self._heading_rad = math.nan  # its heading then,
         self._turned_rad = (0.0, 0.0)  # how far it has turned since then to port and to starboard,
         self._least_m = math.inf  # and what remained to go
+        self._shift_m: tuple[float, float] | None = None  # the estimate's jumps so far
 
     def update(self, now_s: float, target: Target, stopped: bool, diving: bool, place: AutopilotEstimate) -> None:
         """Takes an estimate.
@@ -68,6 +71,7 @@ class Obedience:
         """
         vertical = diving or target.at_surface
         remains_m = self._remains_m(target, diving, place)
+        self._least_m += remains_m - self._remains_m(target, diving, self._without_jump(place))
         if self._is_new(target) or now_s < self._since_s:
             self._follows(now_s, remains_m, place)
         self._target = target
@@ -82,6 +86,17 @@ class Obedience:
     def _follows(self, now_s: float, remains_m: float, place: AutopilotEstimate) -> None:
         self._since_s, self._least_m = now_s, remains_m
         self._heading_rad, self._turned_rad = place.heading_rad, (0.0, 0.0)
+
+    def _without_jump(self, place: AutopilotEstimate) -> AutopilotEstimate:
+        """The estimate as it would be without a jump since the last one."""
+        if math.isnan(place.raw_north_m):
+            return place
+        last_m = self._shift_m
+        self._shift_m = place.north_m - place.raw_north_m, place.east_m - place.raw_east_m
+        if last_m is None:
+            return place
+        north_m, east_m = place.raw_north_m + last_m[0], place.raw_east_m + last_m[1]
+        return dataclasses.replace(place, north_m=north_m, east_m=east_m)
 
     def _is_new(self, target: Target) -> bool:
         """Whether it leads elsewhere; position corrections move a target by less."""

@@ -134,6 +134,22 @@ def test_a_vehicle_that_turns_to_its_target_follows_it(speed, radius_m):
         assert vehicle.problem == ""
 
 
+@pytest.mark.parametrize(("speed", "ignores"), [(1.5, False), (0.5, False), (0.0, True)])
+def test_a_jump_of_the_estimate_away_from_the_target_is_no_disobedience(speed, ignores):
+    vehicle = Vehicle().commanded().move(4.0)
+    vehicle.place[0] -= 30.0
+    problems = [vehicle.move(1.0, speed).problem for _ in range(20)]
+    assert any(problems) == ignores, problems
+
+
+def test_a_jump_of_the_estimate_is_no_progress():
+    vehicle = Vehicle().commanded().move(1.0)
+    for _ in range(3):
+        vehicle.place[0] += 30.0
+        vehicle.move(2.0, 0.0)
+    assert "ignores its target" in vehicle.problem
+
+
 def test_circling_at_the_end_of_a_leg_is_not_reported_as_disobedience():
     vehicle = Vehicle().commanded(A)
     vehicle.move(60.0, 1.5, 0.1)
