@@ -206,8 +206,11 @@ def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any
 
 
 def _written(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False))
+    """Writes the parameters, unless the file has them already: a disk may be full when a dive continues."""
+    text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
+    if not path.is_file() or path.read_text() != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
     return path
 
 

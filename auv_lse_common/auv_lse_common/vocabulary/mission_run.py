@@ -81,6 +81,9 @@ TRANSITIONS[Command.SURFACE] = TRANSITIONS[Command.HOLD]
 #: Stops by their names in parameters.
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
 
+#: Characters of a command's sender that are kept: the state must fit into its file.
+LONGEST_SOURCE = 200
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
@@ -198,7 +201,7 @@ class MissionRun:
             self.limits.clear()
             self._team_abort = False
         self._team_abort = self._team_abort or (command is Command.ABORT and team)
-        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source}"
+        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source[:LONGEST_SOURCE]}"
         self._apply(command, reason)
         return ""
 

@@ -32,6 +32,22 @@ def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
     return crew_of("auv2", file, file.parent / "dive", simulated, record)
 
 
+def test_a_full_disk_keeps_no_vehicle_with_places_in_degrees_from_continuing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path, area={"polygon_deg": [47.3, 8.5, 47.31, 8.5, 47.31, 8.51]})
+    first = crew(file).file
+    text = first.read_text()
+
+    def full(path: Path, *_: object) -> None:
+        path.open("w").close()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert crew(file).file == first
+    assert first.read_text() == text
+
+
 def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
     found = crew(write(tmp_path))
     names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]

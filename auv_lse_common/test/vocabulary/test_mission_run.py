@@ -159,6 +159,12 @@ def test_after_a_reboot_a_mission_resumes_surfaces_or_waits_for_go_at_the_surfac
         assert run.status.state is RunState.RUNNING
 
 
+def test_a_command_of_an_endless_sender_fits_into_a_state_file() -> None:
+    run = in_state(RunState.RUNNING)
+    assert run.command(Command.ABORT, 20_000 * "x") == ""
+    assert len(json.dumps(run.snapshot())) < 1000
+
+
 @pytest.mark.parametrize("then", [None, HOLD, SURFACE])
 def test_the_end_stops_the_vehicle_and_its_planner(then: Stop | None) -> None:
     """It failed: a vehicle in state ENDED went on travelling, because the END had come too early."""
