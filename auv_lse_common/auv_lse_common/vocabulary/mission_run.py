@@ -82,7 +82,7 @@ TRANSITIONS[Command.SURFACE] = TRANSITIONS[Command.HOLD]
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
 
 #: Characters of a command's sender that are kept: the state must fit into its file.
-LONGEST_SOURCE = 200
+MAX_SOURCE = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +201,7 @@ class MissionRun:
             self.limits.clear()
             self._team_abort = False
         self._team_abort = self._team_abort or (command is Command.ABORT and team)
-        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source[:LONGEST_SOURCE]}"
+        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source[:MAX_SOURCE]}"
         self._apply(command, reason)
         return ""
 
