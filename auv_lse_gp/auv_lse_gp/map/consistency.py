@@ -57,7 +57,8 @@ def noise_of_samples(
             if off[worst] <= sigmas:
                 break
             unit = next(unit for unit in units if worst in unit)
-            noise_m2[unit] = np.mean(errors[unit] ** 2)
+            # one error among many small ones may not lower the noise; a little more marks it as weighed down
+            noise_m2[unit] = max(np.mean(errors[unit] ** 2), 1.000001 * noise_std_m**2)
     return np.asarray(np.sqrt(noise_m2))
 
 

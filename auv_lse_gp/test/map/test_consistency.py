@@ -60,6 +60,14 @@ def test_a_packet_that_contradicts_the_other_packets_is_weighed_down_as_a_whole(
     assert np.unique(packets[noise > CONFIG.noise_std_m]).tolist() == [1]
 
 
+def test_no_sample_gets_less_noise_than_one_that_contradicts_nothing():
+    residuals_m = np.zeros(42)
+    residuals_m[[1, 20]] = 1.1, 1.1
+    packets = np.repeat([0, 1], [2, 40])
+    found = noise_of_samples(1e-9 * np.eye(42), residuals_m, 0.2, 5.0, packets)
+    assert found.min() >= 0.2
+
+
 def test_blocks_are_of_whole_packets():
     packets = np.repeat(np.arange(30), np.arange(30) % 7)
     blocks = blocks_of(packets)
