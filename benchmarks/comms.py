@@ -1,5 +1,5 @@
-"""Communication: speed of codec and bridge, delivery against range and number of vehicles, and the gain of choosing the
-samples by their worth to the receivers.
+"""Communication: speed of codec and bridge, delivery against range and team size, and gain of selecting samples by
+their value to the receivers.
 
     scripts/bench comms
     python -m benchmarks.comms figure        draws docs/figures/channel.png
@@ -50,7 +50,7 @@ LIMITS = Limits(
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """How much is measured.
+    """Sizes of the measurements.
 
     Attributes:
         calls: Calls of the codec that are timed together.
@@ -79,7 +79,7 @@ NORTH_M, EAST_M = 700.0, 600.0
 
 
 def best_of(call: Callable[[], object], number: int, repeats: int) -> float:
-    """Seconds per call, the best of some repeats (the others were disturbed)."""
+    """Seconds per call: the fastest of some repeats, the one with the least disturbance."""
     times = []
     for _ in range(repeats):
         start = time.process_time()
@@ -272,7 +272,7 @@ def teams(sizes: Sizes = FULL) -> list[Row]:
 
 @dataclasses.dataclass(slots=True)
 class Outcome:
-    """How much worse the vehicles' maps are than one of all data (the paper's local-map error)."""
+    """Excess cost of the vehicles' maps over a map of all data (the paper's local-map error)."""
 
     excess: float  # Bayes risk of a vehicle's map less that of all data, mean over the mission, vehicles and places
     regret: float  # what the vehicle's classes cost, by all data, more than the best ones; the same mean; never < 0

@@ -1,1 +1,1 @@
-"""Faults made on purpose, too long for the tests: killed nodes, bad water, long missions (docs/design/safety.md)."""
+"""Fault injection that takes too long for the tests: killed nodes, bad water, long missions (docs/design/safety.md)."""

@@ -1,4 +1,4 @@
-"""A transmitter that babbles: packets in the mates' names, as a vehicle's modem would read them, far too many."""
+"""A babbling transmitter: far too many packets in the mates' names, as a vehicle's modem would read them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Babbler:
         Args:
             domain: The mission's ROS domain.
             mates: How many mates' names are used, from vehicle 2.
-            seed: Of the places and depths that the packets tell.
+            seed: Seed of the places and depths in the packets.
         """
         self.sent = 0
         self._frame = tagged_frame(dive_on(domain) or "", "map")  # as if the modem had heard it

@@ -35,7 +35,7 @@ def set_limit(bed: DiveBed, limit: int) -> None:
 
 
 def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
-    """Fills the disk at one moment and kills a node; returns what it was, the recovery (s) and what went wrong."""
+    """Fills the disk and kills a node; returns a description, the recovery time (s) and what went wrong."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
     water, wrong = bed.witness, []
@@ -94,7 +94,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """Fills the disk at so many moments, with a kill in each."""
+    """Fills the disk `--moments` times and kills a node each time."""
     rng = np.random.default_rng(options.seed)
     rows: dict[str, list[float]] = {}
     lost: list[str] = []

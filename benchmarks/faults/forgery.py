@@ -1,4 +1,4 @@
-"""An attacker with an acoustic modem and without the key, and clocks that are wrong: what the team loses.
+"""What the team loses to an attacker with an acoustic modem but no key, and to wrong clocks.
 
 Missions of three vehicles in one process (the fleet engine) without tags. The forger sends in vehicle 2's name. It
 hears everything, knows the ground, and its packets reach all vehicles. Then a pair of vehicles with tags, whose clocks
@@ -207,7 +207,7 @@ class AttackedFleet(Fleet):
         return Packet(Plan.at(0, np.zeros(3), (), NONE), navigation=Navigation(raw_cm=(0, 0)))
 
     def tick(self) -> None:
-        """Runs one tick, and follows what the mates have of the victim's plans."""
+        """Runs one tick and records which of the victim's plans the mates have."""
         sent = len(self.sent)
         super().tick()
         for packet in self.sent[sent:]:
@@ -224,7 +224,7 @@ class AttackedFleet(Fleet):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a mission came to, for a mate of the victim: shares and times are means of the two mates.
+    """Results of a mission for the victim's mates: shares and times are means over the two mates.
 
     Attributes:
         wrong: Share of the cells that its map puts on the wrong side of the level.

@@ -1,7 +1,7 @@
-"""Kills nodes of vehicles under way, and reads in their recordings what that did.
+"""Kills nodes of vehicles under way, and reads the effects from their recordings.
 
-The vehicles share nothing but the water (`scripts/sim --apart`): nodes, Micromodem driver and autopilot link as in the
-water, in real time. The recorders are not killed: they are the witnesses.
+The vehicles share nothing but the simulated water (`scripts/sim --apart`). Nodes, Micromodem driver and autopilot link
+run as on real vehicles, in real time. The recorders are not killed, because their recordings are the evidence.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ def _until(condition: Callable[[], bool], seconds: float, what: str) -> None:
 
 
 def _read(flight: Flight, vehicle: int, logs: Path) -> None:
-    """Reads in a recording, and in the nodes' logs, what became of the vehicle's nodes."""
+    """Reads each node's restarts and losses from a recording and the nodes' logs."""
     topics = {"gp_node": f"/auv{vehicle}/kernel_centers", "modem_node": f"/auv{vehicle}/tdma"}
     seen: dict[str, list[tuple[float, Any]]] = {node: [] for node in NODES}
     steps, decided_s, heard = [], [], 0
@@ -287,7 +287,7 @@ def _lost(node: str, before: Sequence[Any], after: Any) -> str:
 
 
 def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int, str]]]:
-    """So many kills of random nodes, spread over a mission at random times."""
+    """Draws kills of random nodes at random times of a mission."""
 
     def of(travel_s: float) -> list[tuple[float, int, str]]:
         rng = np.random.default_rng(seed)
@@ -299,7 +299,7 @@ def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int
 
 
 def table(flight: Flight, steps: int) -> Report:
-    """What became of a flight's kills, a row a node, and of its steps."""
+    """The table of a flight's kills, one row per node, and its decided steps."""
     lines = [
         "| node | kills | back after (median, worst) | processor time for it (median, worst) | lost |",
         "|---|---|---|---|---|",

@@ -34,7 +34,7 @@ _DOMAIN = re.compile(r"ROS_DOMAIN_ID=(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One look at a process: memory of its own (MB), without pages shared with others, and processor time (s)."""
+    """A sample of a process: private memory (MB), without pages shared with others, and processor time (s)."""
 
     memory_mb: float
     cpu_s: float

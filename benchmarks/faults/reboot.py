@@ -54,7 +54,7 @@ def damage(bed: DiveBed, rng: np.random.Generator) -> str:
 
 
 def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
-    """Cuts the power at one moment; returns what it was, the time to the mission's state (s), and what went wrong."""
+    """Cuts the power once; returns a description, the time until the mission state is back (s), and what went wrong."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
     water, wrong = bed.witness, []
@@ -118,7 +118,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """Cuts the power at so many moments."""
+    """Cuts the power `--moments` times."""
     rng = np.random.default_rng(options.seed)
     rows: dict[str, list[float]] = {}
     lost: list[str] = []

@@ -1,4 +1,4 @@
-"""What a kind of fault did: the row of it in the table of `scripts/faults all`."""
+"""Report of one kind of fault: its row in the table of `scripts/faults all`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Report:
-    """What became of the faults of one kind.
+    """Results of one kind of fault.
 
     Attributes:
         lines: The kind's own table, printed as it is.

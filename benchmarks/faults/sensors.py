@@ -1,4 +1,4 @@
-"""Bad sensors: a depth that counts from elsewhere, pressure that drifts, freezes or stops, altitudes, stamps.
+"""Bad sensors: depth with a wrong datum; pressure that drifts, freezes or stops; wrong altitudes and stamps.
 
 One vehicle with a simulated autopilot travels a straight line over a slope, under its safety watch. Each fault begins
 at a random moment, and the run is judged by the true depth of the vehicle and of the water.
@@ -150,7 +150,7 @@ FAULTS = (
 
 @dataclass(slots=True)
 class Outcome:
-    """What a run came to.
+    """Results of a run.
 
     Attributes:
         depth_error_m: Largest error of the vehicle's depth, after the dive, while it is not at the surface.
@@ -171,7 +171,7 @@ class Outcome:
     stopped: Action | None = None
 
     def failure(self, fault: Fault) -> str:
-        """What is not as it should be; "" if all is."""
+        """What went wrong; "" if nothing did."""
         if self.depth_error_m > fault.tolerance_m + KEEPING_M:
             return f"{fault.name}: {self.depth_error_m:.2f} m off its depth"
         if self.wrong > WRONG_SHARE:

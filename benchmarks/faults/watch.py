@@ -1,4 +1,4 @@
-"""The safety watch over random sequences: with dropouts, outliers and flicker it misses nothing and trips for nothing.
+"""Tests the safety watch on random sequences with dropouts, outliers and flicker: no missed limits, no false trips.
 
 Half of the sequences are healthy. In each of the others one limit is exceeded from some moment on, in one of the ways
 of `FAULTS`. It must be answered within twice its patience: by its response, or by a warning if that is "warn".
@@ -53,7 +53,7 @@ class Sequence:
         limit: The limit that its fault exceeds; "" if it is healthy.
         patience_s: The watch's patience.
         answered_s: Time from when the limit was truly exceeded to the answer; NaN before.
-        wrong_limits: Limits that tripped for nothing.
+        wrong_limits: Limits that tripped falsely.
     """
 
     def __init__(self, name: str, fault: str = "") -> None:
@@ -86,7 +86,7 @@ class Sequence:
         self.wrong_limits: set[str] = set()
 
     def play(self) -> bool:
-        """Plays it; returns whether the watch did as it should."""
+        """Plays it; returns whether the watch answered correctly."""
         self._advance(self._healthy_s)
         self.wrong_limits = set(self.run.limits) - {"mission time" if self.limit == "mission time" else ""}
         if not self._fault:

@@ -1,8 +1,8 @@
 """Bad water and bad clocks: packets lost, doubled, late or damaged, and a vehicle whose clock is wrong.
 
 Missions of three vehicles in one process (the fleet engine). Each fault of the water acts on what the modems have read,
-so that the rest stays as it is. A vehicle whose clock is off lives by it altogether: it stamps what it measures, looks
-for its slots, plans, and times arrivals by it, so that travel times that it measures are off, too.
+so nothing else changes. A vehicle with a wrong clock uses it for everything: stamps, slots, plans and arrival times.
+Its measured travel times are therefore wrong, too.
 """
 
 from __future__ import annotations

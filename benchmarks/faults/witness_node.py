@@ -1,4 +1,4 @@
-"""The water around one vehicle: moves it as its waypoints say, and witnesses what its nodes publish."""
+"""The simulated water around one vehicle: moves it along its waypoints and checks what its nodes publish."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Witness:
         dive: Id of the dive, for the frames of messages.
         state: The last state of the mission; None after a start or kill until the next one.
         depth_m: The vehicle's depth.
-        broken: What must never happen, and has, a sentence each.
+        broken: Violated requirements, one sentence each.
         problems: What nodes have reported about their files since `forget`.
         last_step: Last step decided; -1 before the first.
         slots: Counters used by the packets: slot (s) and era.

@@ -3,7 +3,7 @@
     scripts/campaign config/campaigns/headline.yaml
     python -m benchmarks.planning.headline_table runs/campaigns/headline
 
-Settings whose labels begin alike, up to the colon, are one scene. Its first one is compared with each of the others.
+Settings whose labels match up to the colon form one scene. Its first setting is compared with each of the others.
 """
 
 from __future__ import annotations

@@ -2,12 +2,12 @@
 
     python -m benchmarks.planning.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--mutations 400]
 
-On each lake the methods are flown in the light loop, mowing among them. The flown paths are then improved by somebody
-who knows the lake: waypoints are shifted by chance, the vehicles steer along them, and what is nearer to an aim is
-kept: for "hindsight" the final risk plus the true loss, for "hindsight on the isobath" the isobath's error. All paths,
-flown or improved, are judged anew with soundings of their own on a 5 m grid: mean Bayes risk, mean cost of wrong calls,
-error of the isobath. A method that did as well as hindsight has gone 100 % of the way; mowing has gone 0 %. Hindsight
-is no bound: it is what so many mutations found.
+On each lake the light loop flies the methods and the lawnmower. A random search that knows the lake then improves the
+flown paths: it shifts waypoints, the vehicles steer along them, and it keeps what does not harm an objective. The
+objective of "hindsight" is final risk plus true loss, that of "hindsight on the isobath" the isobath's error. All
+paths, flown or improved, are evaluated again with new soundings on a 5 m grid: mean Bayes risk, mean cost of wrong
+calls, error of the isobath. Hindsight scores 100 %, the lawnmower 0 %. Hindsight is no bound, only the best result of
+`--mutations` mutations.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ SHIFTS_M = (10.0, 25.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What paths brought.
+    """Results of paths.
 
     Attributes:
         risk: Mean Bayes risk at the end.
@@ -85,7 +85,7 @@ AIMS: dict[str, Callable[[Judged], float]] = {
 
 
 class Sea:
-    """One lake with the vehicles' settings: where they may go, and what their paths are worth."""
+    """One lake with the vehicles' settings: evaluates paths within the area."""
 
     def __init__(self, settings: PlannerSettings, ground: Any, seed: int) -> None:
         """Prepares the grids; soundings draw their noise from `seed`."""
@@ -119,7 +119,7 @@ class Sea:
         return self.motion.roll(self.start, actions)[:-1], actions
 
     def roughly(self, waypoints_m: Sequence[Array]) -> Judged:
-        """What everybody's waypoints bring, fast: few soundings without noise on a coarse grid."""
+        """Fast evaluation of all vehicles' waypoints: few soundings without noise on a coarse grid."""
         places = np.concatenate([self._coarse.leg_places(*self.steered(w)).reshape(-1, 2) for w in waypoints_m])
         depths = np.asarray(self._ground.depth_m(places[:, 0], places[:, 1]))
         known = np.isfinite(depths)
@@ -130,7 +130,7 @@ class Sea:
         return self._judged(MUTATED_M, mean, np.sqrt(variance))
 
     def judge(self, waypoints_m: Sequence[Array]) -> Judged:
-        """What everybody's waypoints bring: soundings as a vehicle takes and keeps them, on the fine grid."""
+        """Full evaluation of all vehicles' waypoints: soundings as a vehicle takes and keeps them, on the fine grid."""
         rng = stream(self._seed, "soundings")
         # leg after leg, the vehicles in turn
         places = np.stack([self._fine.leg_places(*self.steered(w)) for w in waypoints_m], axis=1).reshape(-1, 2)
@@ -166,7 +166,7 @@ def improved(
     mutations: int,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Waypoints of everybody, after so many mutations of which those that do no harm to `aim` (less is better) stay."""
+    """Waypoints of all vehicles after random mutations; those that do not increase `aim` are kept."""
     best = [np.array(w) for w in waypoints_m]
     value = aim(sea.roughly(best))
     for _ in range(mutations):
@@ -184,7 +184,7 @@ def improved(
 
 
 def on_lake(options: argparse.Namespace, number: int) -> dict[str, Judged]:
-    """What each method and hindsight brought on one lake."""
+    """Results of each method and of hindsight on one lake."""
     _, section = area(options.area)
     ground = lake(str(number), options.area, None)
     mission = {"steps": options.steps}

@@ -91,12 +91,12 @@ def light_mission(
     late_s: Mapping[int, float] | None = None,
     silent_s: Mapping[int, float] | None = None,
 ) -> Outcome:
-    """Flies one mission; everything by chance from `seed`.
+    """Flies one mission; all random draws derive from `seed`.
 
     Args:
         settings: Of all vehicles.
         ground: The ground.
-        seed: Of everything by chance.
+        seed: Seed of all random draws.
         loss: Share of packets lost.
         sounding_std_m: Noise of a sounding.
         late_s: Time at which a vehicle (its number from 1) sets out, where that is not at once.

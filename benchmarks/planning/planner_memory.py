@@ -29,7 +29,7 @@ _AGAIN = 12
 
 
 def private_mb() -> float:
-    """Memory of this process's own (MB) (Linux)."""
+    """Private memory (MB) of this process (Linux)."""
     text = Path("/proc/self/smaps_rollup").read_text()
     return sum(int(n) for n in re.findall(r"^Private_\w+:\s+(\d+) kB", text, re.MULTILINE)) / 1e3
 

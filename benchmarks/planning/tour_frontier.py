@@ -1,10 +1,10 @@
-"""What tours and mowing are expected to leave, before anything is measured: at a third of the mission, and at its end.
+"""Expected risk of tours and of mowing at a third of the mission and at its end, before any measurement.
 
     python -m benchmarks.planning.tour_frontier [--weights 0 1 2 4] [--bends 3]
 
 One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several
 starts with each anytime weight, steered along, and bent as long as that brings more. Risk is the mean over the map,
-by 1, 2 and 4 places of each leg: fewer places count turning paths for less than they bring.
+using 1, 2 and 4 places per leg. Fewer places underestimate the value of turning paths.
 """
 
 from __future__ import annotations

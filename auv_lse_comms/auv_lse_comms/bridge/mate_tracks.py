@@ -1,11 +1,11 @@
-"""Which packets without a tag can come from a mate, judging by its earlier packets.
+"""Plausibility check of packets without a tag: whether a mate can have sent them after its earlier packets.
 
 Anybody can send in a mate's name. But a vehicle moves steadily, so its packets follow one another: from one to the
-next, it covers no more ground and no more steps than time allows, and it measured its samples where it has been.
+next it covers no more ground and no more steps than time allows, and its samples lie along its track.
 Packets that follow one another are a *track*. The first track of a sender is trusted at once, another one after
-`AGREEING` packets. Each must have at least half as many packets as any other that was heard since it began. So a
-vehicle that starts again elsewhere is heard, and so is one whose first packets were forged. A forger that follows a
-mate closely is still heard.
+`AGREEING` packets. Each must have at least half as many packets as any other track received since it began. So a
+vehicle that restarts elsewhere is accepted, even if its first packets were forged. A forger that follows a mate closely
+is accepted too.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SILENT_S = 600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """What a vehicle can do, by this vehicle's own parameters.
+    """A mate's assumed speed and timing, from this vehicle's parameters.
 
     Attributes:
         speed_mps: Speed (m/s).

@@ -153,7 +153,7 @@ class DepthGauge:
         self._waiting_m = self.offset_m = self._reference_m = self._center_m = math.nan
 
     def host_stepped(self, now_s: float) -> None:
-        """The host's clock was set back to `now_s`."""
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._pressure_s, self._own_s = min(self._pressure_s, now_s), min(self._own_s, now_s)
         self._compared_s = min(self._compared_s, now_s)
 
@@ -183,7 +183,7 @@ class DepthGauge:
         return min(max(self.offset_m, self._center_m - self._limit_m), self._center_m + self._limit_m)
 
     def own_target_m(self, depth_m: float) -> float:
-        """A target's depth (m) in the autopilot's datum; at the surface the higher of what both depths say."""
+        """A target's depth (m) in the autopilot's datum; at the surface the shallower of both results."""
         surfaces = depth_m <= 0.0 and not math.isnan(self.offset_m)
         return depth_m + (min(self.shift_m, self.offset_m) if surfaces else self.shift_m)
 
@@ -193,7 +193,7 @@ class DepthGauge:
         return self.is_used and math.isnan(self.offset_m) and is_fresh
 
     def problem(self, now_s: float) -> str:
-        """Why depth is not to be trusted; "" if it is."""
+        """Reason not to trust the depth; "" if there is none."""
         if not self.is_used:
             return ""
         age_s = now_s - self._pressure_s

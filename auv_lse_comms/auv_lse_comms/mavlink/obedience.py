@@ -1,8 +1,8 @@
-"""Whether a vehicle follows the target that its autopilot was sent, judged by how it moves.
+"""Checks from a vehicle's motion whether its autopilot follows the target.
 
-A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the place where it was given:
-a vehicle that stands or circles there obeys. One that has done none of it for `IGNORED_S` ignores the target. A jump of
-the estimate, which GPS or a positioning system may cause, counts neither for nor against it.
+A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the place where it was
+ordered: a vehicle that stands or circles there obeys. A vehicle that does none of these for `IGNORED_S` ignores its
+target. A jump of the estimate, which GPS or a positioning system may cause, counts neither for nor against it.
 
 target                  there                               counts as following
 on a leg, GO_TO         within `acceptance_m`               coming nearer, turning
@@ -40,7 +40,7 @@ class Obedience:
 
     Attributes:
         ignored_s: Time (s) for which the vehicle has not followed its target; 0 while it follows.
-        problem: What it does instead, for people; "" while it follows, or for less than `IGNORED_S`.
+        problem: Text on what it does instead; "" while it follows or for less than `IGNORED_S`.
     """
 
     def __init__(self, acceptance_m: float, turn_radius_m: float) -> None:
@@ -49,7 +49,7 @@ class Obedience:
         self.excuse()
 
     def excuse(self) -> None:
-        """Starts anew: there is no target, or the autopilot cannot follow it at present."""
+        """Restarts the check: there is no target, or the autopilot cannot follow it at present."""
         self.ignored_s = 0.0
         self.problem = ""
         self._target: Target | None = None

@@ -54,7 +54,7 @@ class Surfacing:
         return dataclasses.replace(self._end, depth_m=0.0, at_surface=True) if self.stage is Stage.UP else self._end
 
     def host_stepped(self, now_s: float) -> None:
-        """The host's clock was set back to `now_s`."""
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._begun_s, self._fix_s = min(self._begun_s, now_s), math.nan
 
     def gps(self, now_s: float, has_fix: bool) -> None:

@@ -238,7 +238,7 @@ class TargetSender:
         self._speed_mps, self.refused_speed = math.nan, ""
 
     def host_stepped(self, now_s: float) -> None:
-        """The host's clock was set back to `now_s`."""
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._target_s = min(self._target_s, now_s)
         self._unaccepted_s = now_s if self._unaccepted_s > now_s else self._unaccepted_s
         if self._surfacing is not None:
@@ -250,7 +250,7 @@ class TargetSender:
         self._watch_upload()
 
     def requested(self, now_s: float, number: int) -> None:
-        """The autopilot requests an item of the mission."""
+        """Handles the autopilot's request for an item of the mission."""
         self._upload.request(now_s, number)
         if not self._refusal and number > self._furthest:  # a long upload may take its time
             self._furthest, self._unaccepted_s = number, now_s

@@ -391,7 +391,7 @@ def _read_tour(rest: bytes) -> Tour | None:
     """The tour at the beginning of `rest`, the bytes after the actions, unchecked; None if there is none.
 
     Raises:
-        PacketError: if the bytes end before the tour and a terminal byte do.
+        PacketError: if the tour or the terminal byte after it is incomplete.
     """
     if rest[0] != TOUR:
         return None

@@ -10,7 +10,7 @@ A clock that is set back makes slots come again. From then on a vehicle's packet
 the tag hold a random number, drawn when the clock was set back, and an *echo*, the first bytes of the last tag that the
 vehicle has received from one of its mates, in turn. A receiver accepts a new era only with the echo of one of its own
 last packets, which no packet recorded earlier contains; from then on it accepts that era only, in the order of slots.
-Whoever hears a mate in an era, or misses an echo, begins an era too, so that the other receives echoes.
+A vehicle that hears a mate in an era, or misses an echo, also begins an era, so that the mate receives echoes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Tagger:
     """
 
     def __init__(self, key: bytes, size: int, session: str, draw: Callable[[int], bytes] = secrets.token_bytes) -> None:
-        """Takes the key, which no text of this object reveals.
+        """Takes the key; the object's `repr` does not reveal it.
 
         Args:
             key: 16 to 32 bytes.

@@ -1,9 +1,9 @@
 """Weighs down samples that contradict the map and each other.
 
-A sample may lie within the gate of an uncertain map, and still contradict the samples around it. Each packet, and then
-each sample, is compared with its prediction from the map and all the others. While one is farther off than the gate,
-the one that is farthest off gets more noise: as much as explains its residuals. So of packets that contradict each
-other, those go that have less support.
+A sample may lie within the gate of an uncertain map and still contradict the samples around it. Each packet, and then
+each sample, is compared with its prediction from the map and all the others. While any of them exceeds the gate, the
+one with the largest residual gets more noise, as much as explains its residuals. So of packets that contradict each
+other, those with less support lose their weight.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def blocks_of(packets: Numbers) -> list[NDArray[np.intp]]:
 def noise_of_samples(
     covariance_m2: Array, residuals_m: Array, noise_std_m: float, sigmas: float, packets: Numbers
 ) -> Array:
-    """Standard deviation of the noise (n,) with which samples are consistent; at least `noise_std_m`.
+    """Noise standard deviations (n,) that make the samples consistent; at least `noise_std_m`.
 
     Args:
         covariance_m2: Covariance (n, n) of the depths at the samples, given the map.

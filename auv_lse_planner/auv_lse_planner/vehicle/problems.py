@@ -59,7 +59,7 @@ def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str,
 
 
 def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
-    """The vehicle is outside the area."""
+    """The problem of a vehicle outside the area; empty inside or without an estimate."""
     found: dict[str, str] = {}
     if travel.estimate is None:
         return found

@@ -30,7 +30,7 @@ def play(options: Namespace, root: Path) -> int:
     """Plays `options.run` (see `options.py`). Returns 0.
 
     Raises:
-        RecordingError: if it cannot be read.
+        RecordingError: if the recording cannot be read.
         ReplayError: if the options do not fit the recording.
     """
     if not 0.0 < options.rate < math.inf:

@@ -159,7 +159,7 @@ def _hold(m: Any, params: Any, current_north: float, current_east: float) -> Non
 
 @compiled
 def _wanted_depth(m: Any, keel: float, params: Any) -> float:
-    """The depth (m) wanted by a vehicle under way: its own, or none while it surfaces.
+    """The target depth (m) of a vehicle under way: its travel depth, or 0 while it surfaces.
 
     Args:
         m: Its memory.

@@ -67,7 +67,7 @@ class OriginExchange:
         self._asked_s = -math.inf
 
     def host_stepped(self, now_s: float) -> None:
-        """The host's clock was set back to `now_s`."""
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._asked_s = min(self._asked_s, now_s)
         self._asking_s = min(self._asking_s, now_s)
 

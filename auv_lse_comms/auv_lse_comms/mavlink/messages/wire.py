@@ -99,7 +99,7 @@ class MavlinkCodec:
     """
 
     def __init__(self, system_id: int, component_id: int, key: bytes | None = None, nonce: int | None = None) -> None:
-        """Writes as `system_id`, `component_id`.
+        """Prepares messages from the given system and component.
 
         Args:
             system_id: MAVLink system id.

@@ -1,7 +1,7 @@
-"""A port of this machine that lets WebSocket connections through to a server if their `Host` and `Origin` are known.
+"""A local port that passes WebSocket connections on to a server only if their `Host` and `Origin` are allowed.
 
-The SDK's server checks neither header, so any web page could read the mission, also by a name that resolves to
-127.0.0.1 (DNS rebinding). The gate reads the first request of each connection, refuses it or passes it on, and then
+The SDK's server checks neither header, so any web page could read the mission, even through a host name that resolves
+to 127.0.0.1 (DNS rebinding). The gate reads the first request of each connection, refuses it or passes it on, and then
 copies bytes both ways. The server itself listens on a random port of a random address of the loopback network: a web
 page cannot find it by trying.
 """
