@@ -34,9 +34,9 @@ MAX_EXTENT_DEG = 2.0
 _CIRCLE_CORNERS = 36
 
 _ROLES = {
-    "no_go": re.compile(r"no.?go|exclusion|exclude|keep.?out|forbidden|island", re.IGNORECASE),
-    "start": re.compile(r"start|launch", re.IGNORECASE),
-    "recovery": re.compile(r"recover|rally|pick.?up|home", re.IGNORECASE),
+    "no_go": re.compile(r"\b(no[ _-]?go|exclusion|exclude|keep[ _-]?out|forbidden|island)\b", re.IGNORECASE),
+    "start": re.compile(r"\b(start|launch)(?![a-z])", re.IGNORECASE),
+    "recovery": re.compile(r"\b(recovery|rally|pick[ _-]?up|home)(?![a-z])", re.IGNORECASE),
 }
 _KINDS = "GeoJSON (.geojson, .json), KML (.kml) or QGroundControl (.plan)"
 
@@ -133,6 +133,11 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
     if places is None:
         return converted
     area["origin_lat_deg"], area["origin_lon_deg"] = origin
+    if places.area is None and "polygon_m" not in area:
+        raise ParameterError(
+            f"{where}: area: got no polygon for the operating area; expected one, whose name has none of 'no-go', "
+            "'island', 'exclusion'"
+        )
     if places.area is not None:
         area["polygon_m"] = _flat(places.area, origin)
     if places.no_go:

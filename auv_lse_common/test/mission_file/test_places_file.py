@@ -208,3 +208,22 @@ def test_impossible_places_name_their_key(tmp_path, area, expected):
 def test_nodes_take_metres_only():
     with pytest.raises(ParameterError, match="expected places in metres"):
         AreaConfig(file="lake.kml")
+
+
+@pytest.mark.parametrize(
+    ("name", "is_area"),
+    [("Islander bay", True), ("Lugano Golf", True), ("Homestead", True), ("island", False), ("no go: pier", False)],
+)
+def test_only_whole_words_name_a_no_go_area(tmp_path, name, is_area):
+    (tmp_path / "lake.geojson").write_text(geojson(feature(name, "Polygon", [LAKE])))
+    assert (read_places(tmp_path / "lake.geojson").area is not None) == is_area
+
+
+def test_a_file_without_an_operating_area_needs_the_mission_files(tmp_path):
+    (tmp_path / "lake.geojson").write_text(geojson(feature("island", "Polygon", [ISLAND])))
+    area = "origin_lat_deg: 47.3, origin_lon_deg: 8.5, file: lake.geojson"
+    with pytest.raises(ParameterError, match="no polygon for the operating area"):
+        read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}}}\n"))
+    polygon = "polygon_m: [0.0, 0.0, 900.0, 0.0, 900.0, 900.0]"
+    read = read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}, {polygon}}}\n"))
+    assert list(read["/**"]["area"]["no_go"]) == ["island"]
