@@ -125,7 +125,8 @@ def test_vehicle_link_node_gives_soundings(tmp_path: Path, wanted: bool) -> None
     autopilot = Autopilot(port)
     parameters = (
         "area: {origin_lat_deg: 46.5, origin_lon_deg: 6.6}\n"
-        f"link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{port}', sounding_every_s: 0.5, soundings: {wanted}}}"
+        f"link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{port}', sounding_every_s: 0.5, soundings: {wanted}, "
+        "pressure: none}"
     )
     with spun(VehicleLinkNode, tmp_path / "p.yaml", parameters) as s:
         if not wanted:

@@ -87,7 +87,7 @@ ON_PYPI = {"foxglove": "foxglove-sdk", "serial": "pyserial", "yaml": "pyyaml"}
 
 def known_keys() -> dict[str, set[str]]:
     """The stored rosdep keys by heading: apt, ros, pip."""
-    text = re.sub(r"^#.*\n", "", (Path(__file__).parent / "rosdep_keys.txt").read_text(), flags=re.MULTILINE)
+    text = re.sub(r"^#.*\n", "", (ROOT / "config" / "rosdep_keys.txt").read_text(), flags=re.MULTILINE)
     _, *parts = re.split(r"^\[(\w+)\]$", text, flags=re.MULTILINE)
     return {heading: set(names.split()) for heading, names in zip(parts[::2], parts[1::2], strict=True)}
 

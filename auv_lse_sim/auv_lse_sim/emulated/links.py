@@ -23,7 +23,7 @@ from auv_lse_comms.transport import AddressError, read_address
 from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_telemetry import AIR_PA, Report
-from auv_lse_sim.emulated.mavlink_vehicle import AutopilotSetup, MavlinkVehicle
+from auv_lse_sim.emulated.mavlink_vehicle import SURFACE_M, AutopilotSetup, MavlinkVehicle
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m
@@ -108,7 +108,10 @@ class EmulatedLinks:
             obey=lambda stop: obey(k, stop),
             tightest_m=tightest_radius_m(vehicle, self._settings.sim),
             setup=AutopilotSetup(
-                origin_height_m=height_m, pressure=link.pressure, dive=lambda depth_m: dive(k, depth_m)
+                origin_height_m=height_m,
+                pressure=link.pressure,
+                dive=lambda depth_m: dive(k, depth_m),
+                is_boat=vehicle.depth_m <= SURFACE_M,
             ),
         )
 

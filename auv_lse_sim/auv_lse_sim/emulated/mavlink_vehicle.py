@@ -79,12 +79,14 @@ class AutopilotSetup:
         origin_height_m: Height of that origin, and of home, above the surface.
         pressure: Message with the water's pressure, as in `link.pressure`.
         dive: Takes the depth (m) of each target.
+        is_boat: Whether it travels at the surface, so that a target there is a place to go to.
     """
 
     origin: Origin | None = None
     origin_height_m: float = 0.0
     pressure: str = "SCALED_PRESSURE2"
     dive: Callable[[float], None] = lambda depth_m: None
+    is_boat: bool = False
 
 
 class MavlinkVehicle:
@@ -221,7 +223,7 @@ class MavlinkVehicle:
         depth_m = target.depth_m - self._setup.origin_height_m
         recent = list(self._recent)[-remembered:]
         known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
-        if depth_m <= SURFACE_M:  # wherever it surfaces
+        if depth_m <= SURFACE_M and not self._setup.is_boat:  # wherever it surfaces
             self._set_stop(Stop(action=Action.SURFACE))
             return
         self._setup.dive(depth_m)
