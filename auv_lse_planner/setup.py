@@ -28,7 +28,7 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=False,
-    options={"build": {"build_base": build.name}} if is_library else {},
+    options={"build": {"build_base": build.name}, "egg_info": {"egg_base": build.name}} if is_library else {},
     python_requires=">=3.11",
     install_requires=[
         "numpy>=1.26",

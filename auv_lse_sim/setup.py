@@ -31,7 +31,7 @@ setup(
         (f"share/{package}/missions", glob("missions/*.yaml")),
     ],
     zip_safe=False,
-    options={"build": {"build_base": build.name}} if is_library else {},
+    options={"build": {"build_base": build.name}, "egg_info": {"egg_base": build.name}} if is_library else {},
     python_requires=">=3.11",
     install_requires=[
         "contourpy",
