@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import importlib
 import json
+import shutil
 import sys
 import threading
 import time
@@ -148,6 +149,8 @@ def fly(
         return 1
     wall_s = time.monotonic() - started
     if interrupt.came and "mission" not in phases:
+        if settings.record.folder:
+            shutil.rmtree(settings.record.folder, ignore_errors=True)  # the recorder may have begun it
         _say(console, "interrupted before the first tick: every process has ended, nothing was recorded")
         return 130
     if interrupt.came:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import io
 import json
 import os
 import re
@@ -14,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
@@ -24,6 +27,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
 from auv_lse_record.run_reader import read_run
+from auv_lse_shore.mission import mission as mission_module
 from auv_lse_shore.mission.mission import main
 from auv_lse_shore.replay.__main__ import main as replay
 from auv_lse_sim.engine.fleet import Fleet
@@ -217,6 +221,25 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Pat
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 130, output
     assert read_run(folder).vehicles[0].decisions, "the recording is readable"
+
+
+def test_a_recording_begun_before_the_first_tick_is_removed_on_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings.load(None, {"record.folder": str(tmp_path / "bag")})
+
+    def interrupted(*arguments: Any) -> dict[str, float]:
+        (tmp_path / "bag").mkdir()
+        (tmp_path / "bag" / "metadata.yaml").write_text("begun")
+        arguments[4].signal = signal.SIGINT
+        return {"start": 1.0}
+
+    monkeypatch.setattr("auv_lse_shore.mission.mission.conduct", interrupted)
+    shown = io.StringIO()
+    code = mission_module.fly(settings, tmp_path, Console(file=shown), [], contextlib.nullcontext(7))
+    assert code == 130
+    assert "nothing was recorded" in shown.getvalue()
+    assert not (tmp_path / "bag").exists()
 
 
 def test_ctrl_c_before_the_first_tick_and_during_the_report_prints_what_was_recorded(tmp_path: Path) -> None:
