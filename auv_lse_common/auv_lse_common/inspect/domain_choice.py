@@ -88,7 +88,7 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     except KeyboardInterrupt:
         return 130
     try:
-        with Graph(options.spin_time, _wanted(options)) as graph:
+        with Graph(options.spin_time, _wanted(options), getattr(options, "at_once", False)) as graph:
             if graph.missing:
                 print(f"warning: still waiting for {graph.missing}; --spin-time 10 waits longer", file=sys.stderr)
             return command(options, graph)

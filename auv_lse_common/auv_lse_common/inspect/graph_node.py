@@ -65,14 +65,15 @@ class Graph:
         missing: What the discovery still waited for when its time was over; "" if it is complete.
     """
 
-    def __init__(self, spin_s: float | None = None, wanted: str = "") -> None:
+    def __init__(self, spin_s: float | None = None, wanted: str = "", at_once: bool = False) -> None:
         """Sets how long to discover.
 
         Args:
             spin_s: Duration (s) of the discovery; None: until nothing new appears, at most 4.2 s.
             wanted: Full name of a node or topic, which ends the discovery early; "": all are wanted.
+            at_once: Whether entering the context does not discover; the caller calls `discover`.
         """
-        self._spin_s, self._wanted = spin_s, wanted
+        self._spin_s, self._wanted, self._at_once = spin_s, wanted, at_once
         self.missing = ""
 
     def __enter__(self) -> Graph:
@@ -82,7 +83,8 @@ class Graph:
         self.node = rclpy.create_node(f"_auv_lse_inspect_{os.getpid()}", start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._discover()
+        if not self._at_once:
+            self.discover(self._spin_s)
         return self
 
     def __exit__(
@@ -93,22 +95,29 @@ class Graph:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def _discover(self) -> None:
+    def discover(self, spin_s: float | None = None, is_done: Callable[[], bool] = lambda: False) -> None:
+        """Discovers nodes until nothing new appears, and sets `missing`.
+
+        Args:
+            spin_s: Duration (s) of the discovery; None: until nothing new appears, at most 4.2 s.
+            is_done: Called every 0.05 s; returns whether to end the discovery early.
+        """
+        self.missing = ""
         began = changed = time.monotonic()
         seen: Any = None
-        while True:
+        while not is_done():
             self.spin(0.05)
             found = nodes, topics = self.nodes(hidden=True), self.topics(hidden=True)
             now = time.monotonic()
             if found != seen:
                 seen, changed = found, now
             took_s, is_changing = now - began, now - changed < _QUIET_S
-            if self._spin_s is None and took_s >= _LEAST_S and not is_changing:
+            if spin_s is None and took_s >= _LEAST_S and not is_changing:
                 if self._wanted and (self._wanted in nodes or self._wanted in topics):
                     return
                 if took_s >= _ANNOUNCED_S and not self._unnamed():
                     return
-            if took_s >= (_MOST_S if self._spin_s is None else self._spin_s):
+            if took_s >= (_MOST_S if spin_s is None else spin_s):
                 self.missing = self._unnamed() or ("nodes or topics that are just appearing" if is_changing else "")
                 return
 
@@ -129,6 +138,10 @@ class Graph:
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
+
+    def services(self) -> list[str]:
+        """Full names of the services, also of those that are only called; known earlier than the nodes' names."""
+        return sorted(name for name, _ in self.node.get_service_names_and_types())
 
     # ------------------------------------------------------------------ topics
 

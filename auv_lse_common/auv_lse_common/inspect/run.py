@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import getpass
 import re
 import sys
 from collections.abc import Sequence
@@ -39,52 +38,51 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all`")
         if command is Command.ABORT:
             c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
-        c.set_defaults(run=run_tell, what=command)
+        c.set_defaults(run=run_tell, what=command, at_once=True)
     c = commands.add_parser("state", help="show the state of each vehicle's mission")
     add_graph_options(c)
     c.set_defaults(run=run_state)
     return p
 
 
-def _vehicles(graph: Any) -> list[str]:
-    """The vehicles with a running safety_node."""
-    found = [re.fullmatch(r"/(auv\d+)/safety_node", name) for name in graph.nodes()]
-    return sorted({match[1] for match in found if match}, key=lambda name: int(name[3:]))
-
-
 def run_tell(options: argparse.Namespace, graph: Any) -> int:
-    """`run go` and the other commands."""
+    """`run go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
     from auv_lse_common.inspect.graph_node import GraphError
-    from auv_lse_common.inspect.mission_calls_node import tell
+    from auv_lse_common.inspect.mission_calls_node import CommandCalls, vehicles
 
-    there = _vehicles(graph)
-    wanted = there if options.vehicles == ["all"] else options.vehicles
-    if not wanted:
-        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
-    failed = False
-    for name in wanted:
-        try:
-            if name not in there:
-                raise GraphError(f"{name}: not found; running: {', '.join(there) or 'no vehicle'}")
-            taken, text = tell(graph, name, options.what, getpass.getuser(), getattr(options, "team", False))
-        except GraphError as error:  # the other vehicles still receive the command
-            print(f"{name}: error: {error}", file=sys.stderr)
-            failed = True
-            continue
-        if taken:
-            print(f"{name}: {text}")
+    names = None if "all" in options.vehicles else list(dict.fromkeys(options.vehicles))
+    valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
+    failed = []
+
+    def report(name: str, answer: Any) -> None:
+        if answer.accepted:
+            print(f"{name}: {answer.message}", flush=True)
         else:
-            print(f"{name}: refused: {text}", file=sys.stderr)
-        failed = failed or not taken
-    return int(failed)
+            print(f"{name}: refused: {answer.message}", file=sys.stderr)
+            failed.append(name)
+
+    calls = CommandCalls(graph, valid, options.what, getattr(options, "team", False), report)
+    graph.discover(options.spin_time, calls.step)
+    calls.finish()
+    answered, there = calls.acknowledged, vehicles(graph.nodes())
+    for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
+        failed.append(name)
+        is_there = name in there or name in calls.silent
+        why = "no answer (is it busy?)" if is_there else f"not found; running: {', '.join(there) or 'no vehicle'}"
+        print(f"{name}: error: {why}", file=sys.stderr)
+    if not answered and not failed:
+        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
+    if names is None or len(names) > 1:
+        print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
+    return int(bool(failed))
 
 
 def run_state(options: argparse.Namespace, graph: Any) -> int:
     """`run state`."""
     from auv_lse_common.inspect.graph_node import GraphError
-    from auv_lse_common.inspect.mission_calls_node import states
+    from auv_lse_common.inspect.mission_calls_node import states, vehicles
 
-    there = _vehicles(graph)
+    there = vehicles(graph.nodes())
     if not there:
         raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     heard = states(graph, there, _LISTEN_S)

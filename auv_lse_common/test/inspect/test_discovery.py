@@ -23,10 +23,10 @@ class _Graph(graph_node.Graph):
     """/talker is there at once, /late after `_LATE_S`; the endpoints of a third participant have no node name."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, unnamed_until_s: float = 0.0, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(**{key: value for key, value in options.items() if key != "spin_s"})
         self.now_s, self.node, self._unnamed_until_s = 0.0, self, unnamed_until_s
         monkeypatch.setattr(graph_node.time, "monotonic", lambda: self.now_s)
-        self._discover()
+        self.discover(options.get("spin_s"))
 
     def spin(self, seconds: float) -> None:
         self.now_s += seconds

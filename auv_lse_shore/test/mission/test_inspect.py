@@ -233,12 +233,12 @@ def test_a_mission_is_started_held_and_aborted(run: Run) -> None:
     """The vehicle has no odometry, and waits for GO."""
     assert run("run", "state").startswith("auv1: WAITING: waits for GO\n")
     assert run("run", "go", "auv1").startswith("auv1: RUNNING: GO by ")
-    assert run("run", "hold", "all").startswith("auv1: HOLDING: HOLD by ")
+    assert run("run", "hold", "all", "--spin-time", "0.5").startswith("auv1: HOLDING: HOLD by ")
     assert run("run", "state").startswith("auv1: HOLDING: HOLD by ")
     assert run("run", "abort", "auv1", "--team").startswith("auv1: ABORTED: ABORT by ")
     assert "expected RESET first" in run("run", "go", "auv1", code=1)
     assert run("run", "reset", "auv1").startswith("auv1: HOLDING: RESET by ")
-    assert "auv7: not found; running: auv1" in run("run", "hold", "auv7", code=1)
+    assert "auv7: error: not found; running: auv1" in run("run", "hold", "auv7", "--spin-time", "0.5", code=1)
 
 
 def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle, graph: Graph) -> None:
