@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -58,12 +58,16 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class _Sighting:
-    """A packet: its time (s), its plan's step and start (north, east; m), and its raw place (m) if it has one."""
+    """A packet: its time (s), its plan's step and start (north, east; m), and its raw place (m) if it has one.
+
+    A plan may be told unchanged for long, and then be replaced by one far ahead: `told_s` is when it was told first.
+    """
 
     now_s: float
     step: int
     start_m: tuple[float, float]
     raw_m: tuple[float, float] | None
+    told_s: float
 
     @property
     def place_m(self) -> tuple[float, float]:
@@ -120,7 +124,7 @@ class MateTracks:
             Mask (n,) of the samples that the mate can have measured; None if the packet is not to be trusted.
         """
         plan, raw = packet.plan, packet.navigation
-        seen = _Sighting(now_s, plan.step, (plan.north_m, plan.east_m), None if raw is None else raw.raw_m)
+        seen = _Sighting(now_s, plan.step, (plan.north_m, plan.east_m), None if raw is None else raw.raw_m, now_s)
         track = self._add(source, seen)
         return self._reachable(track, packet.samples) if _is_trusted(track, self._tracks[source]) else None
 
@@ -129,35 +133,38 @@ class MateTracks:
         tracks = [t for t in self._tracks.get(source, []) if abs(now_s - t.last_s) < SILENT_S]
         tracks.sort(key=lambda track: (track.count, track.last_s), reverse=True)
         self._tracks[source] = tracks
-        track = next((t for t in tracks if any(self._follows(r, seen) for r in t.tips)), None)
+        track, last = next(((t, r) for t in tracks for r in t.tips if self._follows(r, seen)), (None, seen))
         if track is None:
             track = _Track(now_s, first=not tracks)
             del tracks[MAX_TRACKS - 1 :]
             tracks.append(track)
+        if (last.step, last.start_m) == (seen.step, seen.start_m):
+            seen = replace(seen, told_s=last.told_s)
         track.add(seen)
         return track
 
     def last(self, source: int) -> list[Any]:
         """The last packet of a sender as JSON values, for a journal."""
         seen = max((track.recent[-1] for track in self._tracks[source]), key=lambda seen: seen.now_s)
-        return [seen.now_s, seen.step, seen.start_m, seen.raw_m]
+        return [seen.now_s, seen.step, seen.start_m, seen.raw_m, seen.told_s]
 
     def recall(self, source: int, values: Sequence[Any]) -> None:
         """Takes a packet again that `last` returned before a restart."""
-        now_s, step, start_m, raw_m = values
-        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m)))
+        now_s, step, start_m, raw_m, told_s = values
+        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), told_s))
 
     def _follows(self, last: _Sighting, seen: _Sighting) -> bool:
-        pace, later_s = self._pace, abs(seen.now_s - last.now_s)
+        pace, later_s, plan_s = self._pace, abs(seen.now_s - last.now_s), abs(seen.now_s - last.told_s)
         steps = seen.step - last.step
-        if steps > FASTER * later_s / pace.leg_s + AHEAD_STEPS + pace.surfacing_steps:
+        if steps > FASTER * plan_s / pace.leg_s + AHEAD_STEPS + pace.surfacing_steps:
             return False
         way_m = FASTER * pace.speed_mps * later_s
         raws_m = last.raw_m, seen.raw_m
         if raws_m[0] is not None and raws_m[1] is not None and math.dist(raws_m[0], raws_m[1]) > way_m + RAW_SPREAD_M:
             return False
         ahead_m = FASTER * pace.speed_mps * pace.leg_s * max(steps, 0)
-        return math.dist(last.start_m, seen.start_m) <= max(way_m, ahead_m) + SPREAD_M
+        plan_way_m = FASTER * pace.speed_mps * plan_s
+        return math.dist(last.start_m, seen.start_m) <= max(plan_way_m, ahead_m) + SPREAD_M
 
     def _reachable(self, track: _Track, samples: Array) -> NDArray[np.bool_]:
         """Mask (n,) of samples between two places of the track, or between its first place and `since_s`."""

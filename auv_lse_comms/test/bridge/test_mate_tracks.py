@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -48,6 +49,19 @@ def test_honest_packets_are_accepted_whatever_is_lost(seed: int) -> None:
         possible = tracks.take(float(now), 2, Packet(plan, samples, navigation=navigation))
         assert possible is not None
         assert possible.all()
+
+
+def test_a_plan_that_was_kept_for_long_may_be_replaced_by_one_far_ahead() -> None:
+    tracks = MateTracks(PACE)
+    for cycle in range(40):  # a path from the start, told unchanged for 20 minutes
+        told = packet(30.0 * cycle, 45.0 * cycle, step=0)
+        told = dataclasses.replace(told, plan=Plan.at(0, np.zeros(3), (), 0xE0))
+        assert tracks.take(30.0 * cycle, 2, told) is not None
+    restarted = MateTracks(PACE)
+    restarted.recall(2, json.loads(json.dumps(tracks.last(2))))
+    for known in (tracks, restarted):
+        assert known.take(1200.0, 2, packet(1200.0, 1800.0)) is not None, "the first plan since"
+    assert tracks.take(1230.0, 2, packet(1230.0, 1845.0, step=500)) is None
 
 
 @pytest.mark.parametrize(("north_m", "step"), [(2000.0, None), (None, 90)])
