@@ -3,6 +3,7 @@
 import auv_lse_common
 import auv_lse_comms
 import auv_lse_gp
+import auv_lse_mavlink
 import auv_lse_planner
 import auv_lse_record
 import auv_lse_shore
@@ -12,6 +13,7 @@ __all__ = [
     "auv_lse_common",
     "auv_lse_comms",
     "auv_lse_gp",
+    "auv_lse_mavlink",
     "auv_lse_planner",
     "auv_lse_record",
     "auv_lse_shore",

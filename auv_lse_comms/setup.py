@@ -32,7 +32,6 @@ setup(
     python_requires=">=3.11",
     install_requires=[
         "numpy>=1.26",
-        "pymavlink",
         "pyserial",
         "pyyaml",
         sibling("auv_lse_common"),
@@ -43,7 +42,7 @@ setup(
     extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
-    description="252-byte packets, TDMA, acoustic modem driver and MAVLink link; modem_node",
+    description="252-byte packets, TDMA, and acoustic modem driver; modem_node",
     license="Apache-2.0",
     entry_points={}
     if is_library
@@ -51,7 +50,6 @@ setup(
         "console_scripts": [
             "modem_node = auv_lse_comms.modem_node:main",
             "micromodem_node = auv_lse_comms.micromodem.micromodem_node:main",
-            "vehicle_link_node = auv_lse_comms.mavlink.vehicle_link_node:main",
         ],
     },
 )

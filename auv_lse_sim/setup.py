@@ -47,7 +47,10 @@ setup(
     ]
     if is_library
     else [],
-    extras_require={"test": ["pytest"], "optional": ["rasterio"]},  # tells `colcon test` to use pytest
+    extras_require={
+        "test": ["pytest"],  # tells `colcon test` to use pytest
+        "optional": ["rasterio", sibling("auv_lse_mavlink")],
+    },
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Simulated lake, vehicles, instruments and acoustic channel; sim_node and the fleet engine",

@@ -1,8 +1,7 @@
 """Acoustic communication of a team: the 252-byte packet, time slots, and the bridge between a vehicle and its modem.
 
-The names below are the library's interface; docs/reference/python/packet.md uses no others. Three subpackages are
-independent of the rest: `micromodem` drives a WHOI Micromodem-2, `mavlink` talks to an autopilot, `transport` opens
-their ports.
+The names below are the library's interface; docs/reference/python/packet.md uses no others. Two subpackages are
+independent of the rest: `micromodem` drives a WHOI Micromodem-2, `transport` opens ports.
 """
 
 from typing import TYPE_CHECKING

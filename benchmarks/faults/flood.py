@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_comms.mavlink.messages.conversion import Target
-from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
-from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, mavlink
-from auv_lse_comms.mavlink.port import AutopilotPort
+from auv_lse_mavlink.messages.conversion import Target
+from auv_lse_mavlink.messages.events import AutopilotEstimate
+from auv_lse_mavlink.messages.wire import MavlinkCodec, mavlink
+from auv_lse_mavlink.port import AutopilotPort
+from auv_lse_sim.emulated.autopilot_report import Report as State
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
-from auv_lse_sim.emulated.mavlink_vehicle import Report as State
 from benchmarks.faults.report import Report
 
 SMALL = ("--seconds", "5")

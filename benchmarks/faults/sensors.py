@@ -22,12 +22,12 @@ from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.mission_run import Action, MissionRun, Stop
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
-from auv_lse_comms.mavlink.messages.datum import Origin
-from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, AutopilotState
-from auv_lse_comms.mavlink.messages.wire import mavlink
-from auv_lse_comms.mavlink.sounder import Sounder
+from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_mavlink.messages.events import Altitude, AutopilotEstimate, AutopilotState
+from auv_lse_mavlink.messages.wire import mavlink
+from auv_lse_mavlink.sounder import Sounder
+from auv_lse_sim.emulated.autopilot_report import Report as Sensed
 from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
-from auv_lse_sim.emulated.mavlink_telemetry import Report as Sensed
 from benchmarks.faults.report import Report
 
 #: Arguments of a run of a minute.

@@ -71,7 +71,7 @@ def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
     if modem:
         nodes.append(("auv_lse_comms", "micromodem_node"))
     if link:
-        nodes.append(("auv_lse_comms", "vehicle_link_node"))
+        nodes.append(("auv_lse_mavlink", "vehicle_link_node"))
     return nodes
 
 
@@ -86,7 +86,10 @@ def executable_path(process: Process) -> Path:
     try:
         path = Path(get_package_prefix(process.package)) / "lib" / process.package / process.executable
     except PackageNotFoundError as error:
-        raise LaunchError(f"package {process.package} is not installed; build the workspace: scripts/setup") from error
+        raise LaunchError(
+            f"package {process.package} is not installed; link it into ros_ws/src, then build the workspace: "
+            "scripts/setup"
+        ) from error
     if not path.is_file():
         raise LaunchError(f"{path} is missing; rebuild the workspace: scripts/setup --force")
     return path

@@ -7,20 +7,25 @@ installed (a vehicle has no simulator), the command names it and exits with code
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import runpy
 import sys
 
+from auv_lse_common.support.missing_packages import is_installed
+
 #: Packages that the commands of a package need, if not only that package.
-_NEEDS = {"auv_lse_shore": ("auv_lse_sim", "auv_lse_shore"), "benchmarks": ("auv_lse_sim", "auv_lse_shore")}
+_NEEDS = {
+    "auv_lse_mavlink": ("auv_lse_mavlink",),
+    "auv_lse_shore": ("auv_lse_sim", "auv_lse_shore"),
+    "benchmarks": ("auv_lse_sim", "auv_lse_shore"),
+}
 
 
 def main() -> int:
     """Runs the first argument as a module; returns the exit code if the module does not exit itself."""
     _, module, *arguments = sys.argv
     package = module.split(".")[0]
-    missing = [name for name in _NEEDS.get(package, ()) if not _is_installed(name)]
+    missing = [name for name in _NEEDS.get(package, ()) if not is_installed(name)]
     if missing:
         names = " and ".join(missing)
         print(
@@ -37,12 +42,6 @@ def main() -> int:
         print("interrupted", file=sys.stderr)
         return 130
     return 0
-
-
-def _is_installed(package: str) -> bool:
-    """Whether a package can be imported; a folder of its name in the working directory does not count."""
-    spec = importlib.util.find_spec(package)
-    return spec is not None and spec.origin is not None
 
 
 if __name__ == "__main__":

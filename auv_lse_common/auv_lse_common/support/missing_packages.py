@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 #: Install commands for ROS 2 on Ubuntu; elsewhere `scripts/setup` installs all packages.
 COMMANDS = {
+    "auv_lse_mavlink": "link it into ros_ws/src, then scripts/setup",
     "contourpy": "sudo apt install python3-contourpy",
     "dask": "pip install dask",
     "distributed": "pip install distributed",
@@ -19,6 +22,12 @@ COMMANDS = {
     "serial": "sudo apt install python3-serial",
     "shapely": "sudo apt install python3-shapely",
 }
+
+
+def is_installed(package: str) -> bool:
+    """Whether a package can be imported; a folder of its name in the working directory does not count."""
+    spec = importlib.util.find_spec(package)
+    return spec is not None and spec.origin is not None
 
 
 class MissingPackageError(ImportError):

@@ -34,27 +34,25 @@ MISSION = {
 }
 
 
-@pytest.fixture(scope="module")
-def vehicle_workspace(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment of an install folder with links to the vehicle's packages in the built workspace alone."""
+def workspace_of(folder: Path, packages: tuple[str, ...]) -> dict[str, str]:
+    """The environment of an install folder with links to these packages in the built workspace alone."""
     found = importlib.util.find_spec("auv_lse_msgs")
     assert found is not None
     assert found.origin is not None
     built_site = Path(found.origin).parents[1]
     built = built_site.parents[2]
-    folder = tmp_path_factory.mktemp("install")
     site, index = folder / built_site.relative_to(built), Path("share/ament_index/resource_index")
     site.mkdir(parents=True)
-    for pattern in ("lib/*.so", *(f"{place}/{package}" for package in PACKAGES for place in ("share", "lib"))):
+    for pattern in ("lib/*.so", *(f"{place}/{package}" for package in packages for place in ("share", "lib"))):
         for path in built.glob(pattern):
             (folder / path.relative_to(built)).parent.mkdir(parents=True, exist_ok=True)
             (folder / path.relative_to(built)).symlink_to(path)
-    for path in (path for package in PACKAGES for path in (built / index).glob(f"*/{package}")):
+    for path in (path for package in packages for path in (built / index).glob(f"*/{package}")):
         (folder / path.relative_to(built)).parent.mkdir(parents=True, exist_ok=True)
         (folder / path.relative_to(built)).symlink_to(path)
-    paths = [ROOT / package for package in PACKAGES[1:]]
+    paths = [ROOT / package for package in packages[1:]]
     for path in built_site.iterdir():
-        if path.name.replace("-", "_").startswith(PACKAGES):
+        if path.name.replace("-", "_").startswith(packages):
             if path.suffix == ".egg-link":
                 paths.append(Path(path.read_text().splitlines()[0]))
             else:
@@ -69,41 +67,66 @@ def vehicle_workspace(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str
     }
 
 
+@pytest.fixture(scope="module")
+def vehicle_workspace(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """All packages of a vehicle."""
+    return workspace_of(tmp_path_factory.mktemp("install"), (*PACKAGES, "auv_lse_mavlink"))
+
+
 def run(environment: dict[str, str], *command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
     )
 
 
-def mission_file(folder: Path) -> Path:
+def mission_file(folder: Path, link: str = "mavlink") -> Path:
     path = folder / "vehicles.yaml"
-    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": MISSION}}))
+    sections = {**MISSION, "link": {**MISSION["link"], "kind": link}}
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": sections}}))
     return path
 
 
-def test_every_node_of_a_vehicle_runs(vehicle_workspace: dict[str, str], tmp_path: Path) -> None:
-    with own_domain(VEHICLE_DOMAINS) as domain, (tmp_path / "out.txt").open("w") as output:
-        command = ("auv_lse_common.commands.vehicle", "auv1", str(mission_file(tmp_path)), "--domain", str(domain))
+def dive(environment: dict[str, str], mission: Path, nodes: tuple[str, ...]) -> None:
+    """Runs a vehicle until its nodes have started, and ends it."""
+    output = mission.with_name("out.txt")
+    with own_domain(VEHICLE_DOMAINS) as domain, output.open("w") as file:
+        command = ("auv_lse_common.commands.vehicle", "auv1", str(mission), "--domain", str(domain))
         process = subprocess.Popen(
-            [sys.executable, "-m", "auv_lse_common.support.command", *command, "--out", str(tmp_path / "dive")],
-            env=vehicle_workspace, stdout=output, stderr=subprocess.STDOUT,
+            [sys.executable, "-m", "auv_lse_common.support.command", *command, "--out", str(mission.parent / "dive")],
+            env=environment, stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip
         try:
             until = time.monotonic() + 120.0
-            while (tmp_path / "out.txt").read_text().count(" started, process ") < len(NODES):
-                assert process.poll() is None, (tmp_path / "out.txt").read_text()
-                assert time.monotonic() < until, (tmp_path / "out.txt").read_text()
+            while output.read_text().count(" started, process ") < len(nodes):
+                assert process.poll() is None, output.read_text()
+                assert time.monotonic() < until, output.read_text()
                 time.sleep(0.2)
             time.sleep(5.0)
             process.send_signal(signal.SIGTERM)
             assert process.wait(60.0) == 0
         finally:
             process.kill()
-    text = (tmp_path / "out.txt").read_text()
-    assert [name for name in NODES if f"auv1.{name} started" not in text] == [], text
+    text = output.read_text()
+    assert [name for name in nodes if f"auv1.{name} started" not in text] == [], text
     assert "died" not in text
     assert "auv1: all nodes have ended" in text
-    assert (tmp_path / "dive" / "bag").is_dir()
+    assert (mission.parent / "dive" / "bag").is_dir()
+
+
+def test_every_node_of_a_vehicle_runs(vehicle_workspace: dict[str, str], tmp_path: Path) -> None:
+    dive(vehicle_workspace, mission_file(tmp_path), NODES)
+
+
+def test_a_vehicle_with_a_driver_of_its_own_needs_no_mavlink(tmp_path: Path) -> None:
+    without = workspace_of(tmp_path / "install", PACKAGES)
+    dive(without, mission_file(tmp_path, "direct"), NODES[:-1])
+    command = ("-m", "auv_lse_common.support.command")
+    refused = run(without, *command, "auv_lse_common.commands.vehicle", "auv1", str(mission_file(tmp_path)))
+    assert refused.returncode != 0
+    assert "package auv_lse_mavlink is not installed; link it into ros_ws/src" in refused.stderr
+    refused = run({**without, "AUV_LSE_SCRIPT": "scripts/autopilot-check"}, *command, "auv_lse_mavlink.check_command")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("error: scripts/autopilot-check needs the package auv_lse_mavlink; this ")
 
 
 def test_the_launch_file_finds_every_node(vehicle_workspace: dict[str, str], tmp_path: Path) -> None:

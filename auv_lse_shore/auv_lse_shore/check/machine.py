@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import stat
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.missing_packages import COMMANDS, is_installed
 from auv_lse_comms.settings import check_send_duration
 from auv_lse_shore.check.findings import Findings
-
-#: Install commands of packages that a node imports only when needed.
-_PACKAGES = {
-    "pymavlink": "pip install pymavlink",
-    "serial": "sudo apt install python3-serial (or pip install pyserial)",
-}
 
 
 def check_files(settings: Settings, number: int | None, findings: Findings) -> None:
@@ -99,7 +93,8 @@ def _check_link(settings: Settings, number: int, findings: Findings) -> None:
     if link.kind != "mavlink":
         findings.warning(f"auv{number}: link.kind: got {link.kind!r}, which drives no autopilot; expected 'mavlink'")
         return
-    _check_package("pymavlink", "link.kind = mavlink", findings)
+    for package in ("auv_lse_mavlink", "pymavlink"):
+        _check_package(package, "link.kind = mavlink", findings)
     if link.endpoint.startswith("serial://") and findings.usable("link.endpoint", vehicle=number):
         _check_device("link.endpoint", link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
 
@@ -118,8 +113,8 @@ def _check_device(name: str, port: str, findings: Findings) -> None:
 
 
 def _check_package(package: str, why: str, findings: Findings) -> None:
-    if importlib.util.find_spec(package) is None:
-        findings.error(f"{why}: needs the Python package {package}. Fix: {_PACKAGES[package]}")
+    if not is_installed(package):
+        findings.error(f"{why}: needs the Python package {package}. Fix: {COMMANDS[package]}")
 
 
 def _check_key(path: Path, findings: Findings) -> None:

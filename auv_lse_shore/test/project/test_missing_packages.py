@@ -41,7 +41,7 @@ NODES = (
     "auv_lse_comms.micromodem.micromodem_node", "auv_lse_planner.safety_node", "auv_lse_record.recorder_node",
     "auv_lse_common.commands.vehicle",
 )  # fmt: skip
-LINK = "auv_lse_comms.mavlink.vehicle_link_node"  # the one that pymavlink is for
+LINK = "auv_lse_mavlink.vehicle_link_node"  # the one that pymavlink is for
 
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
@@ -78,7 +78,7 @@ def test_a_vehicles_nodes_load_what_apt_has_and_pymavlink_alone() -> None:
     ("code", "words"),
     [
         (
-            "import auv_lse_comms.mavlink.messages.wire",
+            "import auv_lse_mavlink.messages.wire",
             "MAVLink links (vehicle_link_node, emulated autopilots) need the Python package pymavlink, which is not "
             "installed: pip install pymavlink",
         ),

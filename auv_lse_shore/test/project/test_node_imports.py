@@ -19,15 +19,17 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGES = tuple(f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "record", "sim", "shore"))
+PACKAGES = tuple(
+    f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "mavlink", "record", "sim", "shore")
+)
 
 #: What nobody needs to draw, fit or compile with on a vehicle.
 NEVER = {"matplotlib", "pandas", "dask", "sklearn", "rasterio", "auv_lse_shore"}
 COMMS = {"scipy", "numba", "rosbags", "contourpy", "auv_lse_gp", "auv_lse_planner", "auv_lse_sim"}
 UNUSED = {
-    "auv_lse_comms.modem_node": COMMS | {"serial", "pymavlink"},
-    "auv_lse_comms.micromodem.micromodem_node": COMMS | {"pymavlink"},
-    "auv_lse_comms.mavlink.vehicle_link_node": COMMS | {"serial"},
+    "auv_lse_comms.modem_node": COMMS | {"serial", "auv_lse_mavlink"},
+    "auv_lse_comms.micromodem.micromodem_node": COMMS | {"auv_lse_mavlink"},
+    "auv_lse_mavlink.vehicle_link_node": COMMS | {"serial"},
     "auv_lse_gp.gp_node": {
         "numba",  # loaded when the first sounding comes
         "scipy.optimize",
@@ -39,6 +41,7 @@ UNUSED = {
         "auv_lse_sim",
     },
     "auv_lse_planner.planner_node": {"scipy.interpolate", "rosbags", "auv_lse_comms", "auv_lse_sim"},
+    "auv_lse_sim.engine.sim_node": {"auv_lse_mavlink", "pymavlink"},
     "auv_lse_record.recorder_node": {"scipy.optimize", "scipy.interpolate", "numba", "auv_lse_comms"},
 }
 

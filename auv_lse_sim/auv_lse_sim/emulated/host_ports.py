@@ -12,6 +12,8 @@ from typing import Protocol
 
 #: Bytes kept for a host that does not read; older bytes are dropped.
 MAX_UNREAD_BYTES = 1 << 16
+#: Names of this machine in addresses.
+LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 
 
 class HostPort(Protocol):

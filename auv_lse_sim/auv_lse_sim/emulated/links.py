@@ -10,27 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.sections.sim import SimConfig
-from auv_lse_common.mission_file.sections.world import AutopilotConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Stop
-from auv_lse_comms.mavlink.messages.datum import Origin
-from auv_lse_comms.mavlink.water import MEAN_LATITUDE_DEG, gauge_pressure_pa
 from auv_lse_comms.transport import AddressError, read_address
-from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
-from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_telemetry import AIR_PA, Report
-from auv_lse_sim.emulated.mavlink_vehicle import SURFACE_M, AutopilotSetup, MavlinkVehicle
+from auv_lse_sim.emulated.autopilot_report import autopilot_of, measured_pressure_pa, report_of
+from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS, HostPort, PtyPort, TcpServerPort
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
-from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 
-_LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
+if TYPE_CHECKING:
+    from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 
 
 class EmulatedLinks:
@@ -75,45 +70,12 @@ class EmulatedLinks:
                 ports = {k: _host_port(settings.vehicle(k).modem.port) for k in self.modems}
                 self.rack = ModemRack(ports, lambda k, packet: transmit(k, packet.start_s, packet.payload))
             if self.autopilots:
-                autopilots = {k: self._autopilot(k, follow, obey, dive) for k in self.autopilots}
-                self.dock = MavlinkDock(
-                    autopilots, {k: _autopilot_endpoint(settings.vehicle(k).link.endpoint) for k in self.autopilots}
-                )
+                from auv_lse_sim.emulated.autopilots import dock_of  # needs pymavlink
+
+                self.dock = dock_of(settings, self.autopilots, follow, obey, dive)
         except (OSError, AddressError) as error:
             self.close()
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error
-
-    def _autopilot(
-        self,
-        k: int,
-        follow: Callable[[int, Leg], None],
-        obey: Callable[[int, Stop | None], None],
-        dive: Callable[[int, float], None],
-    ) -> MavlinkVehicle:
-        vehicle, area = self._settings.vehicle(k).vehicle, self._settings.area
-        origin = None
-        if area.origin_lat_deg is not None and area.origin_lon_deg is not None:
-            origin = Origin(lat_deg=area.origin_lat_deg, lon_deg=area.origin_lon_deg)
-        start = (vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m)
-        radius_m = self._settings.motion.turn_radius_m
-        link = self._settings.vehicle(k).link
-        system_id = link.autopilot_system_id or k
-        height_m = autopilot_of(self._settings.sim).origin_height_m if link.pressure != "none" else 0.0
-        return MavlinkVehicle(
-            system_id,
-            start,
-            radius_m,
-            origin,
-            lambda leg: follow(k, leg),
-            obey=lambda stop: obey(k, stop),
-            tightest_m=tightest_radius_m(vehicle, self._settings.sim),
-            setup=AutopilotSetup(
-                origin_height_m=height_m,
-                pressure=link.pressure,
-                dive=lambda depth_m: dive(k, depth_m),
-                is_boat=vehicle.depth_m <= SURFACE_M,
-            ),
-        )
 
     def send_on_deck(self, now_s: float) -> None:
         """Lets the drivers find their autopilots and the zero of depth before the first tick."""
@@ -181,52 +143,9 @@ class EmulatedLinks:
             self.dock.close()
 
 
-def autopilot_of(sim: SimConfig) -> AutopilotConfig:
-    """The autopilots' imperfections that are in force."""
-    if not (sim.ideal or sim.autopilot.ideal):
-        return sim.autopilot
-    return AutopilotConfig(
-        origin_height_m=0.0,
-        air_pressure_hpa=AIR_PA / 100.0,
-        air_change_hpa_h=0.0,
-        barometer_offset_hpa=0.0,
-        barometer_drift_hpa_h=0.0,
-    )
-
-
-def measured_pressure_pa(config: AutopilotConfig, passed_s: float, depth_m: float, latitude_deg: float | None) -> float:
-    """What a barometer measures (Pa) at a depth (m), `passed_s` after the start; latitude None: unknown."""
-    drift_hpa = (config.air_change_hpa_h + config.barometer_drift_hpa_h) * passed_s / 3600.0
-    at_surface_pa = 100.0 * (config.air_pressure_hpa + config.barometer_offset_hpa + drift_hpa)
-    latitude_deg = MEAN_LATITUDE_DEG if latitude_deg is None else latitude_deg
-    return at_surface_pa + gauge_pressure_pa(depth_m, config.water_density_kgpm3, latitude_deg)
-
-
-def report_of(output: VehicleOutput, gps_std_m: float, pressure_pa: float) -> Report:
-    """The state that a vehicle's autopilot reports after a tick.
-
-    Args:
-        output: The vehicle's.
-        gps_std_m: Accuracy of GPS (m).
-        pressure_pa: What its barometer measures (Pa).
-    """
-    estimate = output.odometry
-    return Report(
-        heading_rad=estimate.heading_rad,
-        north_m=estimate.north_m,
-        east_m=estimate.east_m,
-        depth_m=output.pressure_depth_m,
-        speed_mps=estimate.speed_mps,
-        altitude_m=output.altitude_m,
-        pressure_pa=pressure_pa,
-        gps_m=output.gps_m,
-        gps_std_m=gps_std_m,
-    )
-
-
 def _host_port(port: str) -> HostPort:
     address = read_address(port)
-    if address.kind == "tcp" and address.place in _LOCAL_HOSTS:
+    if address.kind == "tcp" and address.place in LOCAL_HOSTS:
         return TcpServerPort(address.number)
     if address.kind == "serial" and not address.place.startswith("/dev/"):
         return PtyPort(Path(address.place))
@@ -234,12 +153,3 @@ def _host_port(port: str) -> HostPort:
         f"modem.port got {port!r}; expected a path outside /dev (a link to a pty) or tcp://127.0.0.1:PORT for an "
         "emulated modem. Change modem.port"
     )
-
-
-def _autopilot_endpoint(endpoint: str) -> str:
-    address = read_address(endpoint)
-    if address.kind != "udpin" or address.place not in _LOCAL_HOSTS or address.number == 0:
-        raise AddressError(
-            f"link.endpoint got {endpoint!r}; expected udpin://127.0.0.1:PORT for a simulated autopilot. Change it"
-        )
-    return f"udpout://{address.place}:{address.number}"

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_comms.mavlink.link import VehicleLink
-from auv_lse_comms.mavlink.messages.conversion import Target
-from auv_lse_comms.mavlink.messages.datum import Origin
-from auv_lse_comms.mavlink.messages.events import Event
-from auv_lse_sim.emulated.links import autopilot_of, measured_pressure_pa, report_of
-from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_mavlink.link import VehicleLink
+from auv_lse_mavlink.messages.conversion import Target
+from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_mavlink.messages.events import Event
+from auv_lse_sim.emulated.autopilot_report import Report, autopilot_of, measured_pressure_pa, report_of
 from auv_lse_sim.emulated.mavlink_vehicle import AutopilotSetup, MavlinkVehicle
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m

@@ -6,7 +6,7 @@ import select
 from collections.abc import Mapping
 
 from auv_lse_comms.transport import UdpPort, read_address
-from auv_lse_sim.emulated.mavlink_telemetry import Report
+from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 

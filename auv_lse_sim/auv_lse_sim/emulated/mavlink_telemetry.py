@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-from auv_lse_comms.mavlink.messages.conversion import DOWN
-from auv_lse_comms.mavlink.messages.datum import Datum
-from auv_lse_comms.mavlink.messages.wire import Message, mavlink
+from auv_lse_mavlink.messages.conversion import DOWN
+from auv_lse_mavlink.messages.datum import Datum
+from auv_lse_mavlink.messages.wire import Message, mavlink
+from auv_lse_sim.emulated.autopilot_report import Report
 
-#: Standard air pressure (Pa).
-AIR_PA = 101325.0
 #: Messages with a pressure.
 PRESSURES = {
     "SCALED_PRESSURE": mavlink.MAVLink_scaled_pressure_message,
@@ -20,35 +18,6 @@ PRESSURES = {
 }
 #: Range of the altimeter (cm).
 ALTIMETER_CM = (50, 10000)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """The autopilot's estimate of its vehicle's state.
-
-    Attributes:
-        heading_rad: Clockwise from north.
-        north_m: North of the mission's origin.
-        east_m: East of it.
-        depth_m: Below the surface, positive down.
-        speed_mps: Over ground, along the heading.
-        yaw_rate_radps: Positive to starboard.
-        altitude_m: Height over ground; NaN: no ground seen.
-        pressure_pa: Absolute pressure of the water.
-        gps_m: North, east of the mission's origin by GPS; None: it has no fix, as under water.
-        gps_std_m: Standard deviation of that, each axis.
-    """
-
-    heading_rad: float
-    north_m: float
-    east_m: float
-    depth_m: float
-    speed_mps: float = 0.0
-    yaw_rate_radps: float = 0.0
-    altitude_m: float = math.nan
-    pressure_pa: float = AIR_PA
-    gps_m: tuple[float, float] | None = None
-    gps_std_m: float = 1.0
 
 
 def heartbeat(armed: bool = True) -> Message:

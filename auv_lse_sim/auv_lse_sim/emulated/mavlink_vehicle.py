@@ -30,10 +30,11 @@ from dataclasses import dataclass, replace
 
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
-from auv_lse_comms.mavlink.messages.conversion import Target, target_of_item, target_of_position
-from auv_lse_comms.mavlink.messages.datum import Datum, Origin
-from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
-from auv_lse_sim.emulated.mavlink_telemetry import AIR_PA, Report, depth_telemetry, heartbeat, telemetry
+from auv_lse_mavlink.messages.conversion import Target, target_of_item, target_of_position
+from auv_lse_mavlink.messages.datum import Datum, Origin
+from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
+from auv_lse_sim.emulated.autopilot_report import AIR_PA, Report
+from auv_lse_sim.emulated.mavlink_telemetry import depth_telemetry, heartbeat, telemetry
 from auv_lse_sim.vehicle.target_leg import leg_to
 
 #: A target within this distance (m) of an earlier one repeats it; allows for the rounding of mission items.

@@ -6,7 +6,7 @@ import math
 
 from auv_lse_common.topics.records import Odometry, Reception, SimReport, Waypoint
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_comms.mavlink.water import gauge_pressure_pa
+from auv_lse_common.vocabulary.water import gauge_pressure_pa
 from auv_lse_sim.engine.simulation import MissionState, Simulation
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate
 from auv_lse_sim.water.channel import Arrival

@@ -12,11 +12,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_comms.mavlink.autopilot_check import AutopilotCheck
-from auv_lse_comms.mavlink.check_command import main
-from auv_lse_comms.mavlink.messages.datum import Origin
+from auv_lse_mavlink.autopilot_check import AutopilotCheck
+from auv_lse_mavlink.check_command import main
+from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_telemetry import Report
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 

@@ -10,13 +10,13 @@ from sim_helpers import FunctionGround
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.extent import Extent
-from auv_lse_comms.mavlink.link import LinkState, VehicleLink
-from auv_lse_comms.mavlink.messages.conversion import Target
-from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
 from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import UdpPort
+from auv_lse_mavlink.link import LinkState, VehicleLink
+from auv_lse_mavlink.messages.conversion import Target
+from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import World

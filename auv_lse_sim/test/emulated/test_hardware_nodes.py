@@ -23,12 +23,12 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.ros_conversions import header
-from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.micromodem.log import read_entries, replay_log
+from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_msgs.msg import MissionState, ModemRx, ModemTx, Waypoint
+from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.host_ports import PtyPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_telemetry import Report
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack

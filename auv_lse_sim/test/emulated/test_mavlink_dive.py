@@ -19,9 +19,9 @@ from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, Stop
-from auv_lse_comms.mavlink.messages.conversion import Target
-from auv_lse_comms.mavlink.messages.datum import Origin
-from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, AutopilotState
+from auv_lse_mavlink.messages.conversion import Target
+from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 from auv_lse_sim.emulated.lone_vehicle import LoneVehicle

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_comms.mavlink.check_command import main as autopilot_check
-from auv_lse_comms.mavlink.messages.datum import Origin
+from auv_lse_mavlink.check_command import main as autopilot_check
+from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
-from auv_lse_sim.emulated.mavlink_telemetry import Report
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
 
 if importlib.util.find_spec("mavsdk") is None:

@@ -1,0 +1,500 @@
+"""The link to a vehicle's autopilot: bytes and times in; odometry, altitude and pressure out; waypoints back.
+
+Theory of operation
+-------------------
+The owner (a node) calls `receive` with bytes, `command` with each new leg's end, `stop` to stop the vehicle, and `poll`
+often; after each call it takes `outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970 (UTC, or
+simulated).
+
+    state   cause                                               next
+    DOWN    HEARTBEAT of the autopilot                          UP      requests its origin, sets it if it has none
+    UP      no HEARTBEAT for `lost_after_s`                     DOWN    an upload in progress is aborted
+    UP      HEARTBEAT                                           UP
+
+The link sends its own heartbeats in both states. Every LOCAL_POSITION_NED gives one odometry if the last ATTITUDE is at
+most `stale_after_s` old. Stamps are the autopilot's own (`clock.py`) where its UTC is known, else times of receipt.
+
+Depth comes from pressure, and depth targets are shifted into the autopilot's datum (`depth_gauge.py`).
+
+Until the autopilot's origin is known, and after one that was refused, places are not in the mission's frame, so neither
+odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the link is
+lost) may have another origin and clock: both are requested again.
+
+Waypoints arrive as ends of legs (`targets.py`). While the link is down, targets are kept and the autopilot's own
+failsafe acts. When it is up again, the current target, or the mission, is sent again.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import Counter
+from collections.abc import Callable
+
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_mavlink.depth_gauge import DepthGauge
+from auv_lse_mavlink.messages.clock import AutopilotClock
+from auv_lse_mavlink.messages.conversion import Target, altitude_m, pressure_pa
+from auv_lse_mavlink.messages.datum import Datum, Origin
+from auv_lse_mavlink.messages.events import (
+    Altitude,
+    AutopilotEstimate,
+    AutopilotState,
+    Event,
+    LinkLost,
+    LinkUp,
+    Pressure,
+    Problem,
+)
+from auv_lse_mavlink.messages.modes import obeying_modes
+from auv_lse_mavlink.messages.origin import OriginExchange
+from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
+from auv_lse_mavlink.raw_track import RawTrack
+from auv_lse_mavlink.targets import TargetLimits, TargetSender
+
+#: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
+#: safety watch keeps the limit tripped until RESET.
+LEAK_REPORTED_S = 50.0
+
+#: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
+EXAMINED_BYTES = 16384
+
+
+class LinkState(enum.Enum):
+    """Whether the autopilot is heard."""
+
+    DOWN = "down"
+    UP = "up"
+
+
+class VehicleLink:
+    """One vehicle's link to its autopilot.
+
+    Attributes:
+        state: Whether the autopilot is heard.
+        armed: Whether it reports to be armed.
+        custom_mode: Number of its flight mode, in its own numbering; -1 while unknown.
+        gauge: Depth of the vehicle.
+        counts: Event counts by name.
+    """
+
+    def __init__(
+        self,
+        config: LinkConfig,
+        vehicle: int,
+        origin: Origin | None,
+        limits: TargetLimits | None = None,
+        key: bytes | None = None,
+        nonce: int | None = None,
+    ) -> None:
+        """Starts in state DOWN.
+
+        Args:
+            config: Section `link`.
+            vehicle: Number of the vehicle.
+            origin: The mission's origin; None: local places only, no missions.
+            limits: Limits of targets; None: any target passes.
+            key: Key with which messages are signed, both ways; None: they are not signed.
+            nonce: With a key: a random number that the autopilot must repeat before it counts as heard, so that no
+                recorded message does (`wire.py`).
+
+        Raises:
+            ValueError: if missions are to be uploaded and there is no origin, or the key has a wrong length.
+        """
+        if config.mode == "mission" and origin is None:
+            raise ValueError(
+                "link.mode: got 'mission' without an origin; expected area.origin_lat_deg and area.origin_lon_deg, "
+                "because mission items are geodetic"
+            )
+        self.state = LinkState.DOWN
+        self.armed = False
+        self.custom_mode = -1
+        self.counts: Counter[str] = Counter()
+        self._config = config
+        self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
+        self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
+        self._out: list[bytes] = []
+        self._events: list[Event] = []
+        self._clock = AutopilotClock()
+        self._origin = OriginExchange(
+            origin, self._autopilot, config.set_origin, self.send, self._report_problem, self.counts
+        )
+        self._targets = TargetSender(
+            config, self._autopilot, limits or TargetLimits(), self.send, self._report_event, self.counts
+        )
+        latitude_deg = None if origin is None else origin.lat_deg
+        self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts)
+        self._fix_s = -math.inf  # when GPS last had a fix
+        self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
+        self._battery, self._battery_v = math.nan, math.nan
+        self._leak_s = -math.inf  # when the autopilot last reported a leak
+        self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
+        self._examined_bytes = 0
+        self._attitude: Message | None = None
+        self._place: AutopilotEstimate | None = None
+        self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
+        self._raw, self._raw_in = RawTrack(), self.datum
+
+    # ------------------------------------------------------------------ calls of the owner
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Processes bytes from the endpoint."""
+        self._tick(now_s)
+        for message in self._codec.decode(data):
+            if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
+                self.counts["from_others"] += 1
+                continue
+            handler = HANDLERS.get(message.get_type())
+            if handler is not None:
+                handler(self, message)
+        self._advance()
+
+    def command(self, now_s: float, target: Target) -> None:
+        """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
+
+        Raises:
+            ValueError: if a number in it is not finite, or it is too deep or too far outside the area.
+        """
+        self._tick(now_s)
+        self._targets.add(target, self._place)
+        self._advance()
+
+    def stop(self, now_s: float, stop: Stop | None) -> None:
+        """Stops the vehicle, or lets it continue (None)."""
+        self._tick(now_s)
+        self._targets.stop(stop)
+        self._advance()
+
+    def send(self, message: Message) -> None:
+        """Sends a message to the autopilot."""
+        self._out.append(self._codec.encode(message))
+
+    def poll(self, now_s: float) -> None:
+        """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once per tick."""
+        self._tick(now_s)
+        if now_s - self._beat_s >= self._config.heartbeat_period_s:
+            self._beat_s = now_s
+            kind = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+            self.send(mavlink.MAVLink_heartbeat_message(*kind, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
+            if not self._codec.proven(self._autopilot):
+                self.send(self._codec.challenge)
+        if self.state is LinkState.UP and now_s - self._heard_s >= self._config.lost_after_s:
+            self.state = LinkState.DOWN
+            self.counts["lost"] += 1
+            self._events.append(LinkLost(silent_s=now_s - self._heard_s))
+            self._events.append(self._autopilot_state())
+            self._forget_autopilot(rebooted=False)
+        if self.state is LinkState.UP:
+            self._origin.poll(now_s)
+            self._targets.poll(now_s)
+        self._judge()
+        self._advance()
+
+    def recognizes(self, datagram: bytes) -> bool:
+        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not.
+
+        Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
+        """
+        found = bytes(self._autopilot) in datagram and self._examine(datagram)
+        self.counts["strangers"] += not found
+        return found
+
+    def outgoing(self) -> list[bytes]:
+        """The datagrams to send now, one message each; each is returned once."""
+        data, self._out = self._out, []
+        return data
+
+    def events(self) -> list[Event]:
+        """The events since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    @property
+    def quiet(self) -> bool:
+        """Whether depth has its zero and no immediate answer of the autopilot is pending: a lockstep tick may end."""
+        return self.state is LinkState.UP and self.gauge.is_ready and self._targets.settled
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Ends of legs not yet reached, the current one first."""
+        return self._targets.targets
+
+    @property
+    def datum(self) -> Datum:
+        """The mission's origin and the autopilot's."""
+        return self._origin.datum
+
+    @property
+    def placed(self) -> bool:
+        """Whether places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        return self._origin.placed
+
+    @property
+    def obeying_modes(self) -> tuple[int, ...]:
+        """The flight modes in which the autopilot follows targets; empty: unknown, any may be right."""
+        return self._config.modes or obeying_modes(*self._kind, self._config.mode == "mission")
+
+    @property
+    def report(self) -> AutopilotReport:
+        """The autopilot's state as it reports it."""
+        modes = self.obeying_modes
+        return AutopilotReport(
+            heard=self.state is LinkState.UP,
+            armed=self.armed,
+            mode=self.custom_mode,
+            mode_obeys=not modes or self.custom_mode in modes,
+            battery=self._battery,
+            leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
+            disobeys=self._problem[1],
+            depth_problem=self.gauge.problem(self._now_s),
+        )
+
+    @property
+    def problem(self) -> tuple[float, str]:
+        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
+        return self._problem
+
+    @property
+    def refused_speed(self) -> str:
+        """The result of DO_CHANGE_SPEED if the autopilot refused the last one."""
+        return self._targets.refused_speed
+
+    @property
+    def under_way(self) -> bool:
+        """Whether targets wait and the mission's last one is not among them."""
+        return self._targets.under_way
+
+    @property
+    def wire(self) -> Counter[str]:
+        """Counts of messages, bad bytes and gaps on the wire."""
+        return self._codec.counts
+
+    # ------------------------------------------------------------------ helpers
+
+    def _tick(self, now_s: float) -> None:
+        if now_s < self._now_s:  # the clock was stepped back: waits restart
+            self.counts["clock_steps"] += 1
+            self._heard_s = min(self._heard_s, now_s)
+            self._beat_s = min(self._beat_s, now_s)
+            self._attitude_s = min(self._attitude_s, now_s)
+            self._placed_s = min(self._placed_s, now_s)
+            self._leak_s = min(self._leak_s, now_s)
+            self._fix_s = min(self._fix_s, now_s)
+            self.gauge.host_stepped(now_s)
+            self._targets.host_stepped(now_s)
+            self._origin.host_stepped(now_s)
+            self._clock.forget_utc()
+        self._now_s = now_s
+        self._examined_bytes = 0
+        self._codec.set_time(now_s)
+
+    def _forget_autopilot(self, rebooted: bool) -> None:
+        """Discards what a reboot of the autopilot invalidates: its clock, its origin, its position."""
+        self._clock.forget_utc()
+        self._origin.forget(rebooted)
+        self._attitude, self._place = None, None
+        self._raw.interrupt()
+        self.gauge.forget()
+        self._targets.resend()
+
+    def _watch_boot(self, boot_ms: int) -> None:
+        """Detects a reboot of the autopilot from its time since boot."""
+        if self._clock.detect_reboot(boot_ms):
+            self.counts["reboots"] += 1
+            self._report_problem(f"the autopilot rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s")
+            self._forget_autopilot(rebooted=True)
+
+    def _report_event(self, event: Event) -> None:
+        self._events.append(event)
+
+    def _report_problem(self, text: str) -> None:
+        self._events.append(Problem(text=text))
+
+    def _advance(self) -> None:
+        self._targets.pass_reached(self._now_s, self._place)
+        if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
+            ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+            boot_ms = self._clock.boot_ms_at(self._now_s)
+            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.own_target_m, ardupilot)
+
+    def _judge(self) -> None:
+        """Judges whether the autopilot carries out its targets; reports it when that changes."""
+        known = self._problem[1]
+        ready = self.placed and not self.report.problem
+        if not ready or self._now_s - self._placed_s > self._config.stale_after_s:
+            self._targets.watch(self._now_s, None)
+        self._problem = self._targets.problem(self._now_s) if ready else (0.0, "")
+        if bool(known) != bool(self._problem[1]):
+            self.counts["disobeyed"] += not known
+            self._report_problem(self._problem[1] or f"over: {known}")
+            self._events.append(self._autopilot_state())
+
+    def _autopilot_state(self) -> AutopilotState:
+        return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self._battery_v)
+
+    def _examine(self, datagram: bytes) -> bool:
+        self._examined_bytes += len(datagram)
+        if self._examined_bytes > EXAMINED_BYTES:
+            self.counts["strangers_unread"] += 1
+            return False
+        return self._autopilot in self._codec.senders(datagram)
+
+    # ------------------------------------------------------------------ messages
+
+    def _on_heartbeat(self, message: Message) -> None:
+        self._heard_s = self._now_s
+        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.custom_mode = int(message.custom_mode)
+        self._kind = (message.autopilot, message.type)
+        if self.state is LinkState.DOWN:
+            self.state = LinkState.UP
+            self.counts["up"] += 1
+            self._events.append(LinkUp(autopilot=message.autopilot, vehicle_type=message.type))
+            self._origin.ask_at_once(self._now_s)
+        self._events.append(self._autopilot_state())
+
+    def _on_system_time(self, message: Message) -> None:
+        self._watch_boot(message.time_boot_ms)
+        if not self._clock.set_utc(self._now_s, message.time_unix_usec, message.time_boot_ms):
+            self.counts["clock_off"] += message.time_unix_usec != 0  # 0: unknown
+
+    def _on_attitude(self, message: Message) -> None:
+        self._watch_boot(message.time_boot_ms)
+        if math.isfinite(message.yaw):
+            self._attitude = message
+            self._attitude_s = self._now_s
+
+    def _on_local_position(self, message: Message) -> None:
+        if not all(map(math.isfinite, (message.x, message.y, message.z, message.vx, message.vy))):
+            self.counts["bad_positions"] += 1
+            return
+        self._watch_boot(message.time_boot_ms)
+        if self._config.mode == "position_target":
+            self.gauge.own_depth(self._now_s, float(message.z))
+        if not self.placed:
+            self.counts["unplaced_positions"] += 1
+            return
+        if self._attitude is None or self._now_s - self._attitude_s > self._config.stale_after_s:
+            self.counts["stale_attitude"] += 1
+            return
+        north_m, east_m = self.datum.from_local_ned(message.x, message.y)
+        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        if self.datum != self._raw_in:  # places have shifted with the origin
+            self._raw_in = self.datum
+            self._raw.interrupt()
+        depth_m = self.gauge.depth_m(self._now_s, float(message.z))
+        fix = self._raw.move(stamp_s, north_m, east_m, depth_m, float(message.vx), float(message.vy))
+        if self._raw.jumps > self.counts["jumps_undone"]:
+            self.counts["jumps_undone"] = self._raw.jumps
+        self._place = AutopilotEstimate(
+            stamp_s=stamp_s,
+            heading_rad=float(self._attitude.yaw),
+            north_m=north_m,
+            east_m=east_m,
+            depth_m=depth_m,
+            speed_mps=math.hypot(message.vx, message.vy),
+            yaw_rate_radps=float(self._attitude.yawspeed),
+            raw_north_m=self._raw.north_m,
+            raw_east_m=self._raw.east_m,
+        )
+        self._placed_s = self._now_s
+        if not self.report.problem:
+            self._targets.watch(self._now_s, self._place)
+        self.counts["odometries"] += 1
+        if fix is not None:
+            self.counts["fixes"] += 1
+            self._events.append(fix)
+        self._events.append(self._place)
+
+    def _on_gps(self, message: Message) -> None:
+        fixed = message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
+        self._targets.gps(self._now_s, fixed)
+        if fixed:
+            self._fix_s = self._now_s
+            self._raw.gps(message.h_acc / 1000.0)
+
+    def _on_global_position(self, message: Message) -> None:
+        """Takes the depth that mission items count from; checks that local and global position agree."""
+        if self._config.mode == "mission":
+            self.gauge.own_depth(self._now_s, -message.relative_alt / 1000.0)
+        if self._place is not None:
+            moved_m = 2.0 * self._config.stale_after_s * self._place.speed_mps
+            self._origin.check(message.lat, message.lon, (self._place.north_m, self._place.east_m), moved_m)
+
+    def _on_origin(self, message: Message) -> None:
+        datum = self.datum
+        self._origin.take(message.latitude, message.longitude)
+        if self.datum != datum:
+            self.gauge.forget()
+
+    def _on_distance(self, message: Message) -> None:
+        altitude = altitude_m(message)
+        if altitude is not None:
+            self._events.append(
+                Altitude(
+                    stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),
+                    altitude_m=altitude,
+                    min_m=message.min_distance / 100.0,
+                    max_m=message.max_distance / 100.0,
+                )
+            )
+
+    def _on_pressure(self, message: Message) -> None:
+        if message.get_type() != self._config.pressure:
+            return
+        has_fix = self._now_s - self._fix_s <= self._config.stale_after_s
+        self.gauge.set_state(not self.armed or (has_fix and self._targets.stopped), has_fix)
+        self.gauge.pressure(self._now_s, pressure_pa(message))
+        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
+
+    def _on_system_status(self, message: Message) -> None:
+        if 0 <= message.battery_remaining <= 100:
+            self._battery = message.battery_remaining / 100.0
+        if message.voltage_battery != 0xFFFF:
+            self._battery_v = message.voltage_battery / 1000.0
+
+    def _on_command_ack(self, message: Message) -> None:
+        if message.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:  # requests for the origin are answered by its message
+            self._targets.speed_answered(message.result)
+
+    def _on_mission_request(self, message: Message) -> None:
+        self._targets.requested(self._now_s, message.seq)
+
+    def _on_mission_ack(self, message: Message) -> None:
+        if message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION:
+            self._targets.acknowledged(self._now_s, message.type)
+
+    def _on_mission_current(self, message: Message) -> None:
+        self._targets.now_at_item(message.seq)
+
+    def _on_text(self, message: Message) -> None:
+        if message.severity <= mavlink.MAV_SEVERITY_WARNING:
+            self._report_problem(f"autopilot: {message.text}")
+        if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
+            self._leak_s = self._now_s
+
+
+#: Handler of each message of the autopilot; others are ignored.
+HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
+    "HEARTBEAT": VehicleLink._on_heartbeat,
+    "SYSTEM_TIME": VehicleLink._on_system_time,
+    "SYS_STATUS": VehicleLink._on_system_status,
+    "ATTITUDE": VehicleLink._on_attitude,
+    "LOCAL_POSITION_NED": VehicleLink._on_local_position,
+    "GLOBAL_POSITION_INT": VehicleLink._on_global_position,
+    "GPS_RAW_INT": VehicleLink._on_gps,
+    "GPS_GLOBAL_ORIGIN": VehicleLink._on_origin,
+    "DISTANCE_SENSOR": VehicleLink._on_distance,
+    "SCALED_PRESSURE": VehicleLink._on_pressure,
+    "SCALED_PRESSURE2": VehicleLink._on_pressure,
+    "SCALED_PRESSURE3": VehicleLink._on_pressure,
+    "COMMAND_ACK": VehicleLink._on_command_ack,
+    "MISSION_REQUEST_INT": VehicleLink._on_mission_request,
+    "MISSION_REQUEST": VehicleLink._on_mission_request,
+    "MISSION_ACK": VehicleLink._on_mission_ack,
+    "MISSION_CURRENT": VehicleLink._on_mission_current,
+    "STATUSTEXT": VehicleLink._on_text,
+}

@@ -1,0 +1,128 @@
+"""Events that the link to the autopilot reports to its owner."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.vocabulary.dead_reckoning import Fix
+from auv_lse_mavlink.messages.conversion import Target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotEstimate:
+    """The autopilot's estimate of its vehicle's state, in the mission's frame; NaN where it is not reported.
+
+    Attributes:
+        stamp_s: Time of the estimate, s since 1970 (UTC, or simulated).
+        heading_rad: Clockwise from north.
+        north_m: North of the mission's origin.
+        east_m: East of it.
+        depth_m: Below the surface, positive down.
+        speed_mps: Over ground, horizontal.
+        yaw_rate_radps: Positive to starboard.
+        raw_north_m: North of the raw place, without corrections by fixes.
+        raw_east_m: East of it.
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float
+    yaw_rate_radps: float
+    raw_north_m: float = math.nan
+    raw_east_m: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkUp:
+    """The autopilot is heard: its kind (MAV_AUTOPILOT) and vehicle type (MAV_TYPE)."""
+
+    autopilot: int
+    vehicle_type: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkLost:
+    """The autopilot has not been heard for `silent_s`."""
+
+    silent_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Altitude:
+    """Height over ground (m) from the sensor that looks down; NaN: no ground in its range."""
+
+    stamp_s: float
+    altitude_m: float
+    min_m: float
+    max_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pressure:
+    """Absolute pressure of the water (Pa)."""
+
+    stamp_s: float
+    pressure_pa: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Zeroed:
+    """The pressure at the surface is known, or has changed (Pa)."""
+
+    pressure_pa: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surfaced:
+    """After a dive the vehicle is at the surface, where its depth gauge shows `drift_m` (m)."""
+
+    drift_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotState:
+    """The autopilot's state, reported with each heartbeat and when they stop.
+
+    Attributes:
+        stamp_s: When it was last heard (s, the host's clock).
+        report: Its report.
+        battery_v: Voltage of its battery (V); NaN unknown.
+    """
+
+    stamp_s: float
+    report: AutopilotReport
+    battery_v: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetSent:
+    """A new target was sent (position_target), or the autopilot has accepted a mission that ends there."""
+
+    target: Target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """Something an operator should read."""
+
+    text: str
+
+
+Event = (
+    AutopilotEstimate
+    | Fix
+    | Altitude
+    | Pressure
+    | Zeroed
+    | Surfaced
+    | AutopilotState
+    | LinkUp
+    | LinkLost
+    | TargetSent
+    | Problem
+)

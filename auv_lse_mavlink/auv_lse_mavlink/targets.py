@@ -1,0 +1,428 @@
+"""Sends targets, the ends of legs, to the autopilot: one after another or as an uploaded mission; and stops.
+
+Theory of operation
+-------------------
+Targets arrive in order, each before the previous one is reached. A target with the step of an earlier one replaces it
+and all later ones. A target whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces
+all: the planner has dropped that leg and plans from the vehicle's place. The first target is the current one; the next
+replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one
+is sent at once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first is
+made the current item, because autopilots keep their index.
+
+If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same place is
+sent at the surface, then at its depth, and later targets wait.
+
+A stop replaces all targets until it is lifted: it is a target at the vehicle's place when the stop arrived, the same at
+the surface, or a place to go to. Then the current target, or the mission, is sent again.
+
+A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
+
+`problem` says that the autopilot refuses its mission, or that the vehicle does not follow its target (`obedience.py`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from auv_lse_common.mission_file.parameters import is_given, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_mavlink.messages.conversion import Target, mission_item, position_target, speed_command
+from auv_lse_mavlink.messages.datum import Datum
+from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
+from auv_lse_mavlink.messages.wire import Message, mavlink
+from auv_lse_mavlink.obedience import IGNORED_S, Obedience
+from auv_lse_mavlink.surfacing import LONGEST_S, Stage, Surfacing
+from auv_lse_mavlink.upload import MissionUpload, UploadState
+
+#: Default depth (m) of a vehicle without `vehicle.depth_m`.
+DEFAULT_DEPTH_M = 5.0
+#: MAV_RESULT in words.
+RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
+#: Largest number of waiting targets, and of the items of an uploaded mission.
+MAX_TARGETS = 64
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class TargetLimits:
+    """Limits of targets: the fence that they must lie in (None: anywhere), the greatest depth and turn radius (m)."""
+
+    fence: Fence | None = None
+    deepest_m: float = math.inf
+    turn_radius_m: float = MotionConfig().turn_radius_m
+
+    def check(self, target: Target, place: AutopilotEstimate | None) -> None:
+        """Checks a target; one that leads a vehicle outside the fence back towards it passes.
+
+        Raises:
+            ValueError: naming the limit and the value.
+        """
+        if target.depth_m > self.deepest_m:
+            raise ValueError(
+                f"target of step {target.step}: got depth {target.depth_m:.1f} m; expected at most "
+                f"{self.deepest_m:.1f} m (safety.max_depth_m)"
+            )
+        if self.fence is None:
+            return
+        outside_m = self.fence.outside_m(target.north_m, target.east_m)
+        allowed_m = self.fence.margin_m
+        if place is not None:
+            allowed_m = max(allowed_m, self.fence.outside_m(place.north_m, place.east_m))
+        if outside_m > allowed_m:
+            raise ValueError(
+                f"target of step {target.step}: got a place {outside_m:.0f} m outside the area (north "
+                f"{target.north_m:.0f}, east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m "
+                "(safety.fence_margin_m)"
+            )
+
+
+def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
+    """The limits of a vehicle's targets, from the sections `area`, `safety` and `vehicle`; `where` is for messages.
+
+    Raises:
+        ParameterError: if one of these sections cannot be used.
+    """
+    safety = section(SafetyConfig, parameters, "safety", where)
+    area = section(AreaConfig, parameters, "area", where)
+    vehicle = section(VehicleConfig, parameters, "vehicle", where)
+    depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEFAULT_DEPTH_M
+    has_fence = is_given(parameters, "area.polygon_m")
+    fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
+    radius_m = section(MotionConfig, parameters, "motion", where).turn_radius_m
+    return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m)
+
+
+class TargetSender:
+    """The targets of one vehicle.
+
+    Attributes:
+        refused_speed: The result of DO_CHANGE_SPEED if the autopilot refused the last one.
+    """
+
+    def __init__(
+        self,
+        config: LinkConfig,
+        autopilot: tuple[int, int],
+        limits: TargetLimits,
+        send: Callable[[Message], None],
+        report: Callable[[Event], None],
+        counts: Counter[str],
+    ) -> None:
+        """Starts without targets; `autopilot` is its system and component id, `counts` a counter for targets."""
+        self._config, self._autopilot, self._limits = config, autopilot, limits
+        self._send, self._report, self._counts = send, report, counts
+        self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
+        self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
+        self._surfacing: Surfacing | None = None
+        self._surfaced_at = -1  # step of the target at which the vehicle surfaced last
+        self._stop: Stop | None = None
+        self._stopped_at: Target | None = None
+        self._unsent = False  # whether the current target, or the mission, must be sent
+        self._target_s = -math.inf
+        self._uploading: tuple[Target, ...] = ()
+        self._speed_mps = math.nan  # the last one sent
+        self.refused_speed = ""
+        self._obedience = Obedience(config.acceptance_m, limits.turn_radius_m)
+        self._unaccepted_s = math.nan  # time since which the autopilot has not accepted a mission; NaN: it has
+        self._furthest = -1  # the last item that it requested
+        self._refusal = ""  # why it refused the last one
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Ends of legs not yet reached, the current one first."""
+        return tuple(self._targets)
+
+    @property
+    def settled(self) -> bool:
+        """Whether no answer is pending and nothing waits to be sent."""
+        return not self._upload.busy and not self._unsent
+
+    @property
+    def current(self) -> Target | None:
+        """The target to go to now; None: there is none, or the place of a stop is unknown yet."""
+        if self._stop is not None:
+            return self._stopped_at
+        if self._surfacing is not None:
+            return self._surfacing.target
+        return self._targets[0] if self._targets else None
+
+    @property
+    def under_way(self) -> bool:
+        """Whether targets wait and the mission's last one is not among them."""
+        return bool(self._targets) and self._targets[-1].then is None and not self._targets[-1].at_surface
+
+    def problem(self, now_s: float) -> tuple[float, str]:
+        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" for less than `IGNORED_S`."""
+        refused_s = now_s - self._unaccepted_s
+        if refused_s >= IGNORED_S:
+            return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
+        return (self._obedience.ignored_s if self._obedience.problem else 0.0), self._obedience.problem
+
+    def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
+        """Compares an estimate with the current target; None: it cannot be compared now.
+
+        While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`.
+        """
+        target = self.current
+        if place is None or target is None or not (self.settled or self._obedience.problem):
+            self._obedience.excuse()
+            return
+        stopped = self._stop is not None and self._stop.action is Action.HOLD
+        diving = self._stop is None and self._surfacing is not None and not target.at_surface
+        self._obedience.update(now_s, target, stopped, diving, place)
+        if self._obedience.problem and now_s - self._target_s >= IGNORED_S:
+            self._unsent = True
+
+    def add(self, target: Target, place: AutopilotEstimate | None) -> None:
+        """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
+
+        Raises:
+            ValueError: if a number in it is not finite, or it is beyond the limits.
+        """
+        if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
+            raise ValueError(f"target: got {target}; expected finite numbers")
+        try:
+            self._limits.check(target, place)
+        except ValueError:
+            self._counts["targets_refused"] += 1
+            raise
+        while self._targets and (self._targets[-1].step >= target.step or self._begins_elsewhere(target)):
+            if len(self._targets) == 1:
+                self._surfacing = None
+            self._targets.pop()
+            self._counts["targets_replaced"] += 1
+        if len(self._targets) == MAX_TARGETS:
+            self._counts["targets_dropped"] += 1
+            self._report(Problem(text=f"more than {MAX_TARGETS} targets wait: dropped the oldest"))
+        self._targets.append(target)
+        self._counts["targets"] += 1
+        if self._config.mode == "mission" or len(self._targets) == 1:
+            self._unsent = True
+        if target.then is not None and target.then.action is not Action.HOLD:  # autopilots hold at the last target
+            self._targets.append(_follows(target, target.then))
+
+    def _begins_elsewhere(self, target: Target) -> bool:
+        """Whether a leg begins away from the last target, so that the vehicle need not reach that."""
+        last = self._targets[-1]
+        if target.begins_m is None or last.surface or self._surfacing is not None:
+            return False
+        return math.dist(target.begins_m, (last.north_m, last.east_m)) > self._config.acceptance_m
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop replaces the targets."""
+        return self._stop is not None
+
+    def stop(self, stop: Stop | None) -> None:
+        """Stops the vehicle, or lets it continue (None)."""
+        if stop == self._stop:
+            return
+        self._stop, self._stopped_at = stop, None
+        self._unsent = stop is None and bool(self._targets)
+
+    def resend(self) -> None:
+        """Sends the present targets again: the autopilot was lost, or has rebooted."""
+        self._upload.abandon("link lost, or autopilot rebooted")
+        self._watch_upload()
+        self._unaccepted_s = math.nan
+        self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
+        self._speed_mps, self.refused_speed = math.nan, ""
+
+    def host_stepped(self, now_s: float) -> None:
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
+        self._target_s = min(self._target_s, now_s)
+        self._unaccepted_s = now_s if self._unaccepted_s > now_s else self._unaccepted_s
+        if self._surfacing is not None:
+            self._surfacing.host_stepped(now_s)
+
+    def poll(self, now_s: float) -> None:
+        """Lets time pass: repeats unanswered messages of an upload."""
+        self._upload.poll(now_s)
+        self._watch_upload()
+
+    def requested(self, now_s: float, number: int) -> None:
+        """Handles the autopilot's request for an item of the mission."""
+        self._upload.request(now_s, number)
+        if not self._refusal and number > self._furthest:  # a long upload may take its time
+            self._furthest, self._unaccepted_s = number, now_s
+        self._watch_upload()
+
+    def acknowledged(self, now_s: float, result: int) -> None:
+        """The autopilot accepts or refuses the mission."""
+        if self._upload.busy:
+            self._upload.acknowledge(now_s, result)
+            self._watch_upload()
+
+    def speed_answered(self, result: int) -> None:
+        """The autopilot accepts or refuses a speed (MAV_RESULT)."""
+        self.refused_speed = ""
+        if result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
+            self._counts["speeds_refused"] += 1
+            self.refused_speed = RESULTS.get(result, str(result))
+
+    def now_at_item(self, number: int) -> None:
+        """The autopilot reports its current item."""
+        self._upload.current(number)
+        self._watch_upload()
+
+    def gps(self, now_s: float, has_fix: bool) -> None:
+        """Tells whether GPS has a fix at `now_s` (s)."""
+        if self._surfacing is not None:
+            self._surfacing.gps(now_s, has_fix)
+
+    def pass_reached(self, now_s: float, place: AutopilotEstimate | None) -> None:
+        """Drops reached targets, begins surfacings, and determines the place of a stop."""
+        if self._stop is not None:
+            if self._stopped_at is None and place is not None:
+                self._stopped_at = self._place_of(self._stop, place)
+                self._unsent = True
+            return
+        if place is None or (self._surfacing is not None and not self._surfaced(now_s, self._surfacing, place)):
+            return
+        while self._targets and self._reached(self._targets[0], place):
+            if self._targets[0].surface:
+                self._targets[0] = dataclasses.replace(self._targets[0], surface=False)
+                self._surfacing, self._unsent = Surfacing(self._targets[0], now_s), True
+                self._counts["surfacings"] += 1
+                return
+            if len(self._targets) == 1:
+                return
+            self._targets.popleft()
+            self._counts["reached"] += 1
+            if self._config.mode == "position_target":
+                self._unsent = True
+
+    def _surfaced(self, now_s: float, surfacing: Surfacing, place: AutopilotEstimate) -> bool:
+        """Advances a surfacing; returns whether it is over."""
+        if not surfacing.proceed(now_s, place.depth_m):
+            return False
+        if surfacing.stage is Stage.DOWN and not surfacing.fixed:
+            self._counts["surfacings_without_fix"] += 1
+            self._report(Problem(text=f"surfaced for {LONGEST_S:.0f} s without a GPS fix: diving again"))
+        if surfacing.stage is Stage.OVER:
+            self._surfacing, self._surfaced_at = None, self._targets[0].step
+        self._unsent = True
+        return surfacing.stage is Stage.OVER
+
+    def send(
+        self, now_s: float, boot_ms: int, datum: Datum, own_depth: Callable[[float], float], ardupilot: bool
+    ) -> None:
+        """Sends what is due; call it only if the autopilot is heard and its frame is known.
+
+        Args:
+            now_s: The host's clock.
+            boot_ms: The autopilot's time since boot.
+            datum: The mission's origin and the autopilot's.
+            own_depth: Converts a depth (m) to the autopilot's own.
+            ardupilot: Whether missions begin with a home.
+        """
+        current = self.current
+        if current is None:
+            return
+        if self._config.mode == "position_target":
+            self._send_position_target(now_s, boot_ms, datum, current, own_depth)
+        else:
+            later = self._stop is None and self._surfacing is None
+            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth, ardupilot)
+
+    def _send_position_target(
+        self, now_s: float, boot_ms: int, datum: Datum, target: Target, own_depth: Callable[[float], float]
+    ) -> None:
+        if not self._unsent and now_s - self._target_s < self._config.target_period_s:
+            return
+        self._send_speed(target)
+        self._send(position_target(_shifted(target, own_depth), datum, boot_ms, *self._autopilot))
+        self._counts["target_messages"] += 1
+        if self._unsent:
+            self._counts["targets_sent"] += 1
+            self._report(TargetSent(target=target))
+        self._unsent = False
+        self._target_s = now_s
+
+    def _send_mission(
+        self,
+        now_s: float,
+        datum: Datum,
+        wanted: tuple[Target, ...],
+        own_depth: Callable[[float], float],
+        ardupilot: bool,
+    ) -> None:
+        if self._upload.busy or not self._unsent:
+            return
+        if self._upload.state is UploadState.FAILED and now_s - self._target_s < self._config.upload_timeout_s:
+            return
+        self._unsent = False
+        self._target_s = now_s
+        if math.isnan(self._unaccepted_s):
+            self._unaccepted_s = now_s
+        self._uploading, self._furthest = wanted, -1
+        self._send_speed(wanted[0])
+        ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
+        items = [
+            mission_item(_shifted(end, own_depth), datum, number, self._config.acceptance_m, *self._autopilot)
+            for number, end in enumerate(ends)
+        ]
+        self._upload.start(now_s, items, first=int(ardupilot))
+
+    def _send_speed(self, target: Target) -> None:
+        if math.isfinite(target.speed_mps) and target.speed_mps != self._speed_mps:
+            self._speed_mps = target.speed_mps
+            self._send(speed_command(target.speed_mps, *self._autopilot))
+            self._counts["speeds"] += 1
+
+    def _watch_upload(self) -> None:
+        """Reports an upload that has just ended."""
+        if not self._uploading or self._upload.busy:
+            return
+        if self._upload.state is UploadState.DONE:
+            self._counts["uploads"] += 1
+            self._unaccepted_s, self._refusal = math.nan, ""
+            self._report(TargetSent(target=self._uploading[-1]))
+        else:
+            self._counts["uploads_failed"] += 1
+            self._refusal = self._upload.problem
+            self._report(Problem(text=f"mission upload: {self._upload.problem}"))
+            self._unsent = True  # tried again after upload_timeout_s, with the targets of that time
+        self._uploading = ()
+
+    def _place_of(self, stop: Stop, place: AutopilotEstimate) -> Target:
+        depth_m = self._targets[0].depth_m if self._targets else place.depth_m
+        here = Target(north_m=place.north_m, east_m=place.east_m, depth_m=depth_m, heading_rad=place.heading_rad)
+        return _follows(here, stop)
+
+    def _reached(self, target: Target, place: AutopilotEstimate) -> bool:
+        if target.step == self._surfaced_at:  # it may have drifted at the surface, and continues from there
+            return True
+        north, east = target.north_m - place.north_m, target.east_m - place.east_m
+        ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
+        aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))
+        # near it, or past the line across the leg's end, at most twice the acceptance aside
+        acceptance_m = self._config.acceptance_m
+        return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
+
+
+def _shifted(target: Target, own_depth: Callable[[float], float]) -> Target:
+    """A target in the autopilot's own depth."""
+    return dataclasses.replace(target, depth_m=own_depth(target.depth_m))
+
+
+def _follows(target: Target, stop: Stop) -> Target:
+    """The target of a stop that follows `target`."""
+    if stop.action is Action.GO_TO:
+        north_m, east_m = stop.place_m
+        heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
+        return dataclasses.replace(
+            target, north_m=north_m, east_m=east_m, heading_rad=heading_rad, step=target.step + 1, then=None
+        )
+    up = stop.action is Action.SURFACE
+    depth_m = 0.0 if up else target.depth_m
+    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None, at_surface=up)

@@ -1,0 +1,149 @@
+"""Connects the stack to the autopilot over MAVLink: odometry, altitude, pressure and soundings in, waypoints out."""
+
+from __future__ import annotations
+
+import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+
+# isort: split
+
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.topics.records import RunReport, Waypoint
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_comms.driver_node import DriverNode
+from auv_lse_comms.packet.key import read_key
+from auv_lse_mavlink.messages import events
+from auv_lse_mavlink.messages.conversion import Target
+from auv_lse_mavlink.messages.datum import origin_of
+from auv_lse_mavlink.port import AutopilotPort, Event
+from auv_lse_mavlink.targets import target_limits
+from auv_lse_mavlink.waypoints import ends_to_reach, target_of
+
+
+class VehicleLinkNode(DriverNode):
+    """vehicle_link_node: MAVLink to the autopilot of one vehicle. Namespace: the vehicle's (/auv1)."""
+
+    def __init__(self) -> None:
+        """Creates the link from the parameters, wires the topics and begins to open the endpoint."""
+        super().__init__("vehicle_link_node", "vehicle_link")
+        config = section(LinkConfig, self.parameters, "link", self.where)
+        if config.kind != "mavlink":
+            raise ParameterError(f"{self.where}: link.kind: got {config.kind!r}; expected 'mavlink'")
+        origin = origin_of(self.parameters, self.where)
+        try:
+            limits = target_limits(self.parameters, self.where)
+            key = read_key(config.key_file) if config.key_file else None
+            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits, key)
+        except ValueError as error:
+            raise ParameterError(f"{self.where}: link: {error}") from error
+        self.show_parameters({"link": config})
+        for kind, *values in self.journal.records:
+            if kind == "zero":
+                self._autopilot.link.gauge.restore(*values)
+        self._waypoints = 0
+        self._disobeys = False  # reported last
+        self._status = self.publisher("autopilot")
+        self._started_s = self.now_s()
+        self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
+        self._then: Stop | None = None  # the stop after it
+        self._late: list[Waypoint] = []  # received after a restart, not commanded yet
+        self._has_state = False  # whether mission/state was received
+        self._odometry = self.publisher("odometry")
+        self._fix = self.publisher("fix")
+        self._dead_reckoning = self.publisher("dead_reckoning")
+        self._altitude = self.publisher("altitude")
+        self._pressure = self.publisher("pressure")
+        if config.soundings:
+            self._sounding = self.publisher("sounding")
+        self.listen("waypoint", self._on_waypoint)
+        self.listen("mission/state", self._on_state)
+        self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
+
+    def _on_waypoint(self, waypoint: Waypoint) -> None:
+        self._waypoints += 1
+        step = waypoint.leg.step
+        decided = step, waypoint.stamp_s
+        if decided == self._last:
+            return  # planner_node was restarted and has repeated its last waypoint
+        first, self._last, self._then = self._last is None, decided, waypoint.then
+        if self._late or (first and (step or decided[1] < self._started_s)):
+            self._late.append(waypoint)  # this node was restarted during the mission: wait for place and state
+        else:
+            self._command(step, [target_of(waypoint)])
+        self.answer_again("vehicle_link")  # the answer to this tick did not count the waypoint
+
+    def _on_state(self, report: RunReport) -> None:
+        try:
+            self._autopilot.link.stop(self.now_s(), report.status.stop_after(self._then))
+            self._has_state = True
+        except ValueError as error:
+            self.get_logger().error(f"mission/state: {error}")
+
+    def _command(self, step: int, ends: list[Target]) -> None:
+        try:
+            for end in ends:
+                self._autopilot.link.command(self.now_s(), end)
+        except ValueError as error:
+            self.get_logger().error(f"waypoint of step {step}: {error}")
+
+    def polls(self) -> bool:
+        """Before the first tick, time passes with the timer: the autopilot must be found."""
+        return super().polls() or self.last_tick("vehicle_link") == 0
+
+    def totals(self) -> tuple[int, ...]:
+        """Number of messages sent to the autopilot, and of waypoints received."""
+        return self._autopilot.sent, self._waypoints
+
+    def on_event(self, event: Event) -> None:
+        """Publishes or logs an event of the link."""
+        log = self.get_logger()
+        match event:
+            case events.AutopilotEstimate():
+                self._odometry.publish(event)
+                raw = DeadReckoning(
+                    stamp_s=event.stamp_s,
+                    heading_rad=event.heading_rad,
+                    north_m=event.raw_north_m,
+                    east_m=event.raw_east_m,
+                    depth_m=event.depth_m,
+                )
+                self._dead_reckoning.publish(raw)
+                if self._late and self._has_state:
+                    (first, *later), self._late = self._late, []
+                    self._command(first.leg.step, ends_to_reach(first, event.north_m, event.east_m))
+                    for waypoint in later:
+                        self._command(waypoint.leg.step, [target_of(waypoint)])
+                self.arrived("odometry")
+            case events.AutopilotState():
+                self._status.publish(event)
+                if bool(event.report.disobeys) != self._disobeys:
+                    self._disobeys = not self._disobeys
+                    self.diagnose()
+            case Fix():
+                self._fix.publish(event)
+            case events.Altitude():
+                self._altitude.publish(event)
+            case events.Pressure():
+                self._pressure.publish(event)
+            case Sounding():
+                self._sounding.publish(event)
+            case events.LinkUp():
+                log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
+                self.diagnose()
+            case events.LinkLost():
+                log.error(f"link lost: no heartbeat from the autopilot for {event.silent_s:.1f} s")
+                self.diagnose()
+            case events.Zeroed():
+                self.journal.write("zero", event.pressure_pa)
+                log.info(f"depth is zeroed: {event.pressure_pa / 100.0:.1f} hPa at the surface")
+            case events.Surfaced():
+                log.info(f"at the surface the depth gauge shows {event.drift_m:+.2f} m")
+            case events.Problem():
+                log.warning(event.text)
+
+
+#: Entry point of `ros2 run auv_lse_comms vehicle_link_node`.
+main = Main(VehicleLinkNode)
