@@ -59,7 +59,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     _check_link(settings, number, findings)
     if settings.packet.tag and findings.usable("packet.key_file"):
         _check_key(Path(settings.packet.key_file), findings)
-    if settings.record.folder and not any(map(importlib.util.find_spec, ("rosbag2_py", "rosbags"))):
+    if settings.record.folder and not any(map(is_installed, ("rosbag2_py", "rosbags"))):
         findings.error(
             "record.folder: recording needs rosbag2_py or rosbags. Fix: sudo apt install ros-jazzy-rosbag2-py, or pip "
             "install rosbags"
