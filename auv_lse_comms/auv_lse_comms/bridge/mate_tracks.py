@@ -77,7 +77,7 @@ class _Sighting:
 
 @dataclass(slots=True, eq=False)
 class _Track:
-    """Packets that follow one another; `places` are their times and places in the samples' frame."""
+    """Packets that follow one another; `places` are their times and places in the samples' frame, or their plans'."""
 
     began_s: float
     first: bool
@@ -96,7 +96,7 @@ class _Track:
     def add(self, seen: _Sighting) -> None:
         self.count = min(self.count + 1, MOST_COUNTED)
         self.recent.append(seen)
-        self.places.append((seen.now_s, *seen.place_m))
+        self.places.append((seen.told_s if seen.raw_m is None else seen.now_s, *seen.place_m))
 
 
 class MateTracks:
@@ -133,14 +133,13 @@ class MateTracks:
         tracks = [t for t in self._tracks.get(source, []) if abs(now_s - t.last_s) < SILENT_S]
         tracks.sort(key=lambda track: (track.count, track.last_s), reverse=True)
         self._tracks[source] = tracks
-        track, last = next(((t, r) for t in tracks for r in t.tips if self._follows(r, seen)), (None, seen))
+        track = next((t for t in tracks if any(self._follows(r, seen) for r in t.tips)), None)
         if track is None:
             track = _Track(now_s, first=not tracks)
             del tracks[MAX_TRACKS - 1 :]
             tracks.append(track)
-        if (last.step, last.start_m) == (seen.step, seen.start_m):
-            seen = replace(seen, told_s=last.told_s)
-        track.add(seen)
+        told = [last.told_s for last in track.recent if (last.step, last.start_m) == (seen.step, seen.start_m)]
+        track.add(replace(seen, told_s=min(told, default=seen.told_s)))
         return track
 
     def last(self, source: int) -> list[Any]:
@@ -167,13 +166,14 @@ class MateTracks:
         return math.dist(last.start_m, seen.start_m) <= max(plan_way_m, ahead_m) + SPREAD_M
 
     def _reachable(self, track: _Track, samples: Array) -> NDArray[np.bool_]:
-        """Mask (n,) of samples between two places of the track, or between its first place and `since_s`."""
+        """Mask (n,) of samples between two places of the track, `since_s` and its first, or its last and now."""
         known = np.array(track.places)
         first_s = float(known[0, 0])
         speed_mps = FASTER * self._pace.speed_mps
         spread_m = SPREAD_M if track.recent[-1].raw_m is None else RAW_SPREAD_M
         away = np.hypot(samples[:, None, 0] - known[None, :, 1], samples[:, None, 1] - known[None, :, 2])
         possible = (away <= spread_m).any(axis=1) | (away[:, 0] <= speed_mps * (first_s - self.since_s) + spread_m)
+        possible |= away[:, -1] <= speed_mps * (track.last_s - known[-1, 0]) + spread_m
         if len(known) > 1:
             way_m = speed_mps * np.abs(np.diff(known[:, 0])) + 2.0 * spread_m
             possible |= (away[:, :-1] + away[:, 1:] <= way_m).any(axis=1)

@@ -51,6 +51,17 @@ def test_honest_packets_are_accepted_whatever_is_lost(seed: int) -> None:
         assert possible.all()
 
 
+def test_samples_of_a_mate_that_tells_one_plan_for_long_and_no_place_are_accepted() -> None:
+    tracks = MateTracks(PACE)
+    tracks.take(0.0, 2, dataclasses.replace(packet(0.0, 0.0), navigation=None))
+    for cycle in range(1, 20):
+        samples = np.array([[45.0 * cycle, 0.0, 20.0], [5000.0, 0.0, 20.0]])
+        told = dataclasses.replace(packet(30.0, 45.0, samples=samples), navigation=None)
+        possible = tracks.take(30.0 * cycle, 2, told)
+        assert possible is not None
+        assert possible.tolist() == [True, False]
+
+
 def test_a_plan_that_was_kept_for_long_may_be_replaced_by_one_far_ahead() -> None:
     tracks = MateTracks(PACE)
     for cycle in range(40):  # a path from the start, told unchanged for 20 minutes
