@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_gp.covariance.likelihood import Fit, fit
+from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
 from auv_lse_record.recording import Recording
-from auv_lse_sim.ground.navigable import MAX_LEVEL_SIGMAS
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def report(result: Fit) -> str:
     )
     lines.append(
         f"This prior nearly excludes isobaths more than {reach:.1f} m from its mean{mean}. For another "
-        "level_set.level_m increase gp.signal_std_m"
+        "level_set.level_m give --level, which proposes a wider prior"
     )
     return "\n".join([*lines, *(f"warning: {warning}" for warning in result.warnings)])
 
@@ -91,6 +91,24 @@ def _error(name: str, value: float, error: float) -> str:
     if not math.isfinite(error) or error > 20.0:
         return "(any value fits)"
     return f"({value * math.exp(-error):.4g} to {value * math.exp(error):.4g})"
+
+
+def _widened(result: Fit, level_m: float, places_m: Array) -> Fit:
+    """The fit with a standard deviation that does not exclude a level (m), and a warning; as it is if it suits."""
+    found = excluded_level(result.config, level_m, places_m)
+    if found is None:
+        return result
+    warning = (
+        f"signal_std_m: {found.signal_std_m:.3g} m fits the soundings best, but nearly excludes the {level_m:g} m "
+        f"isobath, {found.sigmas:.1f} standard deviations from the prior mean, {found.nearest_m:.3g} m. Proposed: "
+        f"{found.wide_enough_m:g} m"
+    )
+    return dataclasses.replace(
+        result,
+        config=dataclasses.replace(result.config, signal_std_m=found.wide_enough_m),
+        standard_errors={name: error for name, error in result.standard_errors.items() if name != "signal_std_m"},
+        warnings=[*result.warnings, warning],
+    )
 
 
 def parameter_file(result: Fit, source: str, origin: str = "") -> str:
@@ -140,6 +158,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--mean", choices=("constant", "plane"), default="constant",
                    help="prior mean (default: %(default)s)")  # fmt: skip
     p.add_argument("--two-axes", action="store_true", help="learn two length scales and a rotation")
+    p.add_argument("--level", type=float, metavar="M",
+                   help="depth of the isobath to search for: if the fitted prior nearly excludes it, a wider one is "
+                   "proposed")  # fmt: skip
     p.add_argument("--points", type=int, default=500, metavar="N",
                    help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
     p.add_argument("--restarts", type=int, default=5, metavar="N",
@@ -190,6 +211,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"fit: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
         return 2
     result = max(results, key=lambda r: r.log_likelihood)
+    if options.level is not None:
+        result = _widened(result, options.level, soundings[:, :2])
     if len(results) > 1:
         for other in sorted(results, key=lambda r: -r.log_likelihood):
             print(f"{other.config.kernel:20} {other.log_likelihood:.3f}")

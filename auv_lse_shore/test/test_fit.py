@@ -180,6 +180,25 @@ def test_command_usage(capsys, arguments, message):
     assert message in capsys.readouterr().err
 
 
+def test_a_level_that_the_fitted_prior_nearly_excludes_gets_a_wider_one(tmp_path, capsys):
+    """The lake of mean 4.2 and standard deviation 4.4 m, searched for its 15 m isobath."""
+    places, depths = drawn(GpConfig(signal_std_m=4.4, mean_depth_m=4.2, length_scale_m=60.0), n=120)
+    table = tmp_path / "survey.csv"
+    rows = (f"{north},{east},{depth}" for (north, east), depth in zip(places, depths, strict=True))
+    table.write_text("\n".join(["north_m,east_m,depth_m", *rows]))
+    fitted = {}
+    for level in (5.0, 25.0):
+        assert main([str(table), "--restarts", "1", "--level", f"{level}", "--out", str(tmp_path / "gp.yaml")]) == 0
+        fitted[level] = section(
+            GpConfig, parameters_for(read_parameter_file(tmp_path / "gp.yaml"), "/x"), "gp", "gp.yaml"
+        )
+    assert "nearly excludes the 25 m isobath" in capsys.readouterr().out
+    assert fitted[5.0].signal_std_m < 6.0
+    assert abs(25.0 - fitted[25.0].mean_depth_m) >= 2.0 * (fitted[25.0].signal_std_m - 0.1)
+    assert abs(25.0 - fitted[25.0].mean_depth_m) <= 2.0 * fitted[25.0].signal_std_m
+    assert "Proposed: " in (tmp_path / "gp.yaml").read_text()
+
+
 def test_reads_a_recorded_run(tmp_path):
     from rosbags import rosbag2 as writer_module
     from rosbags import typesys

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: Depth (P,) in metres at places (P, 2).
 PriorMean = Callable[[Array], Array]
+#: The prior nearly excludes an isobath that is farther than this many standard deviations from its mean everywhere.
+MAX_LEVEL_SIGMAS = 2.0
 
 
 def prior_mean(config: GpConfig) -> PriorMean:
@@ -34,6 +38,50 @@ def prior_mean(config: GpConfig) -> PriorMean:
     except (OSError, ValueError) as error:
         raise ParameterError(f"gp.survey_file: {error}") from error
     return SurveyMean(soundings[:, :2], soundings[:, 2])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExcludedLevel:
+    """A level that a prior nearly excludes.
+
+    Attributes:
+        level_m: Depth of the isobath (m).
+        nearest_m: The prior mean nearest to it (m).
+        signal_std_m: The prior's standard deviation (m).
+    """
+
+    level_m: float
+    nearest_m: float
+    signal_std_m: float
+
+    @property
+    def sigmas(self) -> float:
+        """Distance of the level from the nearest prior mean in standard deviations."""
+        return abs(self.level_m - self.nearest_m) / self.signal_std_m
+
+    @property
+    def wide_enough_m(self) -> float:
+        """The least standard deviation (m), rounded up to 0.1 m, that does not exclude the level."""
+        return math.ceil(10.0 * abs(self.level_m - self.nearest_m) / MAX_LEVEL_SIGMAS - 1e-6) / 10.0
+
+
+def excluded_level(gp: GpConfig, level_m: float, places_m: Array) -> ExcludedLevel | None:
+    """The level (m), if a constant or plane prior mean at places (P, 2) is so far from it that it is nearly excluded.
+
+    Args:
+        gp: The prior.
+        level_m: Depth of the isobath (m).
+        places_m: Corners of the area, shape (P, 2): north, east. A constant mean needs one place.
+    """
+    if gp.mean == "survey":
+        return None
+    depths = prior_mean(gp)(places_m)
+    found = ExcludedLevel(
+        level_m=level_m,
+        nearest_m=float(np.clip(level_m, depths.min(), depths.max())),
+        signal_std_m=gp.signal_std_m,
+    )
+    return found if found.sigmas > MAX_LEVEL_SIGMAS else None
 
 
 class SurveyMean:

@@ -190,12 +190,12 @@ def _summary(e: Evaluation) -> Summary:
         **merit.work(run),
         **merit.paper_reward(curves, first.planner.entry.of_paper),
         "risk_third": _at_third(curves.risk),
-        "mowing_risk": curves.mowing_risk if run.steps >= e.planned_steps else None,
+        "mowing_risk": curves.mowing_risk,
         "alone_risk": e.alone_risk,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run),
     }
     if run.steps < e.planned_steps:  # the bounds are those of a complete mission
-        found |= {"bound_kept": None, "path_bound_kept": None, "map_bound_kept": None}
+        found |= {"bound_kept": None, "path_bound_kept": None, "map_bound_kept": None, "map_bound_promised": False}
     else:
         found["map_bound_kept"] = found["risk_after"] <= curves.mowing_risk
     if ground is not None:

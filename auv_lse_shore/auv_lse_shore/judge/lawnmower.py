@@ -1,4 +1,7 @@
-"""The bounds of a mission: the expected results of a lawnmower mission of the same length."""
+"""The bounds of a mission: the expected results of a lawnmower mission of the same length.
+
+If a mission ended early, the lawnmower mission, planned for the whole, ends at the same step.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +58,9 @@ def lawnmower_map_risk(
         return float(risk_if_measured(posterior, level_set, places)[1].mean())
 
     for number, start, own in _starts(run, paths):
-        candidates = [in_turn.with_planned(own.naive(start, naive_path)) for naive_path in MOWING]
+        candidates = [in_turn.with_planned(own.naive(start, naive_path, run.steps)) for naive_path in MOWING]
         in_turn = min(candidates, key=lambda posterior: expected(posterior, some))
-        fitted = fitted.with_planned(own.naive(start, FITTED[(number - 1) % len(FITTED)]))
+        fitted = fitted.with_planned(own.naive(start, FITTED[(number - 1) % len(FITTED)], run.steps))
     return min(expected(in_turn, map_m), expected(fitted, map_m))
 
 
@@ -67,7 +70,7 @@ def lawnmower_path_reward(run: RunData, settings: Sequence[PlannerSettings], pat
     team, value = np.empty((0, 2)), 0.0
     for _, start, own in _starts(run, paths):
         ids = [start.naive_path] if start.naive_path != NONE else [*LAWNMOWERS, *COVERING]
-        joint = [np.concatenate([team, own.naive(start, naive_path)]) for naive_path in ids]
+        joint = [np.concatenate([team, own.naive(start, naive_path, run.steps)]) for naive_path in ids]
         rewards = []
         for places in joint:
             before, after = risk_if_measured(posterior.with_planned(places), level_set, places)

@@ -23,7 +23,7 @@ class Summary:
     """The figures of merit of a mission; None if unknown.
 
     Unknown are comparisons with a truth, a naive part or a bound that does not exist. A mission that ended before its
-    last step is not compared with bounds, which are those of a complete mission.
+    last step keeps no bound, because bounds are those of a complete mission.
     """
 
     vehicles: int = figure("", "number of vehicles (K)")
@@ -56,10 +56,11 @@ class Summary:
         "lawnmower bound use",
     )
     mowing_risk: float | None = figure(
-        "cost/place", "lawnmower bound: map risk expected of a lawnmower mission; null if the mission ended early"
+        "cost/place",
+        "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early",
     )
-    map_bound_promised: bool = figure("", "whether the method guarantees this bound")
-    map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")
+    map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if the mission ended early")
+    map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk; null if it ended early")
     loss_expected: float = figure(
         "cost/place",
         "expected loss: mean Bayes risk of the final map with the standard deviation that the soundings show "

@@ -8,6 +8,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
@@ -58,7 +59,10 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
     """One sentence if a mission ended before its last step, else none."""
     if s.steps >= planned_steps:
         return []
-    return [f"The mission ended after {s.steps} of {planned_steps} steps, so it is not compared with bounds."]
+    return [
+        f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
+        "same part of a lawnmower mission."
+    ]
 
 
 def _bound_in_brief(s: Summary) -> str:
@@ -66,7 +70,7 @@ def _bound_in_brief(s: Summary) -> str:
         return ""
     if not s.map_bound_promised or s.map_bound_kept is None:
         return f"; a lawnmower was expected to reach {s.mowing_risk:.3f}"
-    return f"; lawnmower bound {s.mowing_risk:.3f}: {'met' if s.map_bound_kept else 'not met on this lake'}"
+    return f"; lawnmower bound {s.mowing_risk:.3f}: {'met' if s.map_bound_kept else 'not met'}"
 
 
 def subtitle(e: Evaluation) -> str:
@@ -74,9 +78,10 @@ def subtitle(e: Evaluation) -> str:
     s = e.summary
     team = f"{s.vehicles} underwater vehicle{'s' if s.vehicles > 1 else ''}"
     wall = "" if s.wall_s is None else f", simulated in {s.wall_s:.1f} s of wall-clock time"
+    early = f" Ended early: {s.steps} of {e.planned_steps} steps." if s.steps < e.planned_steps else ""
     return (
         f"Search for the {_level(e)} isobath, the line along which the water is {_level(e)} deep. {team}, "
-        f"{s.sim_s / 60.0:.1f} min of mission time{wall}."
+        f"{s.sim_s / 60.0:.1f} min of mission time{wall}.{early}"
     )
 
 
@@ -121,7 +126,7 @@ def findings(e: Evaluation) -> list[str]:
 def paragraphs(e: Evaluation) -> list[str]:
     """Whether the bound was met, what wrong calls cost, and what the acoustic link and positions did to the map."""
     s = e.summary
-    return [text for text in (_bound(s), _loss(s), _link(s), _position(s)) if text]
+    return [text for text in (_bound(e), _loss(s), _link(s), _position(s)) if text]
 
 
 def _found(e: Evaluation) -> str:
@@ -179,21 +184,32 @@ def _stretch(piece: Piece, origin: tuple[float, float] | None) -> str:
     return f"{_m(piece.length_m)} near {place}: {piece.kind}, {piece.reason}"
 
 
-def _bound(s: Summary) -> str:
+def _bound(e: Evaluation) -> str:
+    s, first = e.summary, e.settings[0]
     text = f"Map risk, the mean Bayes risk per place, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
-    if s.mowing_risk is None or s.map_bound_kept is None:
+    if s.mowing_risk is None:
         return text
     share = _percent(abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0)
-    beside = f"{share} {'below' if s.map_bound_kept else 'above'}"
+    beside = f"{share} {'below' if s.risk_after <= s.mowing_risk else 'above'}"
+    if s.steps < e.planned_steps:
+        return (
+            f"{text} The first {s.steps} of {e.planned_steps} steps of a lawnmower mission were expected to reach "
+            f"{_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete missions "
+            "only."
+        )
     bound = f"A lawnmower mission of the same length was expected to reach {_three(s.mowing_risk)}"
     if not s.map_bound_promised:
         return f"{text} {bound}; this mission ended {beside} that. The method {s.method} guarantees no such bound."
     if s.map_bound_kept:
         return f"{text} {bound}. This bound was met: the mission ended {beside} it."
-    return (
-        f"{text} {bound}. This bound was not met: the mission ended {beside} it. The bound is an expectation over "
-        "lakes drawn from the prior, so a single lake can be harder."
-    )
+    text = f"{text} {bound}. This bound was not met: the mission ended {beside} it."
+    if excluded := excluded_level(first.gp, first.level_set.level_m, e.area.polygon):
+        return (
+            f"{text} The prior of the mission file nearly excludes this isobath: {_level(e)} is {excluded.sigmas:.1f} "
+            f"standard deviations from its mean. So the bound is too low. Set gp.signal_std_m to "
+            f"{excluded.wide_enough_m:g} or more."
+        )
+    return f"{text} The bound is an expectation over all lakes that the prior allows, so single missions can miss it."
 
 
 def _loss(s: Summary) -> str:

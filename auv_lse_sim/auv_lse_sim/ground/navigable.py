@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
 
@@ -31,8 +31,6 @@ Mask = NDArray[np.bool_]
 MAX_CELLS = 400_000
 #: Maximum number of cells in which the area's depths are checked.
 WARNING_CELLS = 40_000
-#: The prior nearly excludes an isobath that is farther than this many standard deviations from its mean everywhere.
-MAX_LEVEL_SIGMAS = 2.0
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
 #: Maximum number of corners of an outline.
@@ -377,17 +375,14 @@ def _operating_shape(area: AreaConfig) -> shapely.Geometry:
 def prior_warnings(settings: Settings) -> list[str]:
     """Warns if a constant or plane prior mean is so far from the level that the prior nearly excludes the isobath."""
     gp, level = settings.common.gp, settings.level_set.level_m
-    if gp.mean == "survey":
-        return []
-    depths = prior_mean(gp)(np.reshape(settings.area.polygon_m, (-1, 2)))
-    sigmas = max(level - depths.max(), depths.min() - level) / gp.signal_std_m
-    if sigmas <= MAX_LEVEL_SIGMAS:
+    found = excluded_level(gp, level, np.reshape(settings.area.polygon_m, (-1, 2)))
+    if found is None:
         return []
     return [
-        f"level_set.level_m: got {level:g} m, {sigmas:.1f} standard deviations (gp.signal_std_m {gp.signal_std_m:g} m) "
-        f"from the nearest prior mean, {depths.max() if level > depths.max() else depths.min():.3g} m; expected at "
-        f"most {MAX_LEVEL_SIGMAS:g}. The prior nearly excludes this isobath, so map risk starts too low and the "
-        "lawnmower bound misleads. Increase gp.signal_std_m, or fit with --mean plane"
+        f"level_set.level_m: got {level:g} m, {found.sigmas:.1f} standard deviations (gp.signal_std_m "
+        f"{gp.signal_std_m:g} m) from the nearest prior mean, {found.nearest_m:.3g} m; expected at most "
+        f"{MAX_LEVEL_SIGMAS:g}. The prior nearly excludes this isobath, so map risk starts too low and the lawnmower "
+        f"bound misleads. Set gp.signal_std_m to {found.wide_enough_m:g} or more, or fit with --mean plane"
     ]
 
 
