@@ -145,5 +145,5 @@ class VehicleLinkNode(DriverNode):
                 log.warning(event.text)
 
 
-#: Entry point of `ros2 run auv_lse_comms vehicle_link_node`.
+#: Entry point of `ros2 run auv_lse_mavlink vehicle_link_node`.
 main = Main(VehicleLinkNode)

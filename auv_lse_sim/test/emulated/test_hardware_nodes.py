@@ -134,7 +134,7 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
     )
     with bench(tmp_path) as b:
         b.start(
-            "auv_lse_comms",
+            "auv_lse_mavlink",
             "vehicle_link_node",
             "/**:\n  ros__parameters:\n    area: {origin_lat_deg: 46.5, origin_lon_deg: 6.6}\n"
             f"    link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{number}', mode: {mode}}}\n",
