@@ -92,7 +92,7 @@ def fly(overrides: dict[str, Any]) -> dict[str, Any]:
 def differences(before: Any, now: Any, where: str = "") -> list[str]:
     """What differs between two results, a line each."""
     if isinstance(before, dict) and isinstance(now, dict):
-        found = [f"{where}.{k}: only in one of the two" for k in sorted(before.keys() ^ now.keys())]
+        found = [f"{where}.{k}: missing now" for k in sorted(before.keys() - now.keys())]  # new figures are allowed
         return found + [d for k in before if k in now for d in differences(before[k], now[k], f"{where}.{k}")]
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         return [d for i, pair in enumerate(zip(before, now, strict=True)) for d in differences(*pair, f"{where}[{i}]")]

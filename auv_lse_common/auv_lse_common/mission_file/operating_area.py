@@ -14,6 +14,9 @@ from auv_lse_common.support.input_bounds import MAX_CELLS, MAX_RASTER_NODES
 
 Array = NDArray[np.float64]
 
+#: Begin of the names of no-go areas that stand for ground which no vehicle can reach.
+UNREACHABLE = "unreachable_"
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Grid:
@@ -69,6 +72,21 @@ class OperatingArea:
         """Smallest north, largest north, smallest east, largest east of the polygon."""
         low, high = self.polygon.min(axis=0), self.polygon.max(axis=0)
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    @property
+    def unreachable_m2(self) -> float:
+        """Size of the ground in the polygon that is left out because no vehicle can reach it."""
+        rows, columns = (np.arange(count) * self.config.raster_m for count in self._nodes.shape)
+        north, east = self._north0_m + rows, self._east0_m + columns
+        left_out = np.zeros(self._nodes.shape, dtype=bool)
+        there = _raster_in_polygon(self.polygon, north, east)
+        for name, polygon in self.no_go.items():
+            inside = _raster_in_polygon(polygon, north, east)
+            if name.startswith(UNREACHABLE):
+                left_out |= inside
+            else:
+                there &= ~inside
+        return float(np.count_nonzero(left_out & there)) * self.config.raster_m**2
 
     def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
         """Mask (P,) of the places (P, 2) inside the polygon and outside all no-go areas."""

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
 
@@ -242,6 +242,8 @@ class FreeSpace:
         east0_m: East of the first column.
         cell_m: Spacing of the nodes.
         margin_m: Distance kept from the border; clearance is measured from there.
+        outline_m: Places (n, 2) that span the ground: the polygon's corners, or the nodes in the area if some of the
+            polygon cannot be reached.
     """
 
     def __init__(self, area: OperatingArea, motion: MotionTable, cell_m: float = 2.0) -> None:
@@ -259,6 +261,9 @@ class FreeSpace:
             area.clearance_m(grid).reshape(counts[0], counts[1]) - area.margin_m, dtype=float
         )
         self.raster: Array = self.area_raster
+        nodes = grid[self.area_raster.ravel() > -area.margin_m]
+        is_clipped = any(name.startswith(UNREACHABLE) for name in area.no_go)
+        self.outline_m: Array = nodes if is_clipped and len(nodes) else corners
 
     def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
         """Blocks ground that is known to be too shallow, in addition to the area's limits.

@@ -245,7 +245,7 @@ class NaivePaths:
         axis = math.atan2(longest[1], longest[0])
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
-        self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]
+        self._strip_places = [self._places_of_strip(number) for number in range(self._strips)]
         self._fits: dict[tuple[int, float, float, int], Array] = {}  # the cached fits, oldest first
         self._steering = Steering(space)
         order = np.argsort(np.abs(space.motion.turns_rad), kind="stable")
@@ -337,12 +337,13 @@ class NaivePaths:
             self._fits[key] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
         return self._fits[key]
 
-    def _places_of_strip(self, polygon_m: Array, number: int) -> tuple[Array, Array]:
+    def _places_of_strip(self, number: int) -> tuple[Array, Array]:
         """Places (M, 2) of a strip along and across the main axis, and their spacing (2,)."""
         space, axis = self.space, self._frames[0].axis_rad
         c, s = math.cos(axis), math.sin(axis)
+        outline_m = space.outline_m
         corners = np.column_stack(
-            [polygon_m[:, 0] * c + polygon_m[:, 1] * s, polygon_m[:, 1] * c - polygon_m[:, 0] * s]
+            [outline_m[:, 0] * c + outline_m[:, 1] * s, outline_m[:, 1] * c - outline_m[:, 0] * s]
         )
         low, high = corners.min(axis=0), corners.max(axis=0)
         width = (high[1] - low[1]) / self._strips

@@ -92,7 +92,7 @@ def check(
         findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)
-    check_geometry(settings, findings)
+    settings = check_geometry(settings, findings)
     check_timing(settings, findings)
     if number is not None:
         simulated = "sim" in read_parameter_file(path).get("/**", {})

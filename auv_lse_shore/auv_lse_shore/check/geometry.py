@@ -17,6 +17,7 @@ from auv_lse_shore.check.findings import Findings
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import can_turn, expectations, fit_to_ground
+from auv_lse_sim.ground.reach import clip_to_reachable
 
 #: Vehicles need at least this depth difference (m), for the errors of depth sensors and control.
 _LEAST_SEPARATION_M = 0.5
@@ -26,10 +27,13 @@ _SHAPE = ("area.polygon_m", "area.no_go", "area.margin_m", "area.raster_m")
 _START = ("vehicle.start_north_m", "vehicle.start_east_m", "vehicle.start_heading_rad")
 
 
-def check_geometry(settings: Settings, findings: Findings) -> None:
-    """Checks starts, lanes, depth separation, and whether vehicles can cross the isobath.
+def check_geometry(settings: Settings, findings: Findings) -> Settings:
+    """Checks starts, lanes, depth separation, and whether vehicles can reach the area and cross the isobath.
 
     Each check runs if the parameters that it reads are usable.
+
+    Returns:
+        The mission fitted to its ground, without what cannot be reached.
     """
     area = motion = None
     if findings.usable(*_SHAPE):
@@ -49,10 +53,15 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
         _check_lanes(settings, area, motion, findings)
     _check_depths(settings, findings)
+    read = ("area", "motion", "mission", *_START)
+    if not settings.sim.bathymetry.file and findings.usable(*read):  # else as a part of fitting to the ground
+        settings, texts = clip_to_reachable(settings)
+        for text in texts:
+            findings.warning(text)
     if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set"):
         for text in expectations(settings):
             (findings.warning if " is too " in text or text.startswith("level_set") else findings.note)(text)
-    _check_ground(settings, findings)
+    return _check_ground(settings, findings)
 
 
 def _check_cells(settings: Settings, area: OperatingArea, findings: Findings) -> None:
@@ -153,16 +162,17 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
             )
 
 
-def _check_ground(settings: Settings, findings: Findings) -> None:
+def _check_ground(settings: Settings, findings: Findings) -> Settings:
     read = ("sim.bathymetry", "sim.dvl", "sim.ideal", "area", "motion", "mission", "vehicle", "level_set", "planner")
     if not settings.sim.bathymetry.file or not findings.usable(*read, "gp.length_scale_m"):
-        return
+        return settings
     try:
         fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=True)
     except (GroundError, ParameterError, OSError) as error:
         findings.error(f"{settings.where}: {error}")
-        return
+        return settings
     changed = fitted.area != settings.area or fitted.vehicles != settings.vehicles
     for text in notes:
         if not text.startswith(("coverage", "level_set")):  # `expectations` are reported already
             (findings.warning if changed or text.startswith(("level", "dvl")) else findings.note)(text)
+    return fitted

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_shore.judge.planned_paths import PlannedPaths
@@ -24,6 +24,9 @@ from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
 Array = NDArray[np.float64]
 
 _WATER, _BORDER, _NO_GO, _FREE = "#dcebf5", "#2b5d80", "#b03a2e", "#5f8fae"
+#: Looks of no-go areas, and of ground that no vehicle can reach.
+_KEPT_OUT: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch": "////", "lw": 1.0}
+_UNREACHABLE: dict[str, Any] = {"facecolor": "#e3e3e3", "edgecolor": "#7d7d7d", "hatch": "....", "lw": 0.8}
 #: Length of a line of the notes, in characters.
 _NOTE_WIDTH = 120
 #: Nodes of the raster, each way, from which the line of the margin is drawn.
@@ -88,8 +91,10 @@ def _recoveries(settings: Settings) -> dict[tuple[float, float], list[int]]:
 def _draw_area(axis: Any, area: OperatingArea) -> None:
     axis.add_patch(Polygon(area.polygon[:, ::-1], facecolor=_WATER, edgecolor=_BORDER, lw=1.4, zorder=1))
     for name, ring in area.no_go.items():
-        look: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch": "////", "lw": 1.0}
+        look = _UNREACHABLE if name.startswith(UNREACHABLE) else _KEPT_OUT
         axis.add_patch(Polygon(ring[:, ::-1], zorder=2, **look))
+        if look is _UNREACHABLE:
+            continue
         north, east = ring.mean(axis=0)
         axis.text(east, north, name, color=_NO_GO, ha="center", va="center", fontsize=8, zorder=6, path_effects=_CASING)
     south, north, west, east = area.extent_m
@@ -146,8 +151,11 @@ def _name(axis: Any, north: float, east: float, text: str, *, below: bool) -> No
 def _handles(settings: Settings, area: OperatingArea) -> list[Any]:
     """The entries of the legend."""
     handles: list[Any] = [Patch(facecolor=_WATER, edgecolor=_BORDER, label="operating area")]
-    if area.no_go:
-        handles.append(Patch(facecolor="#f6ddd9", edgecolor=_NO_GO, hatch="////", label="no-go area"))
+    kinds = [name.startswith(UNREACHABLE) for name in area.no_go]
+    if False in kinds:
+        handles.append(Patch(**_KEPT_OUT, label="no-go area"))
+    if True in kinds:
+        handles.append(Patch(**_UNREACHABLE, label="cannot be reached"))
     if area.margin_m > 0.0:
         handles.append(Line2D([], [], color=_FREE, ls="--", lw=0.8, label=f"margin, {area.margin_m:g} m"))
     handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start and heading"))

@@ -201,6 +201,7 @@ def _summary(e: Evaluation) -> Summary:
     if ground is not None:
         found |= merit.against_truth([e.team, *e.local], _ideal(e), first, ground, e.scored, e.truth)
     found |= {"vehicles": len(run.vehicles), "steps": run.steps, "seed": first.mission.seed}
+    found["unreachable_m2"] = e.area.unreachable_m2
     found["method"] = first.planner.method
     return Summary.of_known(found)
 

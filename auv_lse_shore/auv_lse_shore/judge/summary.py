@@ -88,6 +88,7 @@ class Summary:
     false_unsafe_m2: float | None = figure("m2", "area called shallower than the level that is not")
     depth_rmse_m: float | None = figure("m", "root mean square error of the map's depth")
     area_m2: float = figure("m2", "area evaluated: inside the operating area, of known depth")
+    unreachable_m2: float = figure("m2", "area left out because vehicles cannot reach it from their starts")
     local_risk: tuple[float, ...] = figure("cost/place", "map risk of each vehicle's own final map")
     alone_risk: tuple[float, ...] = figure(
         "cost/place", "the same from its own soundings only, without samples from others (over part of the places)"

@@ -41,6 +41,7 @@ from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.ground.chart import with_chart
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
+from auv_lse_sim.ground.reach import clip_to_reachable
 
 
 def _say(console: Console, text: str) -> None:
@@ -93,7 +94,7 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
     """
     settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
-        return settings, []  # the synthetic lake is not the vehicles' lake
+        return clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
     return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
 
 

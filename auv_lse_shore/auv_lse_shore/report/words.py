@@ -40,6 +40,7 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
         f"{_m(s.isobath_guessed_m)} guessed",
         f"map risk: {s.risk_before:.3f} -> {s.risk_after:.3f} (cost per place){_bound_in_brief(s)}",
         f"expected loss {s.loss_expected:.3f}{loss} (cost per place)",
+        *([_unreachable(s)] if s.unreachable_m2 else []),
     ]
     if s.method in PAPER_METHODS:
         bound = "" if s.lower_bound is None else f" (lower bound {s.lower_bound:.0f})"
@@ -120,7 +121,7 @@ def _known(rows: list[tuple[float | None, Callable[[float], str], str]]) -> list
 
 def findings(e: Evaluation) -> list[str]:
     """What was found, and what remains uncertain and why."""
-    return [text for text in (_found(e), _sides(e), _uncertain(e)) if text]
+    return [text for text in (_found(e), _sides(e), _unreachable(e.summary), _uncertain(e)) if text]
 
 
 def paragraphs(e: Evaluation) -> list[str]:
@@ -154,6 +155,16 @@ def _sides(e: Evaluation) -> str:
         f"{_area(s.deep_m2)} is at least {_level(e)} deep and {_area(s.shallow_m2)} is shallower, each with at least "
         f"{_percent(SURE)} probability. {_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains "
         "uncertain."
+    )
+
+
+def _unreachable(s: Summary) -> str:
+    if not s.unreachable_m2:
+        return ""
+    share = _percent(s.unreachable_m2 / (s.unreachable_m2 + s.area_m2))
+    return (
+        f"{_area(s.unreachable_m2)} ({share}) of the area cannot be reached from the starts: no safe turn and no leg "
+        "leads there. No figure includes it."
     )
 
 

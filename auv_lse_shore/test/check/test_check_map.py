@@ -12,6 +12,8 @@ from matplotlib.patches import Polygon
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.check.__main__ import check, main
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.map_picture import mission_figure
 
 MISSION = """\
@@ -100,3 +102,23 @@ def test_a_mission_with_an_impossible_area_is_not_drawn(mission: Path, tmp_path:
     rows = check(mission, picture=tmp_path / "no.png").rows
     assert any("is not drawn; correct the errors" in text for _, text in rows)
     assert not (tmp_path / "no.png").exists()
+
+
+def test_ground_that_cannot_be_reached_is_reported_and_drawn_apart_from_no_go_areas(tmp_path: Path) -> None:
+    basins = [(0, 0), (0, 150), (150, 150), (150, 88), (170, 88), (170, 150), (320, 150), (320, 0), (170, 0), (170, 62)]
+    flat = [float(x) for corner in [*basins, (150, 62), (150, 0)] for x in corner]
+    path = tmp_path / "gate.yaml"
+    path.write_text(
+        "/**:\n  ros__parameters:\n    mission: {vehicles: 1, steps: 20}\n"
+        f"    area: {{polygon_m: {flat}}}\n    vehicle: {{start_north_m: 60.0, start_east_m: 60.0}}\n"
+    )
+    findings = Findings()
+    settings = check_geometry(Settings.load(path), findings)
+    (text,) = (text for level, text in findings.rows if level == "warning" and "cannot be reached" in text)
+    assert "49 % of it (2.2 ha)" in text
+    assert "coverage: 1 vehicle x 20 steps, 0.5 km of path in 0.02 km2" in " ".join(text for _, text in findings.rows)
+    figure = mission_figure(settings, "a gate")
+    assert [text.get_text() for text in figure.legends[0].get_texts()].count("cannot be reached") == 1
+    assert "no-go area" not in [text.get_text() for text in figure.legends[0].get_texts()]
+    drawn = [patch for patch in figure.axes[0].patches if isinstance(patch, Polygon) and patch.get_hatch() == "...."]
+    assert [patch.get_xy()[:, 1].min() for patch in drawn] == pytest.approx([170.0], abs=5.0)

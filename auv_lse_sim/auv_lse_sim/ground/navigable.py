@@ -2,7 +2,8 @@
 
 Land, unknown ground, and water shallower than the deepest vehicle's depth plus its minimum water are not navigable. The
 navigable rest of the requested polygon becomes the operating polygon; holes in it become no-go areas. If it consists of
-separate parts, one part is kept. Every change is reported.
+separate parts, one part is kept. Ground that vehicles cannot reach from their starts is left out. Every change is
+reported.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
+from auv_lse_sim.ground.reach import clip_to_reachable, without_unreachable
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -76,6 +78,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     Raises:
         GroundError: if no part of the area can be navigated, or a vehicle can turn nowhere in it.
     """
+    settings = without_unreachable(settings)
     notes = [ground.describe()]
     asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     settings, wanted_by = _wanted_area(settings, ground, area_given)
@@ -92,6 +95,8 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     notes += part_notes
     settings, start_notes = _place_starts(settings)
     notes += start_notes
+    settings, reach_notes = clip_to_reachable(settings)
+    notes += reach_notes
     notes += depth_warnings(settings, ground)
     notes += expectations(settings)
     return settings, notes

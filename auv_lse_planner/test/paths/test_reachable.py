@@ -1,0 +1,55 @@
+"""What feasible actions reach: gates, straits that one leg bridges, arms, open water."""
+
+import numpy as np
+import pytest
+from planner_helpers import world
+
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_planner.paths.reachable import unreached_parts
+
+
+def two_basins(width_m, length_m):
+    """Two squares of 150 m, the second one north of the first, joined by a gate in the middle."""
+    w, e, far = 75.0 - width_m / 2.0, 75.0 + width_m / 2.0, 150.0 + length_m
+    corners = [(0, 0), (0, 150), (150, 150), (150, e), (far, e), (far, 150), (far + 150, 150), (far + 150, 0), (far, 0)]
+    return tuple(float(x) for corner in [*corners, (far, w), (150, w), (150, 0)] for x in corner)
+
+
+def parts_of(polygon, starts=((0.0, 60.0, 60.0),), **options):
+    return unreached_parts(world(polygon, **options)[2], np.array(starts))
+
+
+@pytest.mark.parametrize(("width_m", "length_m"), [(27.0, 20.0), (46.0, 40.0)])
+def test_a_gate_narrower_than_a_turn_cuts_off_what_is_behind(width_m, length_m):
+    (part,) = parts_of(two_basins(width_m, length_m))
+    assert part.area_m2 == pytest.approx(150.0 * 150.0, rel=0.08)
+    assert part.strait_m == pytest.approx([150.0 + length_m / 2.0, 75.0], abs=length_m / 2.0 + 4.0)
+    assert part.strait_width_m == pytest.approx(width_m, abs=4.0)
+
+
+def test_one_leg_bridges_a_short_strait():
+    # As narrow as one that is closed if it is long: a leg of 23.6 m leads from a place to turn to the next one.
+    assert not parts_of(two_basins(46.0, 6.0))
+    assert not parts_of(two_basins(60.0, 40.0))  # a turn fits in
+
+
+def test_an_arm_without_room_to_turn_is_reached_as_far_as_its_mouth():
+    arm = (0.0, 0.0, 150.0, 0.0, 150.0, 55.0, 300.0, 55.0, 300.0, 95.0, 150.0, 95.0, 150.0, 150.0, 0.0, 150.0)
+    (part,) = parts_of(arm)
+    assert part.area_m2 == pytest.approx(130.0 * 40.0, rel=0.12)
+    assert part.strait_width_m < 50.0  # a turn needs 2 x (10 m of margin + 15 m of radius)
+
+
+def test_each_basin_counts_that_has_a_start():
+    basins = two_basins(27.0, 20.0)
+    assert not parts_of(basins, ((0.0, 60.0, 60.0), (0.0, 240.0, 60.0)))
+    (part,) = parts_of(basins, ((0.0, 240.0, 60.0),))
+    assert part.nodes[:75].sum() > 0.9 * part.nodes.sum()
+
+
+def test_the_default_area_can_be_reached_from_anywhere_in_it():
+    rectangle = AreaConfig().polygon_m
+    for start in ((0.0, 0.0, 0.0), (1.0, 450.0, -20.0), (0.0, 545.0, 645.0), (0.0, 900.0, 900.0)):
+        assert not parts_of(rectangle, (start,))
+    island = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
+    assert not parts_of(rectangle, no_go=island)

@@ -1,0 +1,128 @@
+"""Leaves ground that no vehicle can reach out of a mission: it becomes no-go areas of their own name."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from contourpy import contour_generator
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.reachable import UnreachedPart, unreached_parts
+
+#: Largest number of parts that are described one by one.
+MAX_DESCRIBED = 3
+#: Tolerance of an outline, in nodes of the raster. Outlines may be larger by twice this, which is less than a turning
+#: loop's reach, so that vehicles keep their margin wherever they can go.
+TOLERANCE_NODES = 1.0
+
+
+def without_unreachable(settings: Settings) -> Settings:
+    """The mission with the whole area again, as before `clip_to_reachable`."""
+    if not any(name.startswith(UNREACHABLE) for name in settings.area.no_go):
+        return settings
+    patterns = settings.to_patterns()
+    no_go = patterns["/**"]["area"]["no_go"]
+    patterns["/**"]["area"]["no_go"] = {k: flat for k, flat in no_go.items() if not k.startswith(UNREACHABLE)}
+    return Settings.from_patterns(patterns, settings.where)
+
+
+def clip_to_reachable(settings: Settings) -> tuple[Settings, list[str]]:
+    """Turns ground that no feasible action leads to from any start into no-go areas `unreachable_1`, ...
+
+    Strips, lanes, planning, and evaluation then leave it out. If everything can be reached, the mission stays as it is.
+
+    Args:
+        settings: A mission, whose area and starts are final.
+
+    Returns:
+        The mission, and a note on what cannot be reached and why; no note if there is nothing.
+    """
+    settings = without_unreachable(settings)
+    space = FreeSpace(OperatingArea(settings.area), MotionTable(settings.motion), settings.area.raster_m)
+    starts = [
+        (v.start_heading_rad, v.start_north_m, v.start_east_m) for v in (own.vehicle for own in settings.vehicles)
+    ]
+    parts = unreached_parts(space, np.array(starts))
+    if not parts:
+        return settings, []
+    rings = [ring for part in parts for ring in _rings(space, part)]
+    no_go = {f"{UNREACHABLE}{i}": _flat(ring) for i, ring in enumerate(rings, 1)}  # beside the mission's own
+    area_m2 = float(np.count_nonzero(space.area_raster > -space.margin_m)) * space.cell_m**2
+    return settings.with_overrides({"area": {"no_go": no_go}}), [_note(space, parts, area_m2)]
+
+
+def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
+    total_m2 = sum(part.area_m2 for part in parts)
+    needed_m = 2.0 * (space.margin_m + float(space.motion.loops_m[:, 2].min()))
+    reasons = [_reason(part) for part in parts[:MAX_DESCRIBED]]
+    if len(parts) > 1:
+        reasons = [f"{_hectares(part.area_m2)}: {text}" for part, text in zip(parts, reasons, strict=False)]
+    more = len(parts) - MAX_DESCRIBED
+    others = f"; {more} smaller part{'s' * (more > 1)}" if more > 0 else ""
+    return (
+        f"area: {_percent(total_m2 / area_m2)} of it ({_hectares(total_m2)}) cannot be reached from the starts and is "
+        f"left out. {'; '.join(reasons)}{others}. A safe turn needs {needed_m:.0f} m, including area.margin_m on both "
+        "sides, and no leg leads through. To include this ground, start vehicles there, or choose a smaller margin or "
+        "turning radius"
+    )
+
+
+def _reason(part: UnreachedPart) -> str:
+    north, east = part.strait_m
+    place = f"north {north:.0f}, east {east:.0f} m"
+    if part.strait_width_m > 0.0:
+        return f"The strait at {place} is {part.strait_width_m:.0f} m wide"
+    return f"Land at {place} separates it"
+
+
+def _hectares(area_m2: float) -> str:
+    return f"{area_m2 / 1e4:.1f} ha"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 0.01 else f"{100.0 * share:.1f} %"
+
+
+def _rings(space: FreeSpace, part: UnreachedPart) -> list[shapely.LinearRing]:
+    """Outlines (east, north) of a part that together cover it; one that surrounds other water is cut in two."""
+    inside = space.area_raster > -space.margin_m
+    nodes = part.nodes | (ndimage.binary_dilation(part.nodes) & ~inside)  # no sliver along the shore
+    padded = np.pad(nodes.astype(float), 1)
+    north = space.north0_m + space.cell_m * (np.arange(len(padded)) - 1.0)
+    east = space.east0_m + space.cell_m * (np.arange(len(padded[0])) - 1.0)
+    lines = contour_generator(east, north, padded).lines(0.5)
+    shapes = [shapely.Polygon(line) for line in lines if len(line) >= 4]
+    outer = max(shapes, key=lambda ring: ring.area)
+    other_water = inside & ~part.nodes
+    holes = [s for s in shapes if s is not outer and outer.contains(s) and _holds(space, s, other_water)]
+    tolerance_m = TOLERANCE_NODES * space.cell_m
+    shape = shapely.Polygon(outer.exterior, [hole.exterior for hole in holes]).simplify(tolerance_m)
+    return [piece.exterior for piece in _without_holes(shape.buffer(tolerance_m, join_style="mitre"))]
+
+
+def _holds(space: FreeSpace, ring: shapely.Polygon, water: NDArray[np.bool_]) -> bool:
+    """Whether any water lies in a ring."""
+    rows, columns = np.nonzero(water)
+    return bool(
+        shapely.contains_xy(ring, space.east0_m + space.cell_m * columns, space.north0_m + space.cell_m * rows).any()
+    )
+
+
+def _without_holes(shape: shapely.Polygon) -> list[shapely.Polygon]:
+    if not shape.interiors:
+        return [shape]
+    west, south, east, north = shape.bounds
+    cut = shape.interiors[0].centroid.x
+    halves = [shape.intersection(shapely.box(*box)) for box in ((west, south, cut, north), (cut, south, east, north))]
+    pieces = [p for half in halves for p in getattr(half, "geoms", [half]) if p.area > 1.0]
+    return [simple for piece in pieces for simple in _without_holes(piece)]
+
+
+def _flat(ring: shapely.LinearRing) -> list[float]:
+    """Corners as north, east, ... rounded to centimetres, without the repeated last one."""
+    return [round(float(v), 2) for v in np.asarray(ring.coords)[:-1, ::-1].ravel()]
