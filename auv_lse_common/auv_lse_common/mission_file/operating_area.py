@@ -76,8 +76,9 @@ class OperatingArea:
     @property
     def unreachable_m2(self) -> float:
         """Size of the ground in the polygon that is left out because no vehicle can reach it."""
-        rows, columns = (np.arange(count) * self.config.raster_m for count in self._nodes.shape)
-        north, east = self._north0_m + rows, self._east0_m + columns
+        step, (rows, columns) = self.config.raster_m, self._nodes.shape
+        north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
+        east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
         left_out = np.zeros(self._nodes.shape, dtype=bool)
         there = _raster_in_polygon(self.polygon, north, east)
         for name, polygon in self.no_go.items():
@@ -86,7 +87,7 @@ class OperatingArea:
                 left_out |= inside
             else:
                 there &= ~inside
-        return float(np.count_nonzero(left_out & there)) * self.config.raster_m**2
+        return float(np.count_nonzero(left_out & there)) * step**2
 
     def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
         """Mask (P,) of the places (P, 2) inside the polygon and outside all no-go areas."""
