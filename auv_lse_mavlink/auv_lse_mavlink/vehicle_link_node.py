@@ -9,7 +9,7 @@ import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during th
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.topics.records import RunReport, Waypoint
+from auv_lse_common.topics.records import GeodeticPosition, RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.sounding import Sounding
@@ -52,6 +52,8 @@ class VehicleLinkNode(DriverNode):
         self._late: list[Waypoint] = []  # received after a restart, not commanded yet
         self._has_state = False  # whether mission/state was received
         self._odometry = self.publisher("odometry")
+        self._origin_deg = (origin.lat_deg, origin.lon_deg) if origin else None
+        self._navsat = self.publisher("navsat") if origin else None
         self._fix = self.publisher("fix")
         self._dead_reckoning = self.publisher("dead_reckoning")
         self._altitude = self.publisher("altitude")
@@ -103,6 +105,8 @@ class VehicleLinkNode(DriverNode):
         match event:
             case events.AutopilotEstimate():
                 self._odometry.publish(event)
+                if self._navsat is not None and self._origin_deg is not None:
+                    self._navsat.publish(GeodeticPosition.of(event, self._origin_deg))
                 raw = DeadReckoning(
                     stamp_s=event.stamp_s,
                     heading_rad=event.heading_rad,

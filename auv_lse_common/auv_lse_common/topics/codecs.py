@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.topics.records import (
     Altitude,
+    GeodeticPosition,
     HealthReport,
     MissionOrder,
     Odometry,
@@ -114,6 +115,20 @@ def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
         "child_frame_id": f"{frame}{vehicle}",
         "pose": placed,
         "twist": {"twist": twist},
+    }
+
+
+def encode_geodetic(position: GeodeticPosition, vehicle: int) -> Fields:
+    """NavSatFix; its altitude is NaN, since the height of the water's surface above the ellipsoid is unknown."""
+    (east, north_east), (_, north) = position.covariance
+    return {
+        "header": header_fields(position.stamp_s, f"auv{vehicle}"),
+        "status": {"status": 0, "service": 0},  # a position, of no particular satellite system
+        "latitude": position.lat_deg,
+        "longitude": position.lon_deg,
+        "altitude": math.nan,
+        "position_covariance": np.array([east, north_east, 0.0, north_east, north, 0.0, 0.0, 0.0, 0.0]),
+        "position_covariance_type": 1 if east > 0.0 and north > 0.0 else 0,  # approximated, or unknown
     }
 
 

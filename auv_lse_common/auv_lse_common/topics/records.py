@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan
@@ -49,6 +50,36 @@ class Odometry:
     def place_std_m(self) -> tuple[float, float]:
         """Standard deviation of north and east (m); 0 if unknown."""
         return math.sqrt(max(self.covariance[1][1], 0.0)), math.sqrt(max(self.covariance[2][2], 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GeodeticPosition:
+    """Position of a vehicle on the WGS84 ellipsoid, as its navigation estimates it.
+
+    Attributes:
+        covariance: Of east and north (m2), rows and columns in this order; all zeros if unknown.
+    """
+
+    stamp_s: float
+    lat_deg: float
+    lon_deg: float
+    covariance: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+
+    @classmethod
+    def of(cls, place: Any, origin_deg: tuple[float, float]) -> GeodeticPosition:
+        """The position of an `Odometry`, or of an object with the same attributes.
+
+        Args:
+            origin_deg: Latitude and longitude (deg) of north = east = 0.
+        """
+        lat_deg, lon_deg = geodetic_from_local(place.north_m, place.east_m, *origin_deg)
+        _, (_, north, north_east), (_, _, east) = getattr(place, "covariance", _UNKNOWN)
+        return cls(
+            stamp_s=place.stamp_s,
+            lat_deg=float(lat_deg),
+            lon_deg=float(lon_deg),
+            covariance=((east, north_east), (north_east, north)),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -128,6 +128,10 @@ _ROWS = (
         tick_count="fixes", awaited_by=("modem", "gp"), encode=encode_record, decode=record_decoder(Fix),
     ),
     Topic(
+        name="navsat", kind="sensor_msgs/msg/NavSatFix", about="`odometry` on Earth, if the origin is known",
+        writer="vehicle_link_node|sim_node", encode=codecs.encode_geodetic,
+    ),
+    Topic(
         name="altitude", kind="sensor_msgs/msg/Range", about="height over ground",
         writer="vehicle_link_node|sim_node", readers=("safety_node",), delivery="newest",
         tick_count="odometries", awaited_by=("safety",),

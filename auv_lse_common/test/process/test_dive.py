@@ -73,7 +73,7 @@ def test_messages_without_an_id_come_from_operators_and_own_drivers():
     def taken(own):
         return {row.name for row in VEHICLE_TOPICS.values() if not is_foreign(row, "", own)}
 
-    measured = {"sounding", "odometry", "dead_reckoning", "fix", "altitude", "pressure", "autopilot"}
+    measured = {"sounding", "odometry", "dead_reckoning", "fix", "navsat", "altitude", "pressure", "autopilot"}
     assert taken(DIVE) == {"mission/command", "diagnostics", "modem/rx", "modem/sent", "modem/failed"} | measured
     assert taken(SIM) == {"mission/command", "diagnostics"}
     assert not is_foreign(MISSION_TOPICS["/mission/command"], "", SIM)
@@ -83,7 +83,7 @@ def test_a_frame_is_tagged_where_nodes_read_it():
     frames = {
         row.name: tagged(message(""), row, SIM).header.frame_id for row in VEHICLE_TOPICS.values() if not row.lockstep
     }
-    assert {name for name, frame in frames.items() if frame == "map"} == {"risk_map", "isobath", "path"}
+    assert {name for name, frame in frames.items() if frame == "map"} == {"risk_map", "isobath", "path", "navsat"}
     assert set(frames.values()) == {"map", f"{SIM}/map"}
     clock = object()
     assert tagged(clock, MISSION_TOPICS["/clock"], SIM) is clock

@@ -18,6 +18,11 @@ class Origin:
     lat_deg: float
     lon_deg: float
 
+    @classmethod
+    def of(cls, area: AreaConfig) -> Origin | None:
+        """The mission's origin; None if it has none."""
+        return None if area.origin_deg is None else cls(lat_deg=area.origin_deg[0], lon_deg=area.origin_deg[1])
+
 
 def _shift(mission: Origin | None, autopilot: Origin | None) -> tuple[float, float]:
     """North and east (m) of the autopilot's origin in the mission's plane; 0, 0 unless both are known."""
@@ -76,7 +81,4 @@ def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
     Raises:
         ParameterError: if the section `area` cannot be used.
     """
-    area = section(AreaConfig, parameters, "area", where)
-    if area.origin_lat_deg is None or area.origin_lon_deg is None:
-        return None
-    return Origin(lat_deg=area.origin_lat_deg, lon_deg=area.origin_lon_deg)
+    return Origin.of(section(AreaConfig, parameters, "area", where))

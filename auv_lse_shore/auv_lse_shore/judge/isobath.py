@@ -97,18 +97,15 @@ def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
     )
 
 
-def write_geojson(
-    path: Path,
-    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],
-    origin: tuple[float, float] | None,
-) -> None:
-    """Writes isobaths as GeoJSON (RFC 7946).
+def geojson_of(
+    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]], origin: tuple[float, float] | None
+) -> dict[str, Any]:
+    """Lines as GeoJSON (RFC 7946).
 
     With an origin, coordinates are WGS84 longitude, latitude, as the standard demands. Without one they are local
     metres, east then north, as every feature's property `coordinates` states.
 
     Args:
-        path: File to write.
         features: Pairs of properties and the lines (n, 2) of north, east (m) that they describe.
         origin: Latitude and longitude (deg) of north = east = 0, or None.
     """
@@ -130,4 +127,13 @@ def write_geojson(
                 "geometry": {"type": "MultiLineString", "coordinates": coordinates},
             }
         )
-    path.write_text(json.dumps(collection, allow_nan=False, indent=1))
+    return collection
+
+
+def write_geojson(
+    path: Path,
+    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],
+    origin: tuple[float, float] | None,
+) -> None:
+    """Writes the file with what `geojson_of` returns."""
+    path.write_text(json.dumps(geojson_of(features, origin), allow_nan=False, indent=1))

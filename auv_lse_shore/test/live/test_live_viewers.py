@@ -49,6 +49,59 @@ def told(timeline):
     return events, found
 
 
+def test_with_an_origin_the_map_panel_gets_area_isobath_and_vehicles_on_earth(timeline, told):
+    _, without = told
+    assert not [topic for topic in without if "geojson" in topic or "navsat" in topic], "its origin is unknown"
+    _, _, (facts, *events) = timeline.since("", 0, 10**6)
+    messages = StandardMessages({**facts, "origin_deg": [46.5, 6.6]})
+    found = {m.topic: m for m in [*messages.first(0.0), *(m for e in events for m in messages.take(e))]}
+    area = json.loads(found["/viz/geojson/area"].data)["features"][0]
+    assert area["properties"]["name"] == "operating area"
+    (ring,) = area["geometry"]["coordinates"]
+    north, east = 0.1 * facts["area"][0], 0.1 * facts["area"][1]
+    assert ring[0] == ring[-1] == pytest.approx([6.6 + east / 76_800, 46.5 + north / 111_170], abs=5e-5), "lon, lat"
+    isobath = json.loads(found["/viz/geojson/auv1/isobath"].data)["features"]
+    assert {"shallow edge", "deep edge"} & {feature["properties"]["name"] for feature in isobath}
+    last = [e for e in events if e["kind"] == "pose" and e["vehicle"] == 1][-1]
+    navsat = STORE.deserialize_cdr(found["/viz/auv1/navsat"].data, "sensor_msgs/msg/NavSatFix")
+    assert navsat.latitude == pytest.approx(46.5 + last["north"] / 111_170, abs=5e-5)
+    assert navsat.longitude == pytest.approx(6.6 + last["east"] / 76_800, abs=5e-5)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="needs foxglove-sdk (an optional dependency)")
+def test_foxglove_serves_the_geojson_in_its_own_schema(timeline):
+    _, _, (facts, *_) = timeline.since("", 0, 10**6)
+    messages = StandardMessages({**facts, "origin_deg": [46.5, 6.6]})
+    viewer = FoxgloveViewer(free_port(), Playback(1.0))
+
+    async def talk():
+        request = HTTPRequest(viewer.url, headers={"Sec-WebSocket-Protocol": "foxglove.sdk.v1"})
+        socket_, number = await websocket_connect(request), None
+        while True:
+            data = await socket_.read_message()
+            assert data is not None
+            message = json.loads(data) if isinstance(data, str) else {}
+            for channel in message.get("channels", []):
+                if channel["topic"] == "/viz/geojson/area":
+                    assert channel["schemaName"] == "foxglove.GeoJSON"
+                    number = channel["id"]
+                    subscription = {"id": 7, "channelId": number}
+                    await socket_.write_message(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+            if not isinstance(data, str) and data[0] == 1 and struct.unpack_from("<I", data, 1)[0] == 7:
+                socket_.close()
+                return data[13:]
+
+    try:
+        viewer.begin(messages, 0.0, 0.0)
+        for message in messages.first(0.0):
+            viewer.show(message)
+        payload = asyncio.run(asyncio.wait_for(talk(), 20.0))
+    finally:
+        viewer.close()
+    text = payload[payload.index(b"{") :]  # protobuf: field 1, its length, the text
+    assert json.loads(text)["features"][0]["properties"]["name"] == "operating area"
+
+
 def test_they_hold_what_the_page_shows(told):
     events, found = told
     poses = [e for e in events if e["kind"] == "pose" and e["vehicle"] == 1]
@@ -78,6 +131,7 @@ def test_the_layouts_name_topics_that_there_are(told):
     displays = {d["Topic"]["Value"]: d["Class"] for d in rviz["Visualization Manager"]["Displays"] if "Topic" in d}
     named = set(displays) | {name.removesuffix(".data") for name in re.findall(r'"(/viz/[\w/]+(?:\.data)?)"', layout)}
     known = set(found) | {"/viz/diagnostics"}  # a recording of the fleet engine has none
+    known |= {f"/viz/auv{k}/navsat" for k in (1, 2)}  # its origin is unknown
     assert {re.sub("auv3", "auv1", name) for name in named} <= known
     kinds = {"Map": "OccupancyGrid", "Path": "Path", "MarkerArray": "MarkerArray", "Polygon": "PolygonStamped"}
     for topic, display in displays.items():

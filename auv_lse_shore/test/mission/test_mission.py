@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 from rich.console import Console
 
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
@@ -197,6 +198,10 @@ def test_a_mission_over_a_survey(tmp_path: Path) -> None:
     run = read_run(folder)
     assert len(run.vehicles[0].soundings) > 20
     assert run.origin is not None
+    with (folder / "bag" / "bag.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    counts = {summary.channels[key].topic: n for key, n in summary.statistics.channel_message_counts.items()}
+    assert counts["/auv1/navsat"] == counts["/auv1/odometry"]
 
 
 def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Path) -> None:

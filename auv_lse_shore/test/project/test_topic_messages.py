@@ -22,6 +22,7 @@ from auv_lse_common.topics.records import (
     BoundReport,
     CentersReport,
     FieldReport,
+    GeodeticPosition,
     HealthReport,
     MissionOrder,
     Odometry,
@@ -212,6 +213,17 @@ def test_odometry_is_enu_with_its_covariance(make: Any) -> None:
     assert message.child_frame_id == "auv2"
     assert make(TRUTH_TOPIC, ODOMETRY).child_frame_id == "truth/auv2"
     assert ODOMETRY.place_std_m == (2.0, 3.0)
+
+
+def test_a_position_on_earth_has_the_covariance_of_east_and_north_and_no_altitude(make: Any) -> None:
+    message = make(TOPICS["navsat"], GeodeticPosition.of(ODOMETRY, (46.5, 6.6)))
+    assert message.latitude == pytest.approx(46.5 + 10.0 / 111_170.0, abs=1e-7), "10 m north"
+    assert message.longitude == pytest.approx(6.6 + 20.0 / 76_800.0, abs=1e-6), "20 m east"
+    assert math.isnan(message.altitude)
+    assert list(message.position_covariance) == [9.0, 1.0, 0.0, 1.0, 4.0, 0.0, 0.0, 0.0, 0.0], "ENU, row by row"
+    assert (message.position_covariance_type, message.header.frame_id) == (1, "auv2")
+    unknown = make(TOPICS["navsat"], GeodeticPosition.of(PLACE, (46.5, 6.6)))
+    assert unknown.position_covariance_type == 0
 
 
 def test_a_hostile_tour_is_decoded_as_it_is_and_not_sound(make: Any) -> None:

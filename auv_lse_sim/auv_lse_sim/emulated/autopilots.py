@@ -45,17 +45,14 @@ def _autopilot(
     obey: Callable[[int, Stop | None], None],
     dive: Callable[[int, float], None],
 ) -> MavlinkVehicle:
-    vehicle, area = settings.vehicle(k).vehicle, settings.area
-    origin = None
-    if area.origin_lat_deg is not None and area.origin_lon_deg is not None:
-        origin = Origin(lat_deg=area.origin_lat_deg, lon_deg=area.origin_lon_deg)
+    vehicle = settings.vehicle(k).vehicle
     link = settings.vehicle(k).link
     height_m = autopilot_of(settings.sim).origin_height_m if link.pressure != "none" else 0.0
     return MavlinkVehicle(
         link.autopilot_system_id or k,
         (vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m),
         settings.motion.turn_radius_m,
-        origin,
+        Origin.of(settings.area),
         lambda leg: follow(k, leg),
         obey=lambda stop: obey(k, stop),
         tightest_m=tightest_radius_m(vehicle, settings.sim),

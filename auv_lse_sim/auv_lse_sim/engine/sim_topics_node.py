@@ -9,7 +9,7 @@ from rclpy.publisher import Publisher
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.process.dive import tagged, tagged_frame
 from auv_lse_common.topics.quality import writer_quality
-from auv_lse_common.topics.records import Altitude, Pressure
+from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure
 from auv_lse_common.topics.ros_conversions import encoded, message_class
 from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name, reader_count
 from auv_lse_msgs.msg import MissionCommand
@@ -32,6 +32,8 @@ class VehicleTopics:
         self._sim = simulation
         self._node = node
         names = ("sounding", "odometry", "dead_reckoning", "fix", "altitude", "pressure", "mission/command", "modem/rx")
+        if simulation.origin_deg is not None and vehicle not in simulation.links.autopilots:
+            names += ("navsat",)
         self._publishers = {name: self._publisher(VEHICLE_TOPICS[name]) for name in names}
         self._truth = self._publisher(TRUTH_TOPIC)
 
@@ -70,6 +72,8 @@ class VehicleTopics:
 
     def publish_unread(self, output: VehicleOutput) -> None:
         """Publishes the topics that no node of the vehicle waits for."""
+        if "navsat" in self._publishers:
+            self._publish("navsat", GeodeticPosition.of(output.odometry, self._sim.origin_deg))
         if self._vehicle not in self._sim.links.autopilots:
             pressure = Pressure(stamp_s=self._sim.now_s, pressure_pa=pressure_pa(output.pressure_depth_m))
             self._publish("pressure", pressure)

@@ -60,6 +60,7 @@ class Simulation:
         sent: Packets sent by the team.
         received: Packets received by the team.
         lost: Receptions that the channel lost.
+        origin_deg: Latitude and longitude of north = east = 0; None if unknown.
         problems: Errors since the last `take_problems`.
     """
 
@@ -91,6 +92,7 @@ class Simulation:
         self.sent = self.received = self.lost = 0
         self.problems: list[str] = []
         self._settings = settings
+        self.origin_deg = settings.area.origin_deg
         self._lockstep, self._recorded = lockstep, recorded
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []

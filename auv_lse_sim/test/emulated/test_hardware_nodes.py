@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_bench import Bench, bench
-from sensor_msgs.msg import FluidPressure, Range
+from sensor_msgs.msg import FluidPressure, NavSatFix, Range
 
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_common.topics.quality import LATCHED
@@ -141,18 +141,20 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
             namespace="/auv2",
         )
         odometry = b.collect(Odometry, "/auv2/odometry")
+        navsat = b.collect(NavSatFix, "/auv2/navsat")
         altitude = b.collect(Range, "/auv2/altitude")
         pressure = b.collect(FluidPressure, "/auv2/pressure")
         waypoint = b.publisher(Waypoint, "/auv2/waypoint", LATCHED)
         state = b.publisher(MissionState, "/auv2/mission/state", LATCHED)
         state.publish(MissionState(header=header(time.time()), revision=1, state=MissionState.RUNNING))
-        report_until(b, dock, report, lambda: odometry and altitude and pressure, "no odometry")
+        report_until(b, dock, report, lambda: odometry and navsat and altitude and pressure, "no odometry")
         pose = odometry[-1].pose.pose
         assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-40.0, 30.0, -4.0), abs=1e-3)
         # heading 0.5 clockwise from north is pi/2 - 0.5 counter-clockwise from east
         assert 2.0 * math.atan2(pose.orientation.z, pose.orientation.w) == pytest.approx(math.pi / 2 - 0.5, abs=1e-6)
         assert odometry[-1].twist.twist.linear.x == pytest.approx(1.5)
         assert odometry[-1].twist.twist.angular.z == pytest.approx(-0.1)
+        assert (navsat[-1].latitude, navsat[-1].longitude) == pytest.approx((46.50027, 6.59948), abs=1e-5)
         assert altitude[-1].range == pytest.approx(11.0, abs=0.01)
         assert pressure[-1].fluid_pressure == pytest.approx(140551.6, abs=0.5)
         # a node that was started again gets the last waypoint, whose leg may still be to come: it goes to its start

@@ -50,6 +50,12 @@ class AreaConfig:
         help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side.",
     )
 
+    @property
+    def origin_deg(self) -> tuple[float, float] | None:
+        """Latitude and longitude (deg) of north = east = 0; None if unknown."""
+        lat_deg, lon_deg = self.origin_lat_deg, self.origin_lon_deg
+        return None if lat_deg is None or lon_deg is None else (lat_deg, lon_deg)
+
     def __post_init__(self) -> None:
         """Checks the polygons.
 

@@ -11,6 +11,7 @@ from collections.abc import Collection
 from typing import Any
 
 from auv_lse_shore.live.viewers.feed import Playback
+from auv_lse_shore.live.viewers.map_panel import GEOJSON
 from auv_lse_shore.live.viewers.origin_gate import OriginGate, hidden_address
 from auv_lse_shore.live.viewers.server import ADDRESS
 from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
@@ -58,7 +59,7 @@ class FoxgloveViewer:
         self._playback = playback
         self._server: Any = None
         self._channels: dict[str, Any] = {}
-        self._last: dict[str, tuple[bytes, int]] = {}
+        self._last: dict[str, tuple[Any, int]] = {}
         self._messages: StandardMessages | None = None
         self.url = f"ws://{ADDRESS}:{self._gate.port}"
 
@@ -93,15 +94,25 @@ class FoxgloveViewer:
         if self._messages is None:
             return
         if message.topic not in self._channels:
-            schema = self._foxglove.Schema(
-                name=message.kind, encoding="ros2msg", data=self._messages.definition(message.kind).encode()
-            )
-            self._channels[message.topic] = self._foxglove.Channel(
-                message.topic, schema=schema, message_encoding="cdr", context=self._context
-            )
+            self._channels[message.topic] = self._channel(message, self._messages)
         stamp_ns = round(message.stamp_s * 1e9)
-        self._last[message.topic] = (message.data, stamp_ns)
-        self._channels[message.topic].log(message.data, log_time=stamp_ns)
+        data = self._geojson(message.data) if message.kind == GEOJSON else message.data
+        self._last[message.topic] = (data, stamp_ns)
+        self._channels[message.topic].log(data, log_time=stamp_ns)
+
+    def _channel(self, message: StandardMessage, messages: StandardMessages) -> Any:
+        if message.kind == GEOJSON:
+            from foxglove.channels import GeoJsonChannel
+
+            return GeoJsonChannel(message.topic, context=self._context)
+        definition = messages.definition(message.kind).encode()
+        schema = self._foxglove.Schema(name=message.kind, encoding="ros2msg", data=definition)
+        return self._foxglove.Channel(message.topic, schema=schema, message_encoding="cdr", context=self._context)
+
+    def _geojson(self, text: bytes) -> Any:
+        from foxglove.messages import GeoJson
+
+        return GeoJson(geojson=text.decode())
 
     def repeat(self, topic: str) -> None:
         """Sends the last message of a topic again."""

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.topics.codecs import header_fields, time_fields
+from auv_lse_common.topics.codecs import encode_geodetic, header_fields, time_fields
+from auv_lse_common.topics.records import GeodeticPosition, Odometry
 from auv_lse_common.vocabulary.frames import quaternion_from_heading
 from auv_lse_record.message_types import make_message, types_of
 from auv_lse_shore.live.sources.map_layers import OUTSIDE
 from auv_lse_shore.live.sources.timeline import Event
+from auv_lse_shore.live.viewers.map_panel import GEOJSON, area_text, isobath_text
 
 #: Colors of the vehicles on the page (Okabe and Ito), red, green, blue of 0..1.
 _COLORS = (
@@ -43,9 +45,9 @@ class StandardMessage:
 
     Attributes:
         topic: Full name.
-        kind: Its type, "nav_msgs/msg/Path".
+        kind: Its type, "nav_msgs/msg/Path"; `GEOJSON` for Foxglove alone.
         stamp_s: Mission time (s) of its content.
-        data: CDR bytes.
+        data: CDR bytes; of GeoJSON its text.
     """
 
     topic: str
@@ -61,6 +63,7 @@ class StandardMessages:
         """Takes the mission's first event."""
         self._store: Any = types_of({})
         self._facts = facts
+        self._origin_deg: tuple[float, float] | None = facts["origin_deg"] and tuple(facts["origin_deg"])
         self._cells: dict[int, Any] = {}
         self._tracks: dict[int, list[tuple[float, float]]] = {}
         self._poses: dict[int, Event] = {}
@@ -76,10 +79,13 @@ class StandardMessages:
         """Messages that hold for the whole mission: the area and, for a simulated lake, the true isobath."""
         area = {"points": [{"x": e, "y": n, "z": _Z["area"]} for n, e in _places(self._facts["area"])]}
         lines = [self._line(0, "true isobath", i, line, (0.0, 0.0, 0.0), 2.0) for i, line in enumerate(self._true)]
-        return [
+        messages = [
             self._make("/viz/area", "geometry_msgs/msg/PolygonStamped", stamp_s, polygon=area),
             self._markers("/viz/true_isobath", stamp_s, lines),
         ]
+        if self._origin_deg:
+            messages.append(StandardMessage("/viz/geojson/area", GEOJSON, stamp_s, area_text(self._facts).encode()))
+        return messages
 
     @property
     def _true(self) -> list[Any]:
@@ -110,6 +116,10 @@ class StandardMessages:
         place = {"x": event["east"], "y": event["north"], "z": _Z["vehicle"]}
         turned = {"position": place, "orientation": {"x": x, "y": y, "z": z, "w": w}}
         yield self._make(f"/viz/auv{vehicle}/pose", "geometry_msgs/msg/PoseStamped", t, pose=turned)
+        if self._origin_deg:
+            at = Odometry(stamp_s=t, heading_rad=event["heading"], north_m=event["north"], east_m=event["east"])
+            fields = encode_geodetic(GeodeticPosition.of(at, self._origin_deg), vehicle)
+            yield self._make(f"/viz/auv{vehicle}/navsat", "sensor_msgs/msg/NavSatFix", t, **fields)
         color = _color(vehicle)
         size = {"scale": {"x": 24.0, "y": 8.0, "z": 4.0}}
         arrow = self._marker(t, "vehicles", 2 * vehicle, _ARROW, color, pose=turned, **size)
@@ -151,6 +161,9 @@ class StandardMessages:
         ):
             lines += [self._line(t, key, i, line, color, width) for i, line in enumerate(event[key])]
         yield self._markers(f"/viz/auv{vehicle}/isobath", t, lines)
+        if self._origin_deg:
+            text = isobath_text(event, self._facts)
+            yield StandardMessage(f"/viz/geojson/auv{vehicle}/isobath", GEOJSON, t, text.encode())
         yield self._value(f"/viz/auv{vehicle}/expected_loss", t, event["expected_loss"])
 
     def _plan(self, event: Event) -> Iterator[StandardMessage]:

@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_shore.live.viewers.map_panel import GEOJSON
 from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
 
 #: Late viewers get the last messages; the depth allows a burst of markers of several vehicles.
@@ -35,7 +36,9 @@ class VizPublisher:
         self._node = Node("viz", context=self._context, start_parameter_services=False, enable_rosout=False)
 
     def show(self, message: StandardMessage) -> None:
-        """Publishes a message."""
+        """Publishes a message of a ROS type."""
+        if message.kind == GEOJSON:
+            return
         if message.topic not in self._publishers:
             package, _, name = message.kind.split("/")
             kind = getattr(import_module(f"{package}.msg"), name)
