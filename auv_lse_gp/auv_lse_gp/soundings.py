@@ -65,6 +65,7 @@ class SoundingsTable:
         values: Depths or elevations (m).
         north_m, east_m: Places (m), if the table has them.
         lat_deg, lon_deg: Places (WGS84), if the table has them.
+        time_s: Times (s), if the table has them.
     """
 
     path: Path
@@ -76,6 +77,7 @@ class SoundingsTable:
     east_m: Array | None
     lat_deg: Array | None
     lon_deg: Array | None
+    time_s: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -267,8 +269,10 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     upward = column(_DEPTH) is None
     wanted["depth"] = column(_ELEVATION) if upward else column(_DEPTH)
     indices = {key: index for key, index in wanted.items() if index is not None}
-    if "depth" not in indices or len(indices) == 1:
+    if "depth" not in indices or not {"north", "lat"} & set(indices):
         raise SoundingsError(f"{path}:{header_line}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
+    if (time := column(("time_s",))) is not None:
+        indices["time"] = time
     values: dict[str, list[float]] = {key: [] for key in indices}
     for number, line in rows[1:]:
         fields = _fields(line, separator, f"{path}:{number}")
@@ -295,6 +299,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         east_m=arrays.get("east"),
         lat_deg=arrays.get("lat"),
         lon_deg=arrays.get("lon"),
+        time_s=arrays.get("time"),
     )
 
 

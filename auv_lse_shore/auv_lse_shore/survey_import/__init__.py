@@ -1,0 +1,1 @@
+"""scripts/import: turns logs of a survey that was made without this software into a run folder."""

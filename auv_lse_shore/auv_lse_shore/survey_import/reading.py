@@ -1,0 +1,64 @@
+"""Chooses the reader of a log by its content, and reads tables of soundings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_gp.soundings import read_table
+from auv_lse_shore.survey_import import ardupilot, nmea
+from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
+
+#: Bytes of a file by which its format is recognized.
+_HEAD = 4096
+
+
+def read_log(path: Path, density_kgpm3: float, progress: Progress) -> SurveyLog:
+    """Reads a log of any known format.
+
+    Args:
+        path: The file.
+        density_kgpm3: Density of the water (kg/m3), for the depth of a vehicle under water.
+        progress: Takes the share that has been read.
+
+    Raises:
+        LogError, SoundingsError: if it cannot be used; names the file and what was expected.
+        MissingPackageError: if pymavlink is needed, and missing.
+        OSError: if it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if not head.strip():
+        raise LogError(f"{path}: got an empty file; expected a log. Copy it from the vehicle again")
+    if head.startswith(ardupilot.DATAFLASH):
+        return ardupilot.read_dataflash(path, density_kgpm3, progress)
+    if ardupilot.is_telemetry(head):
+        return ardupilot.read_telemetry(path, density_kgpm3, progress)
+    if nmea.is_nmea(head):
+        return nmea.read(path, density_kgpm3, progress)
+    if path.suffix.lower() in (".bin", ".tlog") or b"\0" in head:
+        raise LogError(
+            f"{path}: got bytes of an unknown format; expected an ArduPilot dataflash log (.bin), a telemetry log "
+            "(.tlog), NMEA 0183 or a table (CSV)"
+        )
+    return _read_table(path)
+
+
+def _read_table(path: Path) -> SurveyLog:
+    """A table with times, or with soundings in the order of its lines."""
+    table = read_table(path)
+    is_geodetic = table.lat_deg is not None and table.lon_deg is not None
+    columns: Any = (table.lat_deg, table.lon_deg) if is_geodetic else (table.north_m, table.east_m)
+    stamps = np.arange(len(table.values), dtype=float) if table.time_s is None else table.time_s
+    order = np.argsort(stamps, kind="stable")
+    depths = -table.values if table.upward else table.values
+    return SurveyLog(
+        name=path.name,
+        positions=np.column_stack([stamps, *columns])[order],
+        depths=np.column_stack([stamps, depths])[order],
+        is_geodetic=is_geodetic,
+        has_time=table.time_s is not None,
+        notes=[f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"],
+    )

@@ -1,0 +1,283 @@
+"""scripts/import: logs of a survey over a known bottom become a recording, a map and a prior."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from survey_import.survey_logs import ORIGIN, START_S, dataflash, depth_m, nmea, survey, telemetry
+
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_record.run_reader import read_run
+from auv_lse_shore import fit
+from auv_lse_shore.adjust.__main__ import main as adjust_main
+from auv_lse_shore.export.export import export
+from auv_lse_shore.judge.team_map import team_map
+from auv_lse_shore.survey_import import nmea as nmea_reader
+from auv_lse_shore.survey_import.__main__ import main
+from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_shore.survey_import.track import Placement, place
+
+DRAUGHT = ["--draught", "0.3"]
+
+
+def table(rows, time=True):
+    """A CSV in degrees; depths are below the surface."""
+    header = "time_s,lat,lon,depth_m" if time else "lat,lon,depth_m"
+    lines = [",".join(f"{v:.8f}" for v in (row if time else row[1:])) for row in rows]
+    return "\n".join([header, *lines]) + "\n"
+
+
+def metres(rows):
+    """A CSV in metres without times."""
+    north, east = local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)
+    lines = [f"{n:.3f},{e:.3f},{d:.3f}" for n, e, d in zip(north, east, rows[:, 3], strict=True)]
+    return "\n".join(["north_m,east_m,depth_m", *lines]) + "\n"
+
+
+LOGS = {
+    "a.nmea": lambda rows: nmea(rows).encode(),
+    "a.BIN": lambda rows: dataflash(rows).data,
+    "sub.bin": lambda rows: dataflash(rows, "ArduSub V4.1.2", immersion_m=2.0).data,
+    "a.tlog": telemetry,
+    "a.csv": lambda rows: table(rows).encode(),
+    "timeless.csv": lambda rows: table(rows, time=False).encode(),
+    "metres.csv": lambda rows: metres(rows).encode(),
+}
+
+
+def written(folder, name, rows=None):
+    path = folder / name
+    path.write_bytes(LOGS[name](survey() if rows is None else rows))
+    return path
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_every_format_gives_the_known_depths(tmp_path, name):
+    path = written(tmp_path, name)
+    assert main([str(path), "--out", str(tmp_path / "run"), *DRAUGHT, "--level", "11"]) == 0
+    run = read_run(tmp_path / "run")
+    soundings = run.vehicles[0].soundings
+    assert len(soundings) == len(survey())
+    if name == "metres.csv":
+        assert run.origin is None
+    else:
+        assert run.origin == pytest.approx(ORIGIN, abs=1e-6)
+    # 2 cm: logs have centimetres, and 1e-7 deg
+    assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
+    assert soundings.stamp_s[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_map_has_the_known_depth_and_its_isobath_is_exported(tmp_path):
+    path, run = written(tmp_path, "a.BIN"), tmp_path / "run"
+    assert main([str(path), "--out", str(run), *DRAUGHT, "--level", "11"]) == 0
+    team = team_map(read_run(run))
+    north, east = np.meshgrid(team.field.grid.north_m, team.field.grid.east_m, indexing="ij")
+    surveyed = (north > 0) & (north < 120) & (east > 0) & (east < 160)
+    error = (team.field.mean_m - depth_m(north, east))[surveyed]
+    assert np.abs(error).max() < 0.25  # the hump is 3 m high, lanes are 20 m apart
+    list(export(run, run / "export"))
+    features = json.loads((run / "export/isobath.geojson").read_text())["features"]
+    found = [f for f in features if f["properties"]["class"] == "found"]
+    lon, lat = np.concatenate([line for f in found for line in f["geometry"]["coordinates"]]).T
+    line = np.column_stack(local_from_geodetic(lat, lon, *ORIGIN))
+    inside = (line > 0).all(axis=1) & (line < [120, 160]).all(axis=1)
+    assert inside.sum() > 10
+    assert depth_m(*line[inside].T) == pytest.approx(11.0, abs=0.25)
+
+
+def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
+    path, run = written(tmp_path, "a.nmea"), tmp_path / "run"
+    assert main([str(path), "--out", str(run), *DRAUGHT]) == 0
+    assert adjust_main([str(run), "--out", str(tmp_path / "adjusted")]) == 0
+    assert (tmp_path / "adjusted/isobath.geojson").is_file()
+    assert fit.main([str(run), "--points", "100", "--restarts", "1", "--out", str(tmp_path / "gp.yaml")]) == 0
+    gp = read_parameter_file(tmp_path / "gp.yaml")["/**"]["gp"]
+    assert 8.0 < gp["mean_depth_m"] < 16.0
+
+
+def test_what_cannot_be_used_is_left_out_and_counted(tmp_path, capsys):
+    rows = survey()
+    rows[100:110, 3] = 0.0  # no echo
+    rows[200, 3] += 30.0  # a fish
+    rows[300, 1] += 0.01  # a GPS jump of 1.1 km
+    lines = nmea(rows).splitlines(keepends=True)
+    lines[3 * 400 + 2] = lines[3 * 400 + 2].replace("SDDBT", "SDDBT,9")  # a damaged line
+    lines[0] = lines[0].replace(",A,", ",V,")
+    path = tmp_path / "a.nmea"
+    path.write_text("".join(lines))
+    assert main([str(path), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    printed = capsys.readouterr().out
+    for count, reason in (
+        (10, "depths of 0 or less: no echo"),
+        (1, "soundings: jump"),
+        (1, "positions that jump"),
+        (2, "sentences with a wrong checksum"),
+    ):
+        assert f"left out: {count} {reason}\n" in printed
+        assert f"left out: {count} {reason}\n" in (tmp_path / "run/import.md").read_text()
+    soundings = read_run(tmp_path / "run").vehicles[0].soundings
+    # 0.1 m: the place without a position is between its neighbours
+    assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.1)
+    assert f"{len(soundings)} soundings of {len(rows) - 1} depths" in printed
+    assert len(soundings) == len(rows) - 1 - 10 - 1
+
+
+@pytest.mark.parametrize("name", ["a.BIN", "a.tlog"])
+def test_depths_out_of_the_range_finders_range_are_left_out(tmp_path, capsys, name):
+    rows = survey()
+    if name == "a.BIN":
+        log = dataflash(rows[:300])
+        for i, (stamp, *_) in enumerate(rows[300:320]):
+            log.add("RFND", 5_000_000 + round(1e6 * (stamp - START_S)) + i, 0, 4000, 3, 25)
+        data = log.data
+    else:
+        rows[:20, 3] = 50.0  # the sensor's largest distance
+        data = telemetry(rows)
+    (tmp_path / name).write_bytes(data)
+    assert main([str(tmp_path / name), "--dry-run"]) == 0
+    assert "left out: 20 depths out of the range finder's range\n" in capsys.readouterr().out
+
+
+def test_a_truncated_log_is_imported_up_to_its_end(tmp_path):
+    for name in ("a.BIN", "a.tlog"):
+        path = written(tmp_path, name)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 + 7])
+        assert main([str(path), "--out", str(tmp_path / f"run {name}"), *DRAUGHT]) == 0
+        soundings = read_run(tmp_path / f"run {name}").vehicles[0].soundings
+        assert 200 < len(soundings) < 400
+        assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
+
+
+def without(name, *kinds):
+    return "".join(line for line in nmea(survey()).splitlines(keepends=True) if not any(k in line for k in kinds))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "got an empty file"),
+        (without("a", "DBT").encode(), "got no depths; expected DPT or DBT or DBS or DBK"),
+        (without("a", "GGA", "RMC").encode(), "got no positions"),
+        (dataflash([]).data, "got no positions; expected POS or GPS"),
+        (b"\0\1\2\3" * 2000, "got bytes of an unknown format"),
+        (b"\xa3\x95\x80" + b"\7" * 500, "log.bin"),
+        (nmea([[*row[:3], 0.0] for row in survey()]).encode(), "630 depths of 0 or less: no echo"),
+        (table(survey()[:5]).encode(), "got 5 usable soundings; expected at least 10"),
+        (b"this is\nno log\n", "columns are this, is; expected east_m"),
+    ],
+    ids=["empty", "no depth", "no position", "empty bin", "noise", "broken bin", "no echo", "short", "text"],
+)
+def test_an_unusable_log_is_refused_in_one_sentence(tmp_path, capsys, content, words):
+    path = tmp_path / "log.bin" if content[:3] == b"\xa3\x95\x80" else tmp_path / "log.txt"
+    path.write_bytes(content)
+    assert main([str(path), "--out", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert "Traceback" not in error
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_missing_is_named(tmp_path, capsys, monkeypatch):
+    assert main([str(tmp_path / "absent.bin")]) == 2
+    assert "absent.bin: No such file" in capsys.readouterr().err
+    path = written(tmp_path, "a.BIN")
+    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
+    assert main([str(path), "--out", str(tmp_path / "run")]) == 2
+    assert "need the Python package pymavlink, which is not installed: pip install pymavlink" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_nothing_and_a_second_import_replaces_nothing(tmp_path, capsys, monkeypatch):
+    path, out = written(tmp_path, "a.csv"), tmp_path / "run"
+
+    def interrupted(run, folder):
+        (folder / "mission.yaml").write_text("half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("auv_lse_shore.survey_import.run.write_run", interrupted)
+        assert main([str(path), "--out", str(out)]) == 130
+    assert "nothing is written" in capsys.readouterr().err
+    assert not out.exists()
+    assert main([str(path), "--dry-run", "--out", str(out)]) == 0
+    assert not out.exists()
+    assert main([str(path), "--out", str(out)]) == 0
+    before = (out / "mission.yaml").read_text()
+    assert main([str(path), "--out", str(out), "--level", "9"]) == 2
+    assert "expected a new one" in capsys.readouterr().err
+    assert (out / "mission.yaml").read_text() == before
+
+
+def test_several_logs_become_one_run_one_after_the_other(tmp_path):
+    rows = survey()
+    first, second = written(tmp_path, "a.nmea", rows[:300]), written(tmp_path, "a.tlog", rows[400:])
+    assert main([str(second), str(first), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    soundings = read_run(tmp_path / "run").vehicles[0].soundings
+    assert len(soundings) == 530
+    assert (np.diff(soundings.stamp_s) > 0).all()
+    # the earlier log comes first; the origin is the first LOG's first position
+    assert soundings.north_m[:5] - soundings.north_m[0] == pytest.approx([0.0] * 5, abs=0.05)
+    assert soundings.stamp_s[300] - soundings.stamp_s[299] == pytest.approx(60.0, abs=1.1)
+
+
+def test_part_of_a_log_an_origin_and_the_transducers_place(tmp_path):
+    path, out = written(tmp_path, "a.csv"), tmp_path / "run"
+    part = ["--from", "100", "--to", "150", "--offset", "2", "1", "--origin", "46.4999", "6.6"]
+    assert main([str(path), "--out", str(out), *part]) == 0
+    run = read_run(out)
+    soundings, rows = run.vehicles[0].soundings, survey()[100:151]
+    assert run.origin == (46.4999, 6.6)
+    assert len(soundings) == 51
+    north, east = local_from_geodetic(rows[:, 1], rows[:, 2], 46.4999, 6.6)
+    # this lane leads west: 2 m ahead is west, 1 m to starboard is north
+    assert soundings.north_m == pytest.approx(north + 1.0, abs=0.01)
+    assert soundings.east_m == pytest.approx(east - 2.0, abs=0.01)
+
+
+def test_nmea_reads_hemispheres_midnight_units_and_offsets(tmp_path):
+    lat, lon = geodetic_from_local(np.arange(60.0), np.zeros(60), -33.5, -70.25)
+    rows = np.column_stack([START_S - START_S % 86400 + 86400 - 30 + np.arange(60), lat, lon, np.full(60, 5.0)])
+    text = nmea(rows).replace("030526", "")  # no date
+    path = tmp_path / "a.txt"
+    path.write_text("2026-05-03T23:59:59 " + text.replace("\r\n", "\r\n2026 "))
+    log = nmea_reader.read(path, 998.0, lambda share: None)
+    assert np.diff(log.positions[:, 0]) == pytest.approx(1.0)
+    assert log.positions[0, 1:] == pytest.approx([-33.5, -70.25], abs=1e-6)
+    assert log.depths[:, 1] == pytest.approx(5.0)
+    path.write_text("$GPGGA,120000,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n$SDDPT,4.0,0.5\n$SDDPT,4.0,-0.5\n$SDDPT,,\n")
+    assert nmea_reader.read(path, 998.0, lambda share: None).depths[:, 1] == pytest.approx([4.5, 4.0, 0.0])
+    path.write_text("$GPGGA,120000,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n$SDDBT,10.0,f,,M,,F\n$SDDBT,,f,,M,2.0,F\n")
+    assert nmea_reader.read(path, 998.0, lambda share: None).depths[:, 1] == pytest.approx([3.048, 3.6576])
+
+
+def test_depths_far_in_time_from_positions_are_not_placed(tmp_path):
+    path = written(tmp_path, "a.nmea")
+    log = nmea_reader.read(path, 998.0, lambda share: None)
+    log.positions = np.delete(log.positions, slice(100, 120), axis=0)  # 20 s without GPS
+    found = place(log, ORIGIN, Placement())
+    assert found.left_out["depths without positions within 5 s"] == 20
+    log.depths = np.empty((0, 2))
+    with pytest.raises(LogError, match="no usable sounding"):
+        place(log, ORIGIN, Placement())
+
+
+def test_the_help_names_the_exit_codes(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--help"])
+    assert end.value.code == 0
+    assert "Exit codes: 0 success; 2" in " ".join(capsys.readouterr().out.split())
+    for arguments in (["x", "--from", "9", "--to", "3"], ["x", "--origin", "95", "0"], ["x", "--density", "0"]):
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert end.value.code == 2
+
+
+def test_the_source_tree_has_the_command():
+    script = Path(__file__).parents[3] / "scripts/import"
+    assert "run_module auv_lse_shore.survey_import " in script.read_text()
