@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_gp.soundings import read_table
-from auv_lse_shore.survey_import import ardupilot, nmea
+from auv_lse_shore.survey_import import nmea
 from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
 
 #: Bytes of a file by which its format is recognized.
@@ -24,7 +24,7 @@ def read_log(path: Path, density_kgpm3: float, progress: Progress) -> SurveyLog:
         progress: Takes the share that has been read.
 
     Raises:
-        LogError, SoundingsError: if it cannot be used; names the file and what was expected.
+        LogError, FlightLogError, SoundingsError: if it cannot be used; names the file and what was expected.
         MissingPackageError: if pymavlink is needed, and missing.
         OSError: if it cannot be read.
     """
@@ -32,18 +32,24 @@ def read_log(path: Path, density_kgpm3: float, progress: Progress) -> SurveyLog:
         head = file.read(_HEAD)
     if not head.strip():
         raise LogError(f"{path}: got an empty file; expected a log. Copy it from the vehicle again")
+    if b"\0" in head:
+        return _read_binary(path, head, density_kgpm3, progress)
+    if nmea.is_nmea(head):
+        return nmea.read(path, density_kgpm3, progress)
+    return _read_table(path)
+
+
+def _read_binary(path: Path, head: bytes, density_kgpm3: float, progress: Progress) -> SurveyLog:
+    from auv_lse_shore.survey_import import ardupilot  # needs pymavlink
+
     if head.startswith(ardupilot.DATAFLASH):
         return ardupilot.read_dataflash(path, density_kgpm3, progress)
     if ardupilot.is_telemetry(head):
         return ardupilot.read_telemetry(path, density_kgpm3, progress)
-    if nmea.is_nmea(head):
-        return nmea.read(path, density_kgpm3, progress)
-    if path.suffix.lower() in (".bin", ".tlog") or b"\0" in head:
-        raise LogError(
-            f"{path}: got bytes of an unknown format; expected an ArduPilot dataflash log (.bin), a telemetry log "
-            "(.tlog), NMEA 0183 or a table (CSV)"
-        )
-    return _read_table(path)
+    raise LogError(
+        f"{path}: got bytes of an unknown format; expected an ArduPilot dataflash log (.bin), a telemetry log (.tlog), "
+        "NMEA 0183 or a table (CSV)"
+    )
 
 
 def _read_table(path: Path) -> SurveyLog:

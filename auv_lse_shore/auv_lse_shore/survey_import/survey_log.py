@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_comms.mavlink.water import depth_of
+from auv_lse_common.vocabulary.water import depth_of
 
 Array = NDArray[np.float64]
 

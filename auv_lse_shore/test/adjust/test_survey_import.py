@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from survey_import.survey_logs import ORIGIN, START_S, dataflash, depth_m, nmea, survey, telemetry
+from adjust.survey_logs import ORIGIN, START_S, dataflash, depth_m, nmea, survey, telemetry
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
@@ -165,7 +165,7 @@ def without(name, *kinds):
         (without("a", "GGA", "RMC").encode(), "got no positions"),
         (dataflash([]).data, "got no positions; expected POS or GPS"),
         (b"\0\1\2\3" * 2000, "got bytes of an unknown format"),
-        (b"\xa3\x95\x80" + b"\7" * 500, "log.bin"),
+        (b"\xa3\x95\x80" + b"\7" * 500 + b"\0", "got a damaged dataflash log"),
         (nmea([[*row[:3], 0.0] for row in survey()]).encode(), "630 depths of 0 or less: no echo"),
         (table(survey()[:5]).encode(), "got 5 usable soundings; expected at least 10"),
         (b"this is\nno log\n", "columns are this, is; expected east_m"),

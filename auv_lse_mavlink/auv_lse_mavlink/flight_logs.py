@@ -1,0 +1,151 @@
+"""Reads the messages of ArduPilot's logs with pymavlink: dataflash (.bin) and telemetry (.tlog)."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+from auv_lse_common.support.missing_packages import missing
+
+#: A message; its type is `get_type()`, its fields are attributes.
+Message = Any
+#: Takes the share of a log that has been read, 0 to 1.
+Progress = Callable[[float], None]
+
+#: First bytes of a dataflash log: the definition of a message.
+DATAFLASH = b"\xa3\x95\x80"
+#: First bytes of MAVLink 1 and 2 messages, which follow 8 bytes of time in a telemetry log.
+_MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
+#: A telemetry log's times (s since 1970) are between these: 2000 and 2100.
+_TIMES_S = (946_684_800.0, 4_102_444_800.0)
+#: Messages between two reports of progress.
+_MESSAGES = 5000
+
+
+class FlightLogError(ValueError):
+    """A file that is no log of ArduPilot, or too damaged to be read."""
+
+
+def is_telemetry(data: bytes) -> bool:
+    """Whether the beginning of a file looks like a telemetry log."""
+    return len(data) > 8 and data[8] in (_MAVLINK_1, _MAVLINK_2) and _is_time(data)
+
+
+def dataflash_messages(
+    path: Path, kinds: Collection[str], damage: Counter[str], progress: Progress
+) -> Iterator[tuple[float, Message]]:
+    """Time (s since 1970, or since the start without GPS time) and message of a dataflash log, as far as it goes.
+
+    Args:
+        path: The log.
+        kinds: Names of the messages to read.
+        damage: Takes the number of bytes that are no message.
+        progress: Takes the share that has been read.
+
+    Raises:
+        FlightLogError: if it is damaged.
+        MissingPackageError: if pymavlink is missing.
+        OSError: if it cannot be read.
+    """
+    try:
+        from pymavlink.DFReader import DFReader_binary
+    except ImportError as error:
+        raise missing(error, "ArduPilot's logs") from error
+    with _complaints() as complaints:
+        try:
+            reader: Any = DFReader_binary(str(path), progress_callback=lambda percent: progress(percent / 200.0))
+            number = 0
+            while (message := reader.recv_match(type=list(kinds))) is not None:
+                if number % _MESSAGES == 0:
+                    progress(0.5 + 0.5 * reader.offset / max(reader.data_len, 1))
+                number += 1
+                yield message._timestamp, message
+        except (OSError, GeneratorExit):
+            raise
+        except Exception as error:  # pymavlink raises errors of many kinds for a damaged log
+            raise FlightLogError(
+                f"{path}: got a damaged dataflash log ({error}); expected an ArduPilot .bin. Copy it again"
+            ) from error
+        complaints.seek(0)
+        damage["bytes that are no message"] += sum(1 for _ in complaints)
+
+
+@contextlib.contextmanager
+def _complaints() -> Iterator[IO[bytes]]:
+    """A file that takes what is written to stderr: pymavlink, partly in C, writes a line for each bad byte."""
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as file:
+        before = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        try:
+            with io.TextIOWrapper(os.fdopen(os.dup(2), "wb")) as text, contextlib.redirect_stderr(text):
+                yield file
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+
+
+def telemetry_messages(
+    path: Path, kinds: Collection[str], damage: Counter[str], progress: Progress
+) -> Iterator[tuple[float, Message]]:
+    """Time (s since 1970) and message of a telemetry log, as far as it goes.
+
+    Args:
+        path: The log.
+        kinds: Names of the messages to read, such as "HEARTBEAT".
+        damage: Takes the number of damaged messages and places.
+        progress: Takes the share that has been read.
+
+    Raises:
+        MissingPackageError: if pymavlink is missing.
+        OSError: if it cannot be read.
+    """
+    try:
+        from pymavlink.dialects.v20 import ardupilotmega as dialect
+    except ImportError as error:
+        raise missing(error, "ArduPilot's logs") from error
+    decoder: Any = dialect.MAVLink(None)
+    wanted = {getattr(dialect, f"MAVLINK_MSG_ID_{kind}") for kind in kinds}
+    for number, (stamp_s, frame, share) in enumerate(_frames(path.read_bytes(), damage)):
+        if number % _MESSAGES == 0:
+            progress(share)
+        if (int.from_bytes(frame[7:10], "little") if frame[0] == _MAVLINK_2 else frame[5]) not in wanted:
+            continue
+        try:
+            message = decoder.decode(bytearray(frame))
+        except dialect.MAVError:
+            damage["messages with a wrong checksum"] += 1
+        else:
+            yield stamp_s, message
+
+
+def _is_time(data: bytes) -> bool:
+    return _TIMES_S[0] < int.from_bytes(data[:8], "big") * 1e-6 < _TIMES_S[1]
+
+
+def _frames(data: bytes, damage: Counter[str]) -> Iterator[tuple[float, bytes, float]]:
+    """Time (s), bytes of each message, and the share of the log that has been read."""
+    at, in_step = 0, True
+    while at + 16 <= len(data):
+        first, length = data[at + 8], data[at + 9]
+        size = 0
+        if first == _MAVLINK_2:
+            size = 12 + length + (13 if data[at + 10] & 1 else 0)
+        elif first == _MAVLINK_1:
+            size = 8 + length
+        if not size or not _is_time(data[at : at + 8]):
+            damage["places where the log is damaged"] += in_step
+            at, in_step = at + 1, False
+            continue
+        in_step = True
+        if at + 8 + size > len(data):
+            break
+        yield int.from_bytes(data[at : at + 8], "big") * 1e-6, data[at + 8 : at + 8 + size], at / len(data)
+        at += 8 + size
