@@ -59,7 +59,10 @@ setup(
     ]
     if is_library
     else [],
-    extras_require={"test": ["pytest"], "optional": ["foxglove-sdk", "rasterio"]},  # tells `colcon test` to use pytest
+    extras_require={
+        "test": ["pytest"],  # tells `colcon test` to use pytest
+        "optional": ["foxglove-sdk", "rasterio", sibling("auv_lse_mavlink")],
+    },
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Mission command, checks, live view, replay, reports, exports and campaigns",
