@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.support.device_findings import Finding
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import DOWN, Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, LinkUp, Problem
@@ -34,14 +35,6 @@ USEFUL = {
 }
 #: A leg of the flight (m), and how long it may take (s).
 LEG_M, LEG_S = 20.0, 60.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """One result of the check: whether it is as expected (None: a note), and a text with what was seen and expected."""
-
-    ok: bool | None
-    text: str
 
 
 @dataclass(frozen=True, slots=True)

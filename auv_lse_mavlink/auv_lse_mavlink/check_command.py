@@ -11,15 +11,15 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.support.device_findings import Finding, print_findings
 from auv_lse_comms.packet.key import KeyFileError, new_nonce, read_key
 from auv_lse_comms.transport import AddressError, Connection, open_transport, read_address
-from auv_lse_mavlink.autopilot_check import AutopilotCheck, Finding
+from auv_lse_mavlink.autopilot_check import AutopilotCheck
 
 _BAUD = 115200
 _STEP_S = 0.02
 #: Longest wait for a heartbeat (s); period of the requests for unanswered parameters (s).
 _HEARD_S, _ASK_S = 10.0, 2.0
-_MARKS = {True: "ok", False: "MISSING", None: "note"}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -55,14 +55,6 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def _print(findings: Sequence[Finding]) -> int:
-    for finding in findings:
-        print(f"{_MARKS[finding.ok]:8}{finding.text}")
-    missing = sum(finding.ok is False for finding in findings)
-    print(f"{missing} missing" if missing else "nothing is missing")
-    return int(missing > 0)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Checks an autopilot. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
@@ -78,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check = AutopilotCheck(config, options.vehicle, options.mode == "mission", key, new_nonce())
     connection = Connection(lambda: open_transport(address, check.link.recognizes), 0.2, 1.0)
     try:
-        return _print(_run(check, connection, options.seconds, options.legs))
+        return print_findings(_run(check, connection, options.seconds, options.legs))
     except KeyboardInterrupt:
         return 130
     finally:

@@ -30,6 +30,13 @@ SECOND_WAIT_S = 3.0
 CLOCK_TRIES = 3
 
 
+def clock_offset_s(message: ClockTime, now_s: float) -> float:
+    """The modem's clock minus the host's (s), read at `now_s`; 0 within the reading's resolution."""
+    early_s = message.utc_s - now_s
+    late_s = now_s - (message.utc_s + message.resolution_s)
+    return early_s if early_s > 0.0 else -late_s if late_s > 0.0 else 0.0
+
+
 class ClockStep(enum.Enum):
     """Step of a clock check."""
 
@@ -109,9 +116,7 @@ class ClockCheck:
         if self.step is not ClockStep.ASKED:
             return
         session, config = self._session, self._session.config
-        early_s = message.utc_s - session.now_s
-        late_s = session.now_s - (message.utc_s + message.resolution_s)
-        offset_s = early_s if early_s > 0.0 else -late_s if late_s > 0.0 else 0.0
+        offset_s = clock_offset_s(message, session.now_s)
         self.right = abs(offset_s) <= config.clock_tolerance_s
         session.report(
             ClockChecked(offset_s=offset_s, within_tolerance=self.right, source=message.source, pps=message.pps)
