@@ -22,10 +22,10 @@ _GOOD = 4  # status of a range finder: no more and no less than its range
 _FIX_3D = 3
 _SUBMARINE = 12  # type of vehicle
 _DATAFLASH_KINDS = ("GPS", "POS", "RFND", "DPTH", "BARO", "MSG")
+_POSITIONS = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
 _TELEMETRY_KINDS = (
+    *_POSITIONS,
     "HEARTBEAT",
-    "GLOBAL_POSITION_INT",
-    "GPS_RAW_INT",
     "DISTANCE_SENSOR",
     "RANGEFINDER",
     "WATER_DEPTH",
@@ -60,11 +60,17 @@ def read_telemetry(path: Path, density_kgpm3: float, progress: Progress) -> Surv
         MissingPackageError: if pymavlink is missing.
         OSError: if it cannot be read.
     """
-    sources = Sources()
+    sources, system = Sources(), None
     for stamp_s, message in telemetry_messages(path, _TELEMETRY_KINDS, sources.left_out, progress):
-        _take_telemetry(sources, message, stamp_s)
+        sender, kind = message.get_srcSystem(), message.get_type()
+        if system is None and kind in _POSITIONS:
+            system = sender  # a ground station sends none
+        if system in (None, sender):
+            _take_telemetry(sources, message, stamp_s)
+        elif kind != "HEARTBEAT":
+            sources.left_out["messages of other vehicles"] += 1
     depths = ("WATER_DEPTH", "DISTANCE_SENSOR", "RANGEFINDER")
-    return sources.log(path, ("GLOBAL_POSITION_INT", "GPS_RAW_INT"), depths, density_kgpm3)
+    return sources.log(path, _POSITIONS, depths, density_kgpm3)
 
 
 def _take_dataflash(sources: Sources, m: Any, stamp_s: float) -> None:
@@ -84,11 +90,14 @@ def _take_dataflash(sources: Sources, m: Any, stamp_s: float) -> None:
         sources.depth(kind, stamp_s, m.Depth)
     elif kind == "BARO":
         sources.pressure(f"BARO {getattr(m, 'I', 0)}", stamp_s, m.Press)
-    elif kind == "RFND" and getattr(m, "Orient", _DOWN) == _DOWN:
-        if getattr(m, "Stat", _GOOD) != _GOOD:
-            sources.refuse(kind, _OUT_OF_RANGE)
-        else:
-            sources.depth(kind, stamp_s, m.Dist)
+    elif kind == "RFND":
+        for number in ("", "1", "2"):  # before ArduPilot 4.1: two range finders in a message
+            if not hasattr(m, f"Dist{number}") or getattr(m, f"Orient{number}", _DOWN) != _DOWN:
+                continue
+            if getattr(m, f"Stat{number}", _GOOD) != _GOOD:
+                sources.refuse(kind, _OUT_OF_RANGE)
+            else:
+                sources.depth(kind, stamp_s, getattr(m, f"Dist{number}"))
 
 
 def _take_telemetry(sources: Sources, m: Any, stamp_s: float) -> None:

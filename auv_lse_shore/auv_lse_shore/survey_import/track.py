@@ -110,14 +110,19 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
     if not rows:
         reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items()) or "there are none"
         raise LogError(f"{log.name}: got no usable sounding ({reasons}); expected depths at known positions")
-    seconds = np.searchsorted(times, np.arange(times[0], times[-1] + EVERY_S, EVERY_S))
     return PlacedLog(
         name=log.name,
-        track=np.column_stack([times, track])[np.unique(seconds.clip(max=len(times) - 1))],
+        track=np.column_stack([times, track])[_first_of_each(times, EVERY_S)],
         soundings=np.array(rows, dtype=float),
         left_out=left_out,
         has_time=log.has_time,
     )
+
+
+def _first_of_each(times: Array, period_s: float) -> NDArray[np.int64]:
+    """Numbers of the first time in each period that has any, and of the last time."""
+    first = np.unique(np.floor((times - times[0]) / period_s), return_index=True)[1]
+    return np.unique(np.append(first, len(times) - 1))
 
 
 def _track(
@@ -200,8 +205,7 @@ def vehicle_of(logs: Sequence[PlacedLog], position_std_m: float) -> VehicleRun:
         if not log.has_time:
             continue
         tracks.append(track)
-        chosen = np.unique(np.searchsorted(track[:, 0], np.arange(track[0, 0], track[-1, 0], FIX_EVERY_S)))
-        for stamp_s, north, east, _, _ in track[chosen].tolist():
+        for stamp_s, north, east, _, _ in track[_first_of_each(track[:, 0], FIX_EVERY_S)].tolist():
             place = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
             fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **place))
     track = np.concatenate(tracks) if tracks else np.empty((0, 5))

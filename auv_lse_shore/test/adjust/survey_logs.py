@@ -69,16 +69,19 @@ _FORMATS = {
     "BARO": (133, "QBff", "TimeUS,I,Alt,Press"),
     "MSG": (134, "QZ", "TimeUS,Message"),
 }
+#: RFND before ArduPilot 4.1.
+_OLD_RFND = (132, "QCBCB", "TimeUS,Dist1,Orient1,Dist2,Orient2")
 _CODES = {"Q": "Q", "B": "B", "I": "I", "H": "H", "c": "h", "L": "i", "e": "i", "f": "f", "C": "H", "Z": "64s"}
 
 
 class Dataflash:
     """Writes an ArduPilot dataflash log."""
 
-    def __init__(self):
+    def __init__(self, old=False):
         self.data = b""
+        self._formats = _FORMATS | ({"RFND": _OLD_RFND} if old else {})
         self._define(0x80, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
-        for name, (number, codes, columns) in _FORMATS.items():
+        for name, (number, codes, columns) in self._formats.items():
             size = 3 + struct.calcsize("<" + "".join(_CODES[c] for c in codes))
             self._define(number, size, name, codes, columns)
 
@@ -86,7 +89,7 @@ class Dataflash:
         self.data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, *(text.encode() for text in texts))
 
     def add(self, name, *values):
-        number, codes, _ = _FORMATS[name]
+        number, codes, _ = self._formats[name]
         self.data += b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(_CODES[c] for c in codes), *values)
 
 
@@ -107,11 +110,11 @@ def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0):
     return log
 
 
-def telemetry(rows):
-    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row."""
+def telemetry(rows, system=1):
+    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row, from a vehicle."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
     data = b""
     for stamp, lat, lon, depth in rows:
         ms = round(1000 * (stamp - START_S))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from adjust.survey_logs import ORIGIN, START_S, dataflash, depth_m, nmea, survey, telemetry
+from adjust.survey_logs import ORIGIN, START_S, Dataflash, dataflash, depth_m, nmea, survey, telemetry
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
@@ -141,6 +141,37 @@ def test_depths_out_of_the_range_finders_range_are_left_out(tmp_path, capsys, na
     (tmp_path / name).write_bytes(data)
     assert main([str(tmp_path / name), "--dry-run"]) == 0
     assert "left out: 20 depths out of the range finder's range\n" in capsys.readouterr().out
+
+
+def test_range_finders_of_older_firmware_are_read(tmp_path):
+    log = Dataflash(old=True)
+    for i, (_, lat, lon, depth) in enumerate(survey()[:50]):
+        log.add("POS", 1_000_000 * i, round(lat * 1e7), round(lon * 1e7), 372.0, 0.0, 0.0)
+        log.add("RFND", 1_000_000 * i, 500, 0, round(100 * depth), 25)  # the first one looks ahead
+    (tmp_path / "old.bin").write_bytes(log.data)
+    assert main([str(tmp_path / "old.bin"), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    soundings = read_run(tmp_path / "run").vehicles[0].soundings
+    assert len(soundings) == 50
+    assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
+
+
+def test_a_telemetry_log_of_two_vehicles_gives_the_first(tmp_path, capsys):
+    rows = survey()[:50]
+    other = rows + np.array([0.0, 0.01, 0.0, 9.0])
+    data = b"".join(telemetry(r[i : i + 1], system) for i in range(50) for system, r in ((1, rows), (2, other)))
+    (tmp_path / "two.tlog").write_bytes(data)
+    assert main([str(tmp_path / "two.tlog"), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    assert "left out: 100 messages of other vehicles\n" in capsys.readouterr().out
+    soundings = read_run(tmp_path / "run").vehicles[0].soundings
+    assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
+
+
+def test_a_wrong_time_does_not_fill_the_memory(tmp_path):
+    rows = survey()[:50]
+    rows[-1, 0] += 1e9  # 30 years
+    (tmp_path / "late.csv").write_text(table(rows))
+    assert main([str(tmp_path / "late.csv"), "--out", str(tmp_path / "run")]) == 0
+    assert len(read_run(tmp_path / "run").vehicles[0].odometry) == 50
 
 
 def test_a_truncated_log_is_imported_up_to_its_end(tmp_path):
