@@ -24,6 +24,8 @@ from auv_lse_planner.safety import Safety
 _DIAGNOSTICS_PERIOD_S = 10.0
 #: Without lockstep the state is republished after this time (s), for readers that missed it or started late.
 _HEARTBEAT_S = 1.0
+#: How long (s) the watch waits for a slow disk. The state is in memory by then, so a restarted node knows it.
+_DISK_WAIT_S = 0.2
 
 
 class SafetyNode(VehicleNode):
@@ -88,7 +90,7 @@ class SafetyNode(VehicleNode):
 
     def _keep(self) -> None:
         self._under_water = self._safety.watch.under_water
-        self.state.write(self._safety.snapshot())
+        self.state.write(self._safety.snapshot(), _DISK_WAIT_S)
 
     def step(self, now_s: float) -> None:
         """Checks the limits; publishes the state when it changes and, without lockstep, every second."""

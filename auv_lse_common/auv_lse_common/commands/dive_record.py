@@ -4,7 +4,7 @@ Theory of operation
 -------------------
 `begin` allocates the nodes' state files and then records the dive in a separate state file, `auv2.dive`. After the
 nodes have stopped, `end` marks the dive as over unless the vehicle is under water. The next start continues a dive that
-is not over and has the same mission file. A dive is also over if the vehicle was at the surface and the mission never
+is not over and has the same mission file and places. A dive is also over if the vehicle was at the surface and the mission never
 ran or has ended. If the record cannot be trusted, the nodes start with invalid state files: the vehicle surfaces and
 holds.
 """
@@ -12,14 +12,24 @@ holds.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import secrets
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile, allocate, invalidate, read_state
+from auv_lse_common.node.state_file import (
+    NODES,
+    START_VARIABLE,
+    StateFile,
+    allocate,
+    forget_copy,
+    invalidate,
+    read_state,
+)
 from auv_lse_common.process.dive import DIVE_VARIABLE
 from auv_lse_common.vocabulary.mission_run import RunState
 
@@ -35,19 +45,23 @@ class DiveRecord:
         continued: Folder for logs and recording of the dive to continue; None: a new dive begins.
     """
 
-    def __init__(self, folder: Path, vehicle: int, mission_file: Path) -> None:
+    def __init__(
+        self, folder: Path, vehicle: int, mission_file: Path, parameters: Mapping[str, Any] | None = None
+    ) -> None:
         """Reads the record; writes nothing.
 
         Args:
             folder: The folder of the record.
             vehicle: Number of the vehicle.
             mission_file: Its mission file; a different one means a new dive.
+            parameters: The parameters in it; different places in its places file mean a new dive, too.
         """
         self.continued: Path | None = None
         self._path = folder / f"auv{vehicle}.dive"
         self._vehicle = vehicle
         content = mission_file.read_bytes() if mission_file.is_file() else b""
-        self._mission = hashlib.sha256(f"{mission_file}\n".encode() + content).hexdigest()[:16]
+        values_text = json.dumps(parameters, sort_keys=True, default=str)
+        self._mission = hashlib.sha256(f"{mission_file}\n{values_text}\n".encode() + content).hexdigest()[:16]
         self._values: dict[str, Any] = {}
         self._file: StateFile | None = None
         try:
@@ -94,6 +108,8 @@ class DiveRecord:
             return
         self._values["over"] = True
         (self._file or StateFile(self._path, {})).write(self._values)
+        for node in NODES:
+            forget_copy(self._state_path(self._values["journals"], node))
 
     def _allocate(self, journals: Path) -> None:
         try:
@@ -131,7 +147,7 @@ class DiveRecord:
         """Whether a dive without an orderly end is over."""
         try:
             safety = self._safety(values)
-        except FileNotFoundError:  # somebody has cleared the folder
+        except FileNotFoundError:  # the folder was cleared
             return True
         if safety is None:
             return False

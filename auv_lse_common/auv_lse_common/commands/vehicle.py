@@ -157,9 +157,11 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
         ParameterError: as `crew_of`, or if `out` has a recording of another dive.
     """
     vehicle = vehicle_number(name)
-    own = parameters_for(read_parameter_file(file), f"/auv{vehicle}/settings")
+    patterns = read_parameter_file(file)
+    own = parameters_for(patterns, f"/auv{vehicle}/settings")
     new = (out or dives / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{vehicle}").resolve()
-    record = DiveRecord(new if out or simulated or "sim" in own else dives.resolve(), vehicle, file.resolve())
+    folder = new if out or simulated or "sim" in own else dives.resolve()
+    record = DiveRecord(folder, vehicle, file.resolve(), patterns)
     if record.continued is None and (new / "bag").exists():
         raise ParameterError(f"--out {new}: contains a recording, {new / 'bag'}; expected a folder without one")
     return record, new if out else record.continued or new

@@ -164,7 +164,8 @@ class VehicleNode(BaseNode):
         """Reports immediately that a file cannot be written."""
         found = self._find_storage_problem()
         if found != self._storage_problem:
-            self.get_logger().error(found)
+            if found:
+                self.get_logger().error(found)
             self.publish_health(now_s, self._health)
 
     # ------------------------------------------------------------------ topics

@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from auv_lse_common.commands.vehicle import crew_of, main, vehicle_number
+from auv_lse_common.commands.vehicle import crew_of, main, open_dive, vehicle_number
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import StateFile
+from auv_lse_common.vocabulary.mission_run import RunState
 
 FOR_ALL = {
     "mission": {"vehicles": 3},
@@ -46,6 +49,26 @@ def test_a_full_disk_keeps_no_vehicle_with_places_in_degrees_from_continuing(
     monkeypatch.setattr(Path, "write_text", full)
     assert crew(file).file == first
     assert first.read_text() == text
+
+
+def test_an_edited_places_file_begins_a_new_dive(tmp_path: Path) -> None:
+    places = tmp_path / "lake.geojson"
+    places.write_text((Path(__file__).parents[3] / "config" / "missions" / "lake.geojson").read_text())
+    file = write(tmp_path, area={"file": "lake.geojson"})
+
+    def opened():
+        return open_dive("auv2", file, None, tmp_path / "dives", False)[0]
+
+    record = opened()
+    folder = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")[FOLDER_VARIABLE]
+    state = StateFile(Path(folder) / "auv2.safety_node.state", {})
+    state.write({"run": {"state": int(RunState.RUNNING)}, "under_water": True})
+    assert opened().continued == tmp_path / "dive"
+    text = places.read_text()
+    places.write_text(text.replace("6.6065", "6.6066"))
+    assert opened().continued is None
+    places.write_text(text)
+    assert opened().continued == tmp_path / "dive"
 
 
 def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:

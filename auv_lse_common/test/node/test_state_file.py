@@ -7,12 +7,13 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from auv_lse_common.node import state_file
+from auv_lse_common.node import latest_writer, state_file
 from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES, StateFile, allocate, invalidate
 
 MISSION = {"vehicle": 2, "steps": 100}
@@ -199,3 +200,124 @@ def test_a_killed_process_leaves_a_whole_file(tmp_path: Path) -> None:
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert StateFile(path, {}).values
+
+
+@pytest.fixture
+def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "memory"
+    folder.mkdir()
+    monkeypatch.setattr(state_file, "MEMORY", folder)
+    return folder
+
+
+def _fail(*_arguments: object, **_options: object) -> None:
+    """A card whose writes fail, and that still opens and reads."""
+    raise OSError(5, "Input/output error")
+
+
+def test_a_card_that_only_reads_is_noticed_after_a_reboot(
+    tmp_path: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "safety.state"
+    StateFile(path, MISSION, start="a").write({"state": "running"})
+    for copy in memory.iterdir():
+        copy.unlink()  # as a reboot does
+    whole = StateFile(path, MISSION, start="b")
+    assert (whole.values, whole.rebooted, whole.lost) == ({"state": "running"}, True, "")
+    monkeypatch.setattr(state_file, "_write", _fail)
+    after = StateFile(path, MISSION, start="c")
+    assert after.values == {}
+    assert "Input/output error; the state of an earlier process is not trusted" in after.lost
+    monkeypatch.undo()
+    monkeypatch.setattr(state_file, "MEMORY", memory)
+    assert StateFile(path, MISSION, start="c").lost, "also by a node that restarts when the card writes again"
+
+
+def test_a_card_that_writes_other_bytes_is_noticed_after_a_reboot(
+    tmp_path: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "safety.state"
+    StateFile(path, MISSION, start="a").write({"state": "running"})
+    for copy in memory.iterdir():
+        copy.unlink()
+    monkeypatch.setattr(state_file, "_write", lambda file, data, offset: None)
+    assert "it reads other bytes than were written" in StateFile(path, MISSION, start="b").lost
+
+
+def test_a_node_restarts_with_its_last_state_while_the_card_fails(
+    tmp_path: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "safety.state"
+    first = StateFile(path, MISSION, start="a")
+    first.write({"state": "running"})
+    before = path.read_bytes()
+    monkeypatch.setattr(state_file, "_write", _fail)
+    monkeypatch.setattr(Path, "unlink", _fail)
+    assert not first.write({"state": "aborted"})
+    assert "after a reboot the vehicle would hold" in first.status
+    assert path.read_bytes() == before, "it could not be invalidated"
+    assert state_file.read_state(path) == {"state": "aborted"}
+    again = StateFile(path, MISSION, start="a")
+    assert (again.values, again.rebooted, again.lost) == ({"state": "aborted"}, False, "")
+    later = StateFile(path, MISSION, start="b")
+    assert (later.values, later.rebooted) == ({"state": "aborted"}, True)
+    monkeypatch.undo()
+    monkeypatch.setattr(state_file, "MEMORY", memory)
+    assert later.write({"state": "holding"}), "the card writes again"
+    for copy in memory.iterdir():
+        copy.unlink()
+    assert StateFile(path, MISSION, start="c").values == {"state": "holding"}
+
+
+def test_without_memory_and_card_an_old_state_is_not_trusted(
+    tmp_path: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "safety.state"
+    first = StateFile(path, MISSION, start="a")
+    first.write({"state": "running"})
+    before = path.read_bytes()
+    monkeypatch.setattr(os, "pwrite", lambda *_: 0)
+    assert not first.write({"state": "aborted"})
+    monkeypatch.undo()
+    monkeypatch.setattr(state_file, "MEMORY", memory)
+    path.write_bytes(before)  # the card did not take the mark either
+    assert state_file.read_state(path) is None
+    again = StateFile(path, MISSION, start="a")
+    assert again.values == {}
+    assert "an earlier process could not write it" in again.lost
+
+
+def test_a_copy_of_another_state_or_user_does_not_count(tmp_path: Path, memory: Path) -> None:
+    path = tmp_path / "safety.state"
+    StateFile(path, MISSION, start="a").write({"state": "running"})
+    (copy,) = memory.iterdir()
+    path.write_bytes(path.read_bytes()[:-1])
+    assert StateFile(path, MISSION, start="b").lost, "a damaged file after a reboot"
+    copy.unlink()
+    copy.symlink_to(path)
+    assert StateFile(path, MISSION, start="b").lost
+    assert path.stat().st_size == FILE_BYTES
+
+
+def test_a_slow_disk_does_not_stop_the_caller(tmp_path: Path, memory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "safety.state"
+    state = StateFile(path, MISSION, start="a")
+    assert state.write({"number": 0}, 20.0)
+    is_synced, sync = threading.Event(), state_file._write
+
+    def slow(file: int, data: bytes, offset: int) -> None:
+        is_synced.wait(60.0)
+        sync(file, data, offset)
+
+    monkeypatch.setattr(state_file, "_write", slow)
+    monkeypatch.setattr(latest_writer, "_LATE_S", 0.0)
+    for number in (1, 2, 3):
+        assert not state.write({"number": number}, 0.0)
+        assert state_file.read_state(path) == {"number": number}, "what a restarted node would know"
+    assert "the disk is slow" in state.status
+    is_synced.set()
+    assert state.write({"number": 4}), "without a limit it waits for the disk"
+    for copy in memory.iterdir():
+        copy.unlink()
+    assert state_file.read_state(path) == {"number": 4}
+    assert state.status == ""

@@ -28,7 +28,7 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.commands.security_policy import policy as policy_of
 from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.node.state_file import invalidate
+from auv_lse_common.node.state_file import START_VARIABLE, forget_copy, invalidate
 from auv_lse_common.topics.codecs import decode_mate_navigation
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.ros_conversions import header
@@ -39,6 +39,7 @@ from auv_lse_msgs.msg import (
     Bound,
     KernelCenters,
     MateNavigation,
+    MissionCommand,
     MissionState,
     ModemRx,
     ModemTx,
@@ -289,6 +290,38 @@ def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monke
         assert of_planner[0].level == DiagnosticStatus.ERROR
         assert "not trusted" in of_planner[0].message
         assert not waypoints, "a mission must not restart at its first leg"
+
+
+def test_the_watch_goes_on_while_the_disk_is_stuck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stuck = tmp_path / "stuck"
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, time\nsync = os.fdatasync\ndef slow(file):\n"
+        f"    while os.path.exists({str(stuck)!r}): time.sleep(0.05)\n    sync(file)\nos.fdatasync = slow\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "journal"))
+    monkeypatch.setenv(START_VARIABLE, "a")
+    with bench(tmp_path) as b:
+        b.start("auv_lse_planner", "safety_node", PARAMETERS)
+        states = b.collect(MissionState, "/auv1/mission/state", LATCHED)
+        diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
+        commands = b.publisher(MissionCommand, "/auv1/mission/command")
+        b.until(lambda: states and states[-1].state == MissionState.RUNNING, "a mission that runs")
+        stuck.touch()
+        try:
+            commands.publish(MissionCommand(command=MissionCommand.ABORT, source="me"))
+            b.until(lambda: states[-1].state == MissionState.ABORTED, "the abort")
+            states.clear()
+            b.until(lambda: len(states) > 2, "the state every second")
+            b.until(lambda: any("the disk is slow" in d.status[0].message for d in diagnostics), "diagnostics")
+            b.keepers[-1].stop()
+            states.clear()
+            b.start("auv_lse_planner", "safety_node", PARAMETERS)
+            b.until(lambda: states, "the state after the restart")
+            assert states[0].state == MissionState.ABORTED
+        finally:
+            stuck.unlink()
+            forget_copy(tmp_path / "journal" / "auv1.safety_node.state")
 
 
 def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path) -> None:
