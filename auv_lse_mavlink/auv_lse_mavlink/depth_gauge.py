@@ -72,6 +72,7 @@ class DepthGauge:
         latitude_deg: float | None,
         report: Callable[[Event], None],
         counts: Counter[str],
+        is_afloat: bool = False,
     ) -> None:
         """Starts without a zero.
 
@@ -80,12 +81,14 @@ class DepthGauge:
             latitude_deg: Latitude (deg); None: `MEAN_LATITUDE_DEG`.
             report: Takes events.
             counts: Counter for "bad_pressures", "zeros" and "zeros_refused".
+            is_afloat: Whether the vehicle travels at the surface only; without pressure its depth is then 0.
         """
         self.zero_pa = self.drift_m = self.offset_m = math.nan
         self._message, self._density = config.pressure, config.water_density_kgpm3
         self._latitude_deg = MEAN_LATITUDE_DEG if latitude_deg is None else latitude_deg
         self._limit_m, self._stale_s = config.depth_difference_m, config.stale_after_s
         self._report, self._counts = report, counts
+        self._is_boat = is_afloat and not self.is_used
         self._refusal = ""  # why the last zero was refused
         self._may_zero = self._has_fix = self._has_dived = self._is_ready = False
         self._zeroing: deque[float] = deque(maxlen=MOST_SAMPLES)  # pressures (Pa) while the zero may be set
@@ -173,6 +176,8 @@ class DepthGauge:
         """Depth below the surface (m); `own_m` is the autopilot's own, returned if no better one is known."""
         if self.is_used and now_s - self._pressure_s <= self._stale_s:
             return self._depth_m
+        if self._is_boat:
+            return 0.0  # its own depth follows waves and errors of GPS
         return own_m if math.isnan(self.offset_m) else self._own_m - self.offset_m
 
     @property

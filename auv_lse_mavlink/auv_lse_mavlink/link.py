@@ -121,11 +121,10 @@ class VehicleLink:
         self._origin = OriginExchange(
             origin, self._autopilot, config.set_origin, self.send, self._report_problem, self.counts
         )
-        self._targets = TargetSender(
-            config, self._autopilot, limits or TargetLimits(), self.send, self._report_event, self.counts
-        )
+        limits = limits or TargetLimits()
+        self._targets = TargetSender(config, self._autopilot, limits, self.send, self._report_event, self.counts)
         latitude_deg = None if origin is None else origin.lat_deg
-        self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts)
+        self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._battery, self._battery_v = math.nan, math.nan

@@ -54,11 +54,19 @@ MAX_TARGETS = 64
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class TargetLimits:
-    """Limits of targets: the fence that they must lie in (None: anywhere), the greatest depth and turn radius (m)."""
+    """Limits of targets.
+
+    Attributes:
+        fence: Where they must lie; None: anywhere.
+        deepest_m: Greatest depth (m).
+        turn_radius_m: Turn radius (m).
+        is_afloat: Whether the vehicle travels at the surface only (`vehicle.depth_m: 0`).
+    """
 
     fence: Fence | None = None
     deepest_m: float = math.inf
     turn_radius_m: float = MotionConfig().turn_radius_m
+    is_afloat: bool = False
 
     def check(self, target: Target, place: AutopilotEstimate | None) -> None:
         """Checks a target; one that leads a vehicle outside the fence back towards it passes.
@@ -98,7 +106,9 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
     has_fence = is_given(parameters, "area.polygon_m")
     fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
     radius_m = section(MotionConfig, parameters, "motion", where).turn_radius_m
-    return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m)
+    return TargetLimits(
+        fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m, is_afloat=depth_m == 0.0
+    )
 
 
 class TargetSender:

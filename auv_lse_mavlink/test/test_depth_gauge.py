@@ -232,3 +232,12 @@ def test_a_vehicle_without_a_pressure_sensor_keeps_the_autopilots_depth():
     water = Water(pressure="none").wait(5, pressure=False)
     assert water.shown_m == 8.0
     assert (water.gauge.shift_m, water.problem, water.gauge.is_ready) == (0.0, "", True)
+
+
+def test_a_boat_is_at_the_surface_whatever_its_autopilot_reports():
+    def shown_m(pressure, is_afloat):
+        gauge = DepthGauge(LinkConfig(kind="mavlink", pressure=pressure), None, print, Counter(), is_afloat)
+        gauge.own_depth(0.0, 8.0)
+        return gauge.depth_m(0.0, 8.0)
+
+    assert (shown_m("none", True), shown_m("none", False), shown_m("SCALED_PRESSURE2", True)) == (0.0, 8.0, 8.0)

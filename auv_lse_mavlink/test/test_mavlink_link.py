@@ -809,6 +809,9 @@ def test_invalid_limits_are_reported():
     with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m: .*at least 3 corners"):
         target_limits({"area": {"polygon_m": [0.0, 1.0]}}, "m.yaml")
     assert target_limits({}, "m.yaml").deepest_m == 10.0
+    assert not target_limits({}, "m.yaml").is_afloat
+    boat = Autopilot(limits=target_limits({"vehicle": {"depth_m": 0.0}}, "m.yaml"))
+    assert boat.link.gauge.depth_m(0.0, 2.5) == 0.0
 
 
 def test_the_autopilot_reports_mode_charge_and_a_leak():

@@ -4,9 +4,9 @@ Theory of operation
 -------------------
 `begin` allocates the nodes' state files and then records the dive in a separate state file, `auv2.dive`. After the
 nodes have stopped, `end` marks the dive as over unless the vehicle is under water. The next start continues a dive that
-is not over and has the same mission file and places. A dive is also over if the vehicle was at the surface and the mission never
-ran or has ended. If the record cannot be trusted, the nodes start with invalid state files: the vehicle surfaces and
-holds.
+is not over and has the same mission file and places. A dive is also over if the vehicle was at the surface and the
+mission never ran or has ended. If the record cannot be trusted, the nodes start with invalid state files: the vehicle
+surfaces and holds.
 """
 
 from __future__ import annotations

@@ -104,6 +104,11 @@ def is_foreign(topic: Topic, sender: str, own: str) -> bool:
 _DRIVERS = ("vehicle_link_node", "micromodem_node")
 #: How long (s) another dive counts as present after its last message.
 _PRESENT_S = 60.0
+#: Number of other dives that a node names; further ones are counted together.
+_MAX_NAMED = 8
+_FURTHER = "one of several further dives"
+#: Characters of an id that are reported; it is text from the network.
+_MAX_NAME = 40
 
 
 class Strangers:
@@ -125,8 +130,12 @@ class Strangers:
         """
         if not is_foreign(topic, sender, self._own):
             return False
-        if now_s - self._heard_s.get(sender, now_s) > _PRESENT_S:
-            del self._counts[sender]
+        for name, heard_s in list(self._heard_s.items()):
+            if now_s - heard_s > _PRESENT_S:
+                del self._counts[name], self._heard_s[name]
+        sender = sender[:_MAX_NAME]
+        if sender not in self._counts and len(self._counts) >= _MAX_NAMED:
+            sender = _FURTHER
         counts = self._counts.setdefault(sender, {})
         counts[topic.name] = counts.get(topic.name, 0) + 1
         self._heard_s[sender] = now_s
@@ -139,7 +148,7 @@ class Strangers:
             now_s: A monotonic clock.
         """
         return {
-            sender: f"{sender or 'somebody without an id'} publishes in this ROS domain, too: {sum(counts.values())} "
+            sender: f"{sender or 'a sender without an id'} publishes in this ROS domain, too: {sum(counts.values())} "
             f"messages ignored ({', '.join(counts)}). End it, or use another domain"
             for sender, counts in self._counts.items()
             if now_s - self._heard_s[sender] <= _PRESENT_S

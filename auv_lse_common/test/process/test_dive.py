@@ -104,3 +104,17 @@ def test_strangers_are_counted_and_forgotten_after_a_minute():
     assert strangers.problems(70.0) == {}
     assert strangers.ignores(odometry, OTHER, 100.0)
     assert ": 1 messages" in strangers.problems(100.0)[OTHER]
+
+
+def test_a_flood_of_ids_is_counted_together():
+    strangers, odometry = Strangers(DIVE), VEHICLE_TOPICS["odometry"]
+    for number in range(1000):
+        assert strangers.ignores(odometry, f"auv2-1123-184534-{number:04x}", 1.0)
+    assert strangers.ignores(odometry, "x" * 1000, 1.0)
+    found = strangers.problems(1.0)
+    assert len(found) == 9
+    assert found["one of several further dives"].startswith(
+        "one of several further dives publishes in this ROS domain, too: 993 "
+    )
+    assert strangers.ignores(odometry, "x" * 1000, 100.0)
+    assert list(strangers.problems(100.0)) == ["x" * 40], "the others are gone"

@@ -6,6 +6,7 @@ import threading
 
 import pytest
 
+from auv_lse_shore.live.viewers import origin_gate
 from auv_lse_shore.live.viewers.origin_gate import MAX_REQUEST, OriginGate, hidden_address, refusal
 
 HOSTS, ORIGINS = {"127.0.0.1:8765", "localhost:8765"}, {"https://app.foxglove.dev"}
@@ -97,3 +98,32 @@ def test_bytes_pass_both_ways_and_refusals_are_answered_and_reported_once():
         client = socket.create_connection(("127.0.0.1", found.port), 10.0)
     with contextlib.suppress(OSError), client:
         assert client.recv(1) == b"", "closed with the gate"
+
+
+def test_errors_of_the_system_do_not_end_the_gate(monkeypatch):
+    class Exhausted(socket.socket):
+        left = 2
+
+        def accept(self):
+            if Exhausted.left:
+                Exhausted.left -= 1
+                raise OSError(24, "Too many open files")
+            return super().accept()
+
+    real = socket.create_server
+
+    def create_server(address):
+        with real(address) as listener:
+            return Exhausted(fileno=listener.detach())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(origin_gate, "_RETRY_S", 0.0)
+        patch.setattr(socket, "create_server", create_server)
+        said = []
+        found = OriginGate("127.0.0.1", 0, ORIGINS, said.append)
+    with socket.create_connection(("127.0.0.1", found.port), 20.0) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\n\r\n")
+        assert connection.recv(100).startswith(b"HTTP/1.1 403")
+    found.close()
+    assert said[0] == "cannot open connections: [Errno 24] Too many open files; retrying"
+    assert found.failures == 2, "closing is no failure"

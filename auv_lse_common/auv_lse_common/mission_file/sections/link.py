@@ -60,7 +60,7 @@ class LinkConfig:
     pressure: str = parameter(
         "SCALED_PRESSURE2",
         choices=("none", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"),
-        help="message with the water's pressure, for depth; none: no sensor, as on a boat",
+        help="message with the water's pressure, for depth; none: no sensor; with vehicle.depth_m 0, depth is then 0",
     )
     water_density_kgpm3: float = parameter(
         1000.0, unit="kg/m3", low=980.0, high=1080.0, help="density of the water: 1000 fresh, about 1025 sea"

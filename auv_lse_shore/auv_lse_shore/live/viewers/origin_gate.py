@@ -18,6 +18,8 @@ from collections.abc import Callable, Collection
 
 #: Longest first request (bytes), longest wait for it (s), and largest number of connections at a time.
 MAX_REQUEST, REQUEST_S, MAX_CONNECTIONS = 1 << 14, 5.0, 32
+#: Time (s) after which the gate accepts again when the system has refused, such as for lack of file descriptors.
+_RETRY_S = 0.2
 _END = b"\r\n\r\n"
 #: Pages that a program on this machine serves.
 _LOCAL = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d{1,5})?")
@@ -58,6 +60,7 @@ class OriginGate:
     Attributes:
         port: Its number.
         server: Address and port of the server.
+        failures: Number of connections that the system could not open.
     """
 
     def __init__(self, address: str, port: int, origins: Collection[str], report: Callable[[str], None]) -> None:
@@ -67,7 +70,7 @@ class OriginGate:
             address: Address to listen on.
             port: Port to listen on.
             origins: Pages that may connect, besides those of this machine.
-            report: Takes why a connection was refused, from any thread; each reason once.
+            report: Takes why a connection was refused or failed, from any thread; each reason once.
 
         Raises:
             OSError: if the port is in use.
@@ -80,10 +83,13 @@ class OriginGate:
         self._origins = {origin.lower() for origin in origins}
         self._open: set[socket.socket] = set()
         self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self.failures = 0
         threading.Thread(target=self._listen, name="foxglove gate", daemon=True).start()
 
     def close(self) -> None:
         """Stops listening and closes every connection."""
+        self._closed.set()
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -92,27 +98,48 @@ class OriginGate:
                 _shut(connection)
 
     def _listen(self) -> None:
-        while True:
+        while not self._closed.is_set():
             try:
                 client, _ = self._listener.accept()
-            except OSError:
-                return  # closed
+            except OSError as error:
+                self._fail(error)
+                continue
             with self._lock:
                 full = len(self._open) >= 2 * MAX_CONNECTIONS
                 if not full:
                     self._open.add(client)
             if full:
                 client.close()
-            else:
+                continue
+            try:
                 threading.Thread(target=self._serve, args=(client,), daemon=True).start()
+            except RuntimeError as error:  # no more threads
+                self._drop(client)
+                self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """Counts and reports an error of the system, and waits; after `close` does nothing."""
+        if self._closed.is_set():
+            return
+        self.failures += 1
+        self._report_once(f"cannot open connections: {error}; retrying")
+        self._closed.wait(_RETRY_S)
+
+    def _report_once(self, text: str) -> None:
+        with self._lock:
+            new = text not in self._reported and len(self._reported) < MAX_CONNECTIONS
+            if new:
+                self._reported.add(text)
+        if new:
+            self._report(text)
+
+    def _drop(self, side: socket.socket) -> None:
+        side.close()
+        with self._lock:
+            self._open.discard(side)
 
     def _refuse(self, client: socket.socket, reason: str) -> None:
-        with self._lock:
-            new = reason not in self._reported and len(self._reported) < MAX_CONNECTIONS
-            if new:
-                self._reported.add(reason)
-        if new:
-            self._report(f"refused: {reason}")
+        self._report_once(f"refused: {reason}")
         body = f"refused: {reason}\n".encode("ascii", "replace")
         head = f"HTTP/1.1 403 Forbidden\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n"
         client.sendall(head.encode() + body)
@@ -139,9 +166,7 @@ class OriginGate:
             pass  # either side is gone
         finally:
             for side in filter(None, (client, server)):
-                side.close()
-                with self._lock:
-                    self._open.discard(side)
+                self._drop(side)
 
 
 def _first_request(client: socket.socket) -> tuple[bytes, bytes]:
