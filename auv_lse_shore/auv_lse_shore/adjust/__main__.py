@@ -11,6 +11,8 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
 from auv_lse_shore.export.export import write_export
+from auv_lse_shore.export.options import add_survey_options, survey_of
+from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import adjusted_map, mission_settings
 from auv_lse_shore.places.adjustment import adjust
 from auv_lse_shore.places.recordings import missing_in
@@ -31,6 +33,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings without one")
     p.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: adjusted in the first RUN)")
+    add_survey_options(p)
     return p
 
 
@@ -40,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
     try:
-        for line in adjusted(options.runs, folder, options.mission):
+        for line in adjusted(options.runs, folder, options.mission, survey_of(options)):
             print(line, flush=True)
     except (ValueError, OSError) as error:
         print(f"error: {error_text(error)}", file=sys.stderr)
@@ -51,17 +54,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -> Iterator[str]:
+def adjusted(
+    paths: Sequence[Path], folder: Path, mission: Path | None = None, survey: Survey | None = None
+) -> Iterator[str]:
     """Adjusts the runs at `paths` into `folder`; yields its progress, line by line.
 
+    Args:
+        paths: Run folders or recordings.
+        folder: Where the files go, made if needed.
+        mission: Mission file of recordings without one.
+        survey: Corrections of the depths.
+
     Raises:
+        SurveyError: if a correction does not cover a recording.
         AdjustError: if nothing can be adjusted, naming what is missing.
         RecordingError, ParameterError: if a run cannot be read.
     """
-    runs = []
+    survey, runs = survey or Survey(), []
     for path in paths:
         yield f"reading {path}"
-        runs.append(read_run(path, mission=mission))
+        runs.append(survey.reduce(read_run(path, mission=mission)))
         for vehicle in runs[-1].vehicles:
             if missing := missing_in(vehicle):
                 yield f"  auv{vehicle.vehicle}: {missing}; its soundings are not moved"
@@ -77,7 +89,7 @@ def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -
     count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
     yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
-    yield from write_export(team, folder)
+    yield from write_export(team, folder, survey)
 
 
 if __name__ == "__main__":

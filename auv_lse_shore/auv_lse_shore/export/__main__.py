@@ -10,6 +10,7 @@ from pathlib import Path
 from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.export.export import export
 from auv_lse_shore.export.formats import formats
+from auv_lse_shore.export.options import add_survey_options, survey_of
 
 
 def parser() -> argparse.ArgumentParser:
@@ -26,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("run", type=Path, metavar="RUN", help="run folder, with mission.yaml and bag/")
     p.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: RUN/export)")
     p.add_argument("--picture", action="store_true", help="also draw export.png from the written files")
+    add_survey_options(p)
     return p
 
 
@@ -34,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     folder = options.out or options.run / "export"
     try:
-        for line in export(options.run, folder, picture=options.picture):
+        for line in export(options.run, folder, picture=options.picture, survey=survey_of(options)):
             print(line, flush=True)
     except (ValueError, OSError) as error:
         print(f"error: {error_text(error)}", file=sys.stderr)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import TeamMap
 
 Array = NDArray[np.float64]
@@ -84,22 +85,28 @@ class Export:
     Attributes:
         team: The mission's map and isobath; its `run` has the soundings.
         folder: Where the files go; it exists.
+        survey: Corrections that the depths of `team` have, and what products are asked for.
     """
 
     team: TeamMap
     folder: Path
+    survey: Survey = field(default_factory=Survey)
 
     @property
     def reference(self) -> Reference:
         """The coordinates of all files."""
         return Reference(origin=self.team.run.origin)
 
+    def metadata(self) -> dict[str, str]:
+        """Coordinates, vertical datum, corrections and uncertainties in words, for the files' metadata."""
+        return {"coordinates": self.reference.describe(), **self.survey.describe()}
+
     def rasters(self) -> Iterator[Raster]:
         """The maps."""
-        field = self.team.field
-        yield Raster("risk", "Bayes risk of the better classification", "cost per place", field.risk)
-        yield Raster("depth", "depth of water, positive down", "m", field.mean_m)
-        yield Raster("std", "standard deviation of the depth", "m", field.std_m)
+        cells = self.team.field
+        yield Raster("risk", "Bayes risk of the better classification", "cost per place", cells.risk)
+        yield Raster("depth", "depth of water, positive down", "m", cells.mean_m)
+        yield Raster("std", "standard deviation of the depth", "m", cells.std_m)
 
     def corner(self) -> tuple[float, float]:
         """East and north (m) of the south-western corner of the maps, half a cell outside of its center."""

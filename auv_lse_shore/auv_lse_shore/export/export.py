@@ -9,22 +9,25 @@ from types import ModuleType
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.export.content import Export, ExportError
 from auv_lse_shore.export.formats import formats
+from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.team_map import TeamMap, team_map
 
 
-def export(run_folder: Path, folder: Path, picture: bool = False) -> Iterator[str]:
+def export(run_folder: Path, folder: Path, picture: bool = False, survey: Survey | None = None) -> Iterator[str]:
     """Exports a run folder in every format into `folder`, which is made if needed; yields its progress, line by line.
 
     Raises:
+        SurveyError: if a correction does not cover the recording.
         ExportError: if a format cannot be written.
         RecordingError, ParameterError: if the run folder cannot be read.
     """
     for module in formats():
         _check(module)
     yield f"reading {run_folder}"
-    run = read_run(run_folder)
+    survey = survey or Survey()
+    run = survey.reduce(read_run(run_folder))
     yield f"mapping {sum(len(v.soundings) for v in run.vehicles)} soundings"
-    yield from write_export(team_map(run), folder)
+    yield from write_export(team_map(run), folder, survey)
     if picture:
         from auv_lse_shore.export.picture import draw_export
 
@@ -32,10 +35,16 @@ def export(run_folder: Path, folder: Path, picture: bool = False) -> Iterator[st
         yield "  export.png"
 
 
-def write_export(team: TeamMap, folder: Path) -> Iterator[str]:
-    """Writes every format that can be written; yields what it has written, line by line."""
+def write_export(team: TeamMap, folder: Path, survey: Survey) -> Iterator[str]:
+    """Writes every format that can be written; yields what it has written, line by line.
+
+    Args:
+        team: The map, from soundings that `survey` has reduced.
+        folder: Where the files go, made if needed.
+        survey: The corrections.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    content = Export(team=team, folder=folder)
+    content = Export(team=team, folder=folder, survey=survey)
     yield f"writing to {folder}"
     for module in formats():
         try:
@@ -45,6 +54,7 @@ def write_export(team: TeamMap, folder: Path) -> Iterator[str]:
         else:
             yield f"  {module.write(content)}"
     yield f"coordinates: {content.reference.describe()}"
+    yield f"depths refer to: {survey.vertical_datum}"
 
 
 def _check(module: ModuleType) -> None:

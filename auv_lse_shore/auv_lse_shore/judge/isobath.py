@@ -98,7 +98,9 @@ def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
 
 
 def geojson_of(
-    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]], origin: tuple[float, float] | None
+    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],
+    origin: tuple[float, float] | None,
+    metadata: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Lines as GeoJSON (RFC 7946).
 
@@ -108,8 +110,11 @@ def geojson_of(
     Args:
         features: Pairs of properties and the lines (n, 2) of north, east (m) that they describe.
         origin: Latitude and longitude (deg) of north = east = 0, or None.
+        metadata: Further member of the collection.
     """
     collection: dict[str, Any] = {"type": "FeatureCollection", "features": []}
+    if metadata:
+        collection["metadata"] = dict(metadata)
     for properties, lines in features:
         coordinates = []
         for line in lines:
@@ -134,6 +139,7 @@ def write_geojson(
     path: Path,
     features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],
     origin: tuple[float, float] | None,
+    metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Writes the file with what `geojson_of` returns."""
-    path.write_text(json.dumps(geojson_of(features, origin), allow_nan=False, indent=1))
+    path.write_text(json.dumps(geojson_of(features, origin, metadata), allow_nan=False, indent=1))

@@ -134,7 +134,13 @@ def sounded_places(run: RunData) -> Array:
     )
 
 
-def write_isobath(team: TeamMap, path: Path, origin: tuple[float, float] | None, truth: list[Array]) -> None:
+def write_isobath(
+    team: TeamMap,
+    path: Path,
+    origin: tuple[float, float] | None,
+    truth: list[Array],
+    metadata: Mapping[str, str] | None = None,
+) -> None:
     """Writes the estimated isobath, its uncertainty band and, where known, the true isobath as GeoJSON.
 
     Each piece of the estimate is a feature with its class (found, likely, guessed), the reason why it is not found,
@@ -145,6 +151,7 @@ def write_isobath(team: TeamMap, path: Path, origin: tuple[float, float] | None,
         path: File to write.
         origin: Latitude and longitude (deg) of north = east = 0, or None: then coordinates are local metres.
         truth: Lines of the true isobath; empty where it is not known.
+        metadata: Further member of the collection.
     """
     common = {
         "depth_m": team.level_m,
@@ -170,7 +177,7 @@ def write_isobath(team: TeamMap, path: Path, origin: tuple[float, float] | None,
     features.append(({"name": f"deep edge of the {band}", "class": "band", **common}, team.isobath.deep_edge))
     if truth:
         features.append(({"name": "true isobath", "class": "true", **common}, truth))
-    write_geojson(path, features, origin)
+    write_geojson(path, features, origin, metadata)
 
 
 def _finite(value: float) -> float | None:

@@ -53,5 +53,5 @@ def write(export: Export) -> str:
             file.write(raster.northern_row_first.astype(np.float32), 1)
             file.set_band_description(1, raster.meaning)
             file.set_band_unit(1, raster.unit)
-            file.update_tags(coordinates=reference.describe())
+            file.update_tags(**export.metadata())
     return ", ".join(f"{raster.name}.tif" for raster in export.rasters())

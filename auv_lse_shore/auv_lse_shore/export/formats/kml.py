@@ -42,6 +42,7 @@ def write(export: Export) -> str:
     root = Element("kml", xmlns=NAMESPACE)
     document = SubElement(root, "Document")
     SubElement(document, "name").text = f"{team.level_m:g} m isobath"
+    SubElement(document, "description").text = "; ".join(f"{key}: {text}" for key, text in export.metadata().items())
     for kind, (color, width) in STYLES.items():
         line = SubElement(SubElement(document, "Style", id=kind), "LineStyle")
         SubElement(line, "color").text = color

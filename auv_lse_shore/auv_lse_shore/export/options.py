@@ -1,0 +1,175 @@
+"""Options of scripts/export and scripts/adjust that describe a survey."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import datetime
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
+
+Array = NDArray[np.float64]
+
+#: Names of the uncertainties on the command line, and their fields.
+_STDS = {
+    "sounder": "sounder_m",
+    "pressure": "pressure_m",
+    "sound-speed": "sound_speed_mps",
+    "water-level": "water_level_m",
+}
+#: Largest number of contour levels.
+_MAX_LEVELS = 1000
+
+
+def add_survey_options(p: argparse.ArgumentParser) -> None:
+    """Adds the options."""
+    group = p.add_argument_group("survey")
+    group.add_argument(
+        "--water-level",
+        metavar="M|CSV",
+        help="height of the water surface above the datum: a number, or a table (time_s or time_utc, level_m); it is "
+        "subtracted from every depth",
+    )
+    group.add_argument("--datum", default="", metavar="NAME", help='vertical datum of the depths, such as "LN02"')
+    group.add_argument(
+        "--sound-speed",
+        metavar="MPS|CSV",
+        help="sound speed in the water: a number, or a profile (depth_m, sound_speed_mps); it corrects every depth",
+    )
+    group.add_argument(
+        "--sounder-speed",
+        type=float,
+        default=USUAL_SOUNDER_SPEED_MPS,
+        metavar="MPS",
+        help="sound speed set in the sounder during the dive (default: %(default)g)",
+    )
+    group.add_argument(
+        "--std",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="standard deviations for the total uncertainties: sounder (m; default gp.noise_std_m), pressure (0.05 m), "
+        "sound-speed (5 m/s), water-level (0.05 m)",
+    )
+    group.add_argument("--crs", default="", metavar="CRS", help="of chart.tif and chart.bag (default: the UTM zone)")
+    group.add_argument("--contours", default="", metavar="M,M,...", help="depths of the lines in contours.geojson")
+    group.add_argument("--contour-interval", type=float, default=0.0, metavar="M", help="interval of further lines")
+    group.add_argument(
+        "--provider", nargs=2, metavar=("NAME", "EMAIL"), help="who submits soundings_b12.geojson; without it, it is "
+        "not written",
+    )  # fmt: skip
+
+
+def survey_of(options: argparse.Namespace) -> Survey:
+    """The survey that options describe.
+
+    Raises:
+        SurveyError: naming the option.
+        OSError: if a file cannot be read.
+    """
+    sources = {}
+    for name, given in (("water level", options.water_level), ("sound speed", options.sound_speed)):
+        if given is not None:
+            sources[name] = "constant" if _number(given) is not None else Path(given).name
+    if not 1000.0 <= options.sounder_speed <= 2000.0:
+        raise SurveyError(f"--sounder-speed: got {options.sounder_speed:g}; expected 1000 to 2000 m/s")
+    if not (math.isfinite(options.contour_interval) and options.contour_interval >= 0.0):
+        raise SurveyError(f"--contour-interval: got {options.contour_interval:g}; expected more than 0 m")
+    return Survey(
+        water_level=_water_level(options.water_level),
+        datum=options.datum.strip(),
+        sound_speed=_sound_speed(options.sound_speed),
+        sounder_speed_mps=options.sounder_speed,
+        std=_uncertainties(options.std),
+        crs=options.crs.strip(),
+        contour_levels_m=_levels(options.contours),
+        contour_interval_m=options.contour_interval,
+        provider=None if options.provider is None else (options.provider[0], options.provider[1]),
+        sources=sources,
+    )
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _uncertainties(pairs: list[str]) -> Uncertainties:
+    values = {}
+    for pair in pairs:
+        name, _, text = pair.partition("=")
+        value = _number(text)
+        if name not in _STDS or value is None or value < 0.0:
+            raise SurveyError(f"--std: got {pair}; expected NAME=VALUE with NAME {', '.join(_STDS)} and VALUE >= 0")
+        values[_STDS[name]] = value
+    return Uncertainties(**values)
+
+
+def _levels(text: str) -> tuple[float, ...]:
+    parts = [part for part in text.split(",") if part.strip()]
+    levels = [_number(part) for part in parts]
+    if None in levels or len(levels) > _MAX_LEVELS:
+        raise SurveyError(f"--contours: got {text}; expected at most {_MAX_LEVELS} depths, such as 5,10,15")
+    return tuple(sorted({level for level in levels if level is not None}))
+
+
+def _water_level(given: str | None) -> Array | None:
+    if given is None:
+        return None
+    if (constant := _number(given)) is not None:
+        return np.array([[0.0, constant]])
+    return _table(Path(given), "--water-level", ("time_s", "time_utc"), "level_m")
+
+
+def _sound_speed(given: str | None) -> Array | None:
+    if given is None:
+        return None
+    constant = _number(given)
+    profile = np.array([[0.0, constant]]) if constant is not None else None
+    if profile is None:
+        profile = _table(Path(given), "--sound-speed", ("depth_m",), "sound_speed_mps")
+    low, high = profile[:, 1].min(), profile[:, 1].max()
+    if low < 1000.0 or high > 2000.0:
+        raise SurveyError(f"--sound-speed: got {low:g} to {high:g}; expected 1000 to 2000 m/s")
+    return profile
+
+
+def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Array:
+    """Rows of two columns of a CSV file, by increasing first column."""
+    expected = f"expected a CSV file with columns {' or '.join(firsts)}, {second}"
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            first = next((name for name in firsts if name in (reader.fieldnames or ())), None)
+            if first is None or second not in (reader.fieldnames or ()):
+                raise SurveyError(f"{option} {path}: got columns {reader.fieldnames}; {expected}")
+            rows = []
+            for row in reader:
+                value = _utc_s(row[first]) if first == "time_utc" else _number(row[first] or "")
+                level = _number(row[second] or "")
+                if value is None or level is None:
+                    raise SurveyError(f"{option} {path}: line {reader.line_num} got {row}; expected numbers")
+                rows.append((value, level))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise SurveyError(f"{option} {path}: {error}; {expected}") from error
+    table = np.array(rows).reshape(-1, 2)
+    if not len(table) or (np.diff(table[:, 0]) <= 0.0).any():
+        raise SurveyError(f"{option} {path}: got {len(table)} rows; {expected}, in increasing order, each value once")
+    return table
+
+
+def _utc_s(text: str | None) -> float | None:
+    """Seconds since 1970 of an ISO 8601 time, UTC unless it names another zone."""
+    try:
+        time = datetime.datetime.fromisoformat((text or "").strip().replace("Z", "+00:00"))
+    except ValueError:
+        return None
+    return (time if time.tzinfo else time.replace(tzinfo=datetime.UTC)).timestamp()

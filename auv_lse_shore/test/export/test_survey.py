@@ -1,0 +1,248 @@
+"""A made-up lake whose answers are known: water level, sound speed, uncertainties and orders, and the chart's files."""
+
+import copy
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+from pyproj import Transformer
+
+from auv_lse_record.run_writer import write_run
+from auv_lse_shore.export.__main__ import main
+from auv_lse_shore.export.content import Export
+from auv_lse_shore.export.export import write_export
+from auv_lse_shore.export.formats import crowdsourced
+from auv_lse_shore.export.formats.geotiff import rasterio
+from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
+from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
+from auv_lse_shore.judge.team_map import team_map
+
+ORIGIN = (46.5, 6.6)
+#: The lake's surface sinks by 0.4 m in 20 minutes; its water is slower than the sounder assumed.
+WATER_LEVEL = "time_s,level_m\n0,372.4\n1200,372.0\n"
+PROFILE = "depth_m,sound_speed_mps\n0,1480\n40,1440\n"
+DATUM = "LN02 (372 m)"
+
+
+def recorded(run):
+    """The run as it would be recorded in that lake: depths below the moment's surface, as the sounder computed them."""
+    run = copy.deepcopy(run)
+    for vehicle in run.vehicles:
+        s, z0 = vehicle.soundings, vehicle_depth_m(run, vehicle)
+        below_surface = s.depth_m + np.interp(s.stamp_s, [0.0, 1200.0], [0.4, 0.0])
+        travel_s = -np.log((1480.0 - below_surface) / (1480.0 - z0))  # c = 1480 - z: integral of 1 / c from z0
+        vehicle.soundings = dataclasses.replace(s, depth_m=z0 + 1500.0 * travel_s)
+    return run
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory, synthetic_run):
+    """The export of that recording, and the map of the true depths."""
+    run = synthetic_run(steps=12)
+    run.ground = None
+    run.parameters["/**"]["area"].update(origin_lat_deg=ORIGIN[0], origin_lon_deg=ORIGIN[1])
+    folder = tmp_path_factory.mktemp("lake") / "run"
+    write_run(recorded(run), folder)
+    (folder / "level.csv").write_text(WATER_LEVEL.replace("372.", "0."))
+    (folder / "profile.csv").write_text(PROFILE)
+    level, profile = str(folder / "level.csv"), str(folder / "profile.csv")
+    options = ["--contours", "12,99", "--contour-interval", "5", "--datum", DATUM]
+    assert main([str(folder), "--water-level", level, "--sound-speed", profile, *options]) == 0
+    return folder / "export", team_map(dataclasses.replace(run, origin=ORIGIN))
+
+
+def test_depths_are_reduced_to_the_datum(lake):
+    folder, team = lake
+    depths = np.loadtxt(folder / "soundings.csv", delimiter=",", skiprows=1, usecols=4)
+    true = np.concatenate([v.soundings.rows[:, [0, 3]] for v in team.run.vehicles])
+    # Both are in order of time; two vehicles share stamps, so each time's depths are compared in order.
+    times = np.loadtxt(folder / "soundings.csv", delimiter=",", skiprows=1, usecols=0)
+    seen, expected = np.column_stack([times, depths]), true
+    for rows in (seen, expected):
+        rows[:] = rows[np.lexsort((rows[:, 1], rows[:, 0].round(3)))]
+    np.testing.assert_allclose(seen[:, 1], expected[:, 1], atol=2e-3)
+    with rasterio().open(folder / "depth.tif") as file:
+        np.testing.assert_allclose(file.read(1)[::-1], team.field.mean_m, atol=0.02)
+
+
+def test_the_chart_in_utm_is_the_map_as_cloud_optimized_geotiff_and_bag(lake):
+    folder, team = lake
+    grid = team.field.grid
+    to_utm = Transformer.from_crs(team_crs(folder), "EPSG:32632", always_xy=True)
+    rows, columns = np.nonzero(grid.inside)
+    inner = (rows > 3) & (rows < rows.max() - 3) & (columns > 3) & (columns < columns.max() - 3)
+    rows, columns = rows[inner][::37], columns[inner][::37]
+    places = np.column_stack(to_utm.transform(grid.east_m[columns], grid.north_m[rows]))
+    survey_tvu = cell_tvu_m(team, Survey(sound_speed=np.array([[0.0, 1460.0]])))[rows, columns]
+    for name, sign in (("chart.tif", 1.0), ("chart.bag", -1.0)):
+        with rasterio().open(folder / name) as file:
+            assert "UTM zone 32N" in file.crs.to_wkt()
+            values = np.array(list(file.sample(places)))
+            known = np.array(file.nodata) != values[:, 0]
+            assert known.all()
+            # Sampled at the nearest of cells of 6 m, on a slope of 1 in 15
+            np.testing.assert_allclose(sign * values[:, 0], team.field.mean_m[rows, columns], atol=0.35)
+            assert np.median(values[:, 1] / survey_tvu) == pytest.approx(1.0, abs=0.05)
+            if name == "chart.tif":
+                assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+                assert file.tags()["vertical_datum"] == DATUM
+                expected = orders_met(np.zeros(len(values)), values[:, 1], values[:, 0])
+                np.testing.assert_array_equal(values[:, 2], expected)
+            else:
+                assert file.driver == "BAG"
+                assert file.descriptions == ("elevation", "uncertainty")
+                assert f'VERT_DATUM["{DATUM}"'.upper() in file.crs.to_wkt()  # rasterio passes capitals
+                assert "0 TO 0.4 M ABOVE THE DATUM (LEVEL.CSV)" in file.tags(ns="xml:BAG")["xml:BAG"]
+
+
+def team_crs(folder):
+    with rasterio().open(folder / "depth.tif") as file:
+        return file.crs.to_wkt()
+
+
+def test_contours_lie_on_their_depth(lake):
+    folder, team = lake
+    contours = json.loads((folder / "contours.geojson").read_text())
+    levels = [feature["properties"]["depth_m"] for feature in contours["features"]]
+    assert {12.0, 10.0, 15.0} <= set(levels)
+    assert 99.0 not in levels
+    assert levels == sorted(levels)
+    transformer = Transformer.from_crs("EPSG:4326", team_crs(folder), always_xy=True)
+    grid = team.field.grid
+    for feature in contours["features"]:
+        for line in feature["geometry"]["coordinates"]:
+            east, north = np.array(transformer.transform(*np.array(line).T))
+            row = np.abs(grid.north_m[:, None] - north).argmin(axis=0)
+            column = np.abs(grid.east_m[:, None] - east).argmin(axis=0)
+            apart = team.field.mean_m[row, column] - feature["properties"]["depth_m"]
+            assert np.nanmedian(np.abs(apart)) < 0.3
+
+
+def test_every_file_that_can_records_datum_and_corrections(lake):
+    folder, _ = lake
+    words = json.loads((folder / "metadata.json").read_text())
+    assert words["vertical_datum"] == DATUM
+    assert words["sound_speed"] == "1440 to 1480 m/s (profile.csv)"
+    assert "Edition 6.1.0" in words["s44"]
+    for name in ("isobath.geojson", "contours.geojson"):
+        assert json.loads((folder / name).read_text())["metadata"].items() <= words.items()
+    assert DATUM in (folder / "isobath.kml").read_text()
+    for name in ("depth.tif", "std.tif", "risk.tif"):
+        with rasterio().open(folder / name) as file:
+            assert file.tags()["water_level"] == words["water_level"]
+
+
+@pytest.mark.parametrize(
+    ("thu", "tvu", "depth", "order"),
+    [
+        (1.0, 0.1677, 10.0, "exclusive"),  # sqrt(0.15^2 + 0.075^2) = 0.16771
+        (1.0, 0.1678, 10.0, "special"),
+        (1.01, 0.10, 10.0, "special"),
+        (5.5, 0.516, 10.0, "1a/1b"),  # THU 5 + 0.5; sqrt(0.5^2 + 0.13^2) = 0.5166
+        (5.51, 0.516, 10.0, "2"),
+        (21.0, 1.0, 10.0, "2"),  # sqrt(1 + 0.23^2) = 1.026
+        (21.01, 1.0, 10.0, "none"),
+        (float("nan"), 0.1, 10.0, "none"),
+    ],
+)
+def test_orders_of_s44(thu, tvu, depth, order):
+    assert ORDERS[orders_met(np.array([thu]), np.array([tvu]), np.array([depth]))[0]].name == order
+
+
+@pytest.mark.parametrize(("north", "east", "correlation"), [(1.0, 1.0, 0.0), (2.0, 0.5, 0.0), (1.0, 1.0, 0.99)])
+def test_a_sounding_lies_within_its_thu_in_at_least_95_of_100_cases(synthetic_run, north, east, correlation):
+    run = synthetic_run(steps=2)
+    vehicle = run.vehicles[0]
+    vehicle.place_std_m = np.tile([north, east], (len(vehicle.odometry), 1))
+    found = sounding_uncertainty(run, vehicle, Survey(), noise_std_m=0.2)
+    cross = correlation * north * east
+    draws = np.random.default_rng(1).multivariate_normal([0, 0], [[north**2, cross], [cross, east**2]], 20_000)
+    within = (np.hypot(*draws.T) <= found.thu_m[0]).mean()
+    assert 0.945 < within < 0.985
+    # Hand-worked: sounder 0.2, pressure 0.05, water level 0.05, and 5 / 1500 of the range
+    range_m = vehicle.soundings.depth_m[0] - vehicle_depth_m(run, vehicle)[0]
+    variance = 0.2**2 + 2 * 0.05**2 + (range_m * 5.0 / 1500.0) ** 2
+    assert found.tvu_m[0] == pytest.approx(1.96 * np.sqrt(variance), rel=1e-9)
+
+
+def test_a_constant_sound_speed_scales_the_range():
+    depth, vehicle = np.array([13.0, 33.0, 2.0]), np.array([3.0, 3.0, 3.0])
+    corrected = true_depth_m(depth, vehicle, np.array([[0.0, 1450.0]]), 1500.0)
+    # 10 and 30 m of range become 9.667 and 29 m; a depth above the vehicle has no range.
+    np.testing.assert_allclose(corrected, [12.6667, 32.0, 2.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--water-level", "0.3"], "--water-level: got no --datum"),
+        (["--water-level", "LEVEL", "--datum", "D"], r"got times 0 to 10 s; expected to cover the soundings"),
+        (["--sound-speed", "15"], "expected 1000 to 2000 m/s"),
+        (["--sound-speed", "LEVEL"], r"got columns \['time_s', 'level_m'\]; expected a CSV file with columns depth_m"),
+        (["--std", "sounder=x"], "--std: got sounder=x; expected NAME=VALUE"),
+        (["--contours", "5,deep"], "--contours: got 5,deep"),
+        (["--crs", "EPSG:1"], "--crs: got EPSG:1; expected a projection"),
+        (["--contour-interval", "-1"], "expected more than 0 m"),
+    ],
+)
+def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, options, message):
+    (tmp_path / "level.csv").write_text("time_s,level_m\n0,0.1\n10,0.2\n")
+    options = [option.replace("LEVEL", str(tmp_path / "level.csv")) for option in options]
+    assert main([str(lake[0].parent), "--out", str(tmp_path / "out"), *options]) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_another_projection_and_degrees(lake, tmp_path):
+    _, team = lake
+    for crs, bag in (("EPSG:2056", True), ("EPSG:4326", False)):
+        said = list(write_export(team, tmp_path, Survey(crs=crs)))
+        assert (tmp_path / "chart.bag").exists() == bag
+        assert any(f"({crs}" in line for line in said)
+        with rasterio().open(tmp_path / "chart.tif") as file:
+            assert file.crs.to_epsg() == int(crs[5:])
+            assert file.tags()["vertical_datum"] == "water surface during the dive"
+
+
+@pytest.fixture
+def for_b12(lake, tmp_path):
+    """An export whose times are UTC, as those of vehicles are."""
+    run = copy.deepcopy(lake[1].run)
+    for vehicle in run.vehicles:
+        vehicle.soundings = dataclasses.replace(vehicle.soundings, stamp_s=vehicle.soundings.stamp_s + 1.8e9)
+        vehicle.odometry[:, 0] += 1.8e9
+    survey = Survey(
+        provider=("Lake Lab", "lab@lake.org"), water_level=np.array([[0.0, 0.5]]), datum=DATUM,
+        sound_speed=np.array([[0.0, 1450.0]]),
+    )  # fmt: skip
+    return Export(team=dataclasses.replace(lake[1], run=run), folder=tmp_path, survey=survey)
+
+
+def test_crowdsourced_bathymetry_follows_b12(for_b12):
+    export, tmp_path, run = for_b12, for_b12.folder, for_b12.team.run
+    assert crowdsourced.write(export) == "soundings_b12_auvN.geojson (2 vehicles, GeoJSON CSB 3.1)"
+    text = (tmp_path / "soundings_b12_auv2.geojson").read_text()
+    collection = json.loads(text)
+    vessel = collection["properties"]["trustedNode"]["uniqueVesselID"]
+    assert re.fullmatch(r"LakeLab-[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", vessel)
+    assert collection["properties"]["processing"][2]["datum"] == DATUM
+    first, sounding = collection["features"][0], run.vehicles[1].soundings
+    assert first["properties"]["depth"] == pytest.approx(sounding.depth_m[0], abs=6e-4)
+    assert re.fullmatch(r"2027-01-15T08:00:0\d\.\d{3}Z", first["properties"]["time"])
+    assert len(first["properties"]["uncertainty"]) == 3
+    assert first["geometry"]["coordinates"] == pytest.approx([ORIGIN[1], ORIGIN[0]], abs=0.01)
+    assert crowdsourced.write(dataclasses.replace(export, survey=Survey())).endswith("EMAIL is not given")
+    assert not list(tmp_path.glob("*.geojson"))
+
+
+def test_the_published_schema_accepts_it(for_b12):
+    validator = pytest.importorskip("csbschema", reason="needs csbschema (pip install csbschema)")
+    crowdsourced.write(for_b12)
+    valid, result = validator.validate_data(for_b12.folder / "soundings_b12_auv1.geojson")
+    assert valid, result
+
+
+def test_a_water_level_needs_a_datum():
+    with pytest.raises(SurveyError, match="got no --datum"):
+        Survey(water_level=np.array([[0.0, 1.0]]))
