@@ -1,1 +1,1 @@
-"""The pictures and the table of docs/guide/tuning.md."""
+"""The pictures and the table of docs/evidence/tuning.md."""

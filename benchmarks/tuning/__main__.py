@@ -1,4 +1,4 @@
-"""Effect of a low and a high value of each tunable parameter: pictures and figures of merit for docs/guide/tuning.md.
+"""Effect of a low and a high value of each tunable parameter: pictures and numbers for docs/evidence/tuning.md.
 
     python -m benchmarks.tuning --out docs/figures
 
@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="python -m benchmarks.tuning",
         description="Simulates small missions with a low, a default and a high value of each tunable parameter, and "
-        "draws them for docs/guide/tuning.md. Takes about 6 minutes on one idle core.",
+        "draws them for docs/evidence/tuning.md. Takes about 6 minutes on one idle core.",
     )
     p.add_argument("--out", type=Path, default=Path("runs/tuning"), metavar="DIR", help="folder (default: runs/tuning)")
     p.add_argument("--seeds", type=int, default=3, metavar="N", help="lakes; the first is drawn (default: 3)")

@@ -1,4 +1,4 @@
-"""The parameters that docs/guide/tuning.md shows, each at three values."""
+"""The parameters that docs/evidence/tuning.md shows, each at three values."""
 
 from __future__ import annotations
 

@@ -13,8 +13,11 @@ from auv_lse_shore.adjust.report import report, write_before_and_after
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.options import add_survey_options, survey_of
 from auv_lse_shore.export.survey import Survey
-from auv_lse_shore.judge.team_map import adjusted_map, mission_settings
-from auv_lse_shore.places.adjustment import adjust
+from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_shore.judge.team_map import TeamMap, adjusted_map, mission_settings
+from auv_lse_shore.judge.true_ground import set_true_ground
+from auv_lse_shore.places.adjustment import AdjustError, adjust
+from auv_lse_shore.places.merging import on_one_clock
 from auv_lse_shore.places.recordings import missing_in
 
 
@@ -24,7 +27,8 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/adjust",
         description="Re-estimates the positions of all soundings of one or more runs from all recorded data: fixes, "
         "ranges between vehicles, and track crossings. Writes the adjusted soundings, map and isobath (as "
-        "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a report.",
+        "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
+        "Clocks that are apart are found from the packets, and corrected.",
         epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, in one call. "
         "The accuracy of compass and DVL comes from section places of the first run's mission file. Recordings "
         "are only read; a second call replaces the files of the first. "
@@ -33,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings without one")
     p.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: adjusted in the first RUN)")
+    p.add_argument("--report", action="store_true", help="also write report.html of all vehicles of the dive")
     add_survey_options(p)
     return p
 
@@ -43,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
     try:
-        for line in adjusted(options.runs, folder, options.mission, survey_of(options)):
+        for line in adjusted(options.runs, folder, options.mission, survey_of(options), options.report):
             print(line, flush=True)
     except (ValueError, OSError) as error:
         print(f"error: {error_text(error)}", file=sys.stderr)
@@ -55,7 +60,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def adjusted(
-    paths: Sequence[Path], folder: Path, mission: Path | None = None, survey: Survey | None = None
+    paths: Sequence[Path],
+    folder: Path,
+    mission: Path | None = None,
+    survey: Survey | None = None,
+    with_report: bool = False,
 ) -> Iterator[str]:
     """Adjusts the runs at `paths` into `folder`; yields its progress, line by line.
 
@@ -64,19 +73,25 @@ def adjusted(
         folder: Where the files go, made if needed.
         mission: Mission file of recordings without one.
         survey: Corrections of the depths.
+        with_report: Write the report of all vehicles, too.
 
     Raises:
         SurveyError: if a correction does not cover a recording.
-        AdjustError: if nothing can be adjusted, naming what is missing.
+        AdjustError: if nothing can be adjusted, naming what is missing, or a report of several dives is asked for.
         RecordingError, ParameterError: if a run cannot be read.
     """
-    survey, runs = survey or Survey(), []
+    survey, recorded = survey or Survey(), []
     for path in paths:
         yield f"reading {path}"
-        runs.append(survey.reduce(read_run(path, mission=mission)))
-        for vehicle in runs[-1].vehicles:
+        recorded.append(read_run(path, mission=mission))
+        for vehicle in recorded[-1].vehicles:
             if missing := missing_in(vehicle):
                 yield f"  auv{vehicle.vehicle}: {missing}; its soundings are not moved"
+    shifted, offsets = on_one_clock(recorded)
+    for path, offset in zip(paths, offsets, strict=True):
+        if offset:
+            yield f"{path}: its clock is {offset:+.1f} s off that of {paths[0]}; its times are shifted"
+    runs = [survey.reduce(run) for run in shifted]
     names = [path.resolve().name for path in paths]
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]
     yield f"estimating positions: {sum(len(v.soundings) for v in vehicles)} soundings of {len(vehicles)} vehicles"
@@ -88,8 +103,28 @@ def adjusted(
     yield f"written: {folder / 'moved.md'}"
     count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
     yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
+    if with_report:
+        set_true_ground(adjustment.runs[0], str(paths[0]))
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
+    if with_report:
+        yield from _report(team, folder)
     yield from write_export(team, folder, survey)
+
+
+def _report(team: TeamMap, folder: Path) -> Iterator[str]:
+    """Writes the report of all vehicles of a dive; yields the main figures."""
+    numbers = [vehicle.vehicle for vehicle in team.run.vehicles]
+    if len(set(numbers)) < len(numbers):
+        raise AdjustError(
+            f"--report: got vehicles {', '.join(f'auv{number}' for number in numbers)}; expected the recordings of one "
+            "dive. Leave --report out for several dives"
+        )
+    from auv_lse_shore.report.report import write_outputs  # slow to import
+    from auv_lse_shore.report.words import headlines
+
+    evaluation = evaluate(team.run, team=team)
+    yield from headlines(write_outputs(evaluation, folder), evaluation.planned_steps)
+    yield f"written: {folder / 'report.html'}"
 
 
 if __name__ == "__main__":

@@ -99,19 +99,20 @@ def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
     return GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
 
 
-def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
+def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Evaluation:
     """Evaluates a mission.
 
     Args:
         run: The mission.
         bounds: Number of steps at which the bounds of the paper's reward are recomputed for its methods, at least 2;
             for other methods these are the first and the last.
+        team: The map, if it is made already; its run is then evaluated.
 
     Raises:
         ValueError: if there is no vehicle, or the true ground is not on the map's grid.
         ParameterError: if the parameters cannot be used.
     """
-    team = team_map(run)
+    team = team or team_map(run)
     run = team.run
     settings = mission_settings(run.parameters, max(v.vehicle for v in run.vehicles))
     settings = [settings[v.vehicle - 1] for v in run.vehicles]

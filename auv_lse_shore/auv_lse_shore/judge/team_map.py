@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from auv_lse_shore.judge import certainty
 from auv_lse_shore.judge.certainty import CLASSES, Piece
 from auv_lse_shore.judge.isobath import write_geojson
 from auv_lse_shore.places.adjustment import Adjustment, adjust, corrects_places
+from auv_lse_shore.places.merging import merged
 
 Array = NDArray[np.float64]
 
@@ -95,9 +95,7 @@ def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
     corrected = adjustment.fill(depth_map)
     places_known = depth_map.field()
     corrected.set_uncertainty(adjustment.correction)
-    first = adjustment.runs[0]
-    run = dataclasses.replace(first, vehicles=[v for run in adjustment.runs for v in run.vehicles])
-    return _team_map(run, settings, area, depth_map, places_known)
+    return _team_map(merged(adjustment.runs), settings, area, depth_map, places_known)
 
 
 def _team_map(

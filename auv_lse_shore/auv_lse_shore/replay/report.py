@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_reader import read_run
-from auv_lse_shore.judge.evaluation import ground_grid
 from auv_lse_shore.judge.team_map import mission_settings
+from auv_lse_shore.judge.true_ground import set_true_ground
 from auv_lse_shore.report.report import write_report
 from auv_lse_shore.report.words import headlines
-from auv_lse_sim.ground.ground_source import ground_of
 
 
 def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]:
@@ -37,9 +35,7 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
     """
     folder = out or (run if run.is_dir() else run.parent)
     data = read_run(run, mission=mission, wall_s=_wall_s(folder))
-    if any(len(vehicle.truth) for vehicle in data.vehicles):
-        settings = Settings.from_patterns(data.parameters, str(run))
-        data.ground = ground_grid(settings.planner_settings(1), ground_of(settings))
+    set_true_ground(data, str(run))
     summary = write_report(data, folder)
     planned_steps = mission_settings(data.parameters, 1)[0].mission.steps
     return [*headlines(summary, planned_steps), str(folder / "report.html")]

@@ -21,6 +21,7 @@ from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
 from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
+from auv_lse_shore.places.merging import merged, on_one_clock
 from auv_lse_shore.places.recordings import missing_in
 
 
@@ -151,6 +152,80 @@ def test_each_vehicles_own_recording_of_a_dive_is_as_good_as_one_of_all(syntheti
         np.testing.assert_allclose(other.received.rows, one.received.rows, atol=1e-6)
     dives = adjust([whole, dived(synthetic_run, seed=2)])
     assert len(dives.correction.model.vehicles) == 4, "the same vehicles at the same times: another dive, simulated"
+
+
+def own_recordings(whole, ahead_s=0.0):
+    """What each vehicle of a dive recorded: its own soundings and packets; the second's clock is ahead."""
+    parts = []
+    for vehicle in whole.vehicles:
+        sent = [p for p in whole.sent if p.source == vehicle.vehicle]
+        heard = [p for p in whole.received if p.receiver == vehicle.vehicle]
+        parts.append(dataclasses.replace(whole, vehicles=[copy.deepcopy(vehicle)], sent=sent, received=heard))
+    two = parts[1]
+    two.sent = [dataclasses.replace(p, stamp_s=p.stamp_s + ahead_s) for p in two.sent]
+    two.received = [dataclasses.replace(p, stamp_s=p.stamp_s + ahead_s) for p in two.received]
+    for number, part in enumerate(parts):
+        (vehicle,) = part.vehicles
+        for mate in vehicle.mates:
+            by_both = {"travel_s": mate.travel_s + (ahead_s if number else -ahead_s)}
+            own = {"stamp_s": mate.stamp_s + ahead_s} if number else {"sent_s": mate.sent_s + ahead_s}
+            vehicle.mates[vehicle.mates.index(mate)] = dataclasses.replace(mate, **own, **by_both)
+    (vehicle,) = two.vehicles
+    for name in ("odometry", "dead_reckoning", "truth"):
+        getattr(vehicle, name)[:, 0] += ahead_s
+    for name in ("soundings", "received"):
+        rows = getattr(vehicle, name)
+        setattr(vehicle, name, dataclasses.replace(rows, stamp_s=rows.stamp_s + ahead_s))
+    vehicle.fixes = [dataclasses.replace(fix, stamp_s=fix.stamp_s + ahead_s) for fix in vehicle.fixes]
+    vehicle.decisions = [dataclasses.replace(d, now_s=d.now_s + ahead_s) for d in vehicle.decisions]
+    return parts
+
+
+def test_recordings_with_clocks_apart_are_put_on_one(synthetic_run):
+    whole = dived(synthetic_run)
+    runs, offsets = on_one_clock(own_recordings(whole, ahead_s=3600.0))
+    assert offsets == [0.0, pytest.approx(3600.0, abs=0.02)]
+    together, apart = adjust([whole]), adjust(runs)
+    assert apart.ranges == together.ranges
+    assert apart.refused == together.refused
+    one = merged(apart.runs)
+    assert [v.vehicle for v in one.vehicles] == [1, 2]
+    assert len(one.sent) == len(whole.sent)
+    assert len(one.received) == len(whole.received)
+    for new, old in zip(one.vehicles, together.runs[0].vehicles, strict=True):
+        np.testing.assert_allclose(new.soundings.rows[:, 1:], old.soundings.rows[:, 1:], atol=0.3)
+        np.testing.assert_allclose(new.soundings.stamp_s, old.soundings.stamp_s, atol=0.02)
+
+
+def test_small_offsets_and_packets_one_way_shift_nothing(synthetic_run):
+    close = own_recordings(dived(synthetic_run, steps=12), ahead_s=0.2)
+    assert on_one_clock(close)[1] == [0.0, 0.0]
+    far = own_recordings(dived(synthetic_run, steps=12), ahead_s=3600.0)
+    far[0].received = []
+    assert on_one_clock(far)[1] == [0.0, 0.0]
+
+
+def test_one_command_makes_one_map_and_one_report_of_each_vehicles_recording(synthetic_run, tmp_path, capsys):
+    whole = dived(synthetic_run)
+    whole.ground = None
+    for vehicle in whole.vehicles:
+        vehicle.truth = np.empty((0, 4))
+    names = []
+    for part in own_recordings(whole):
+        names.append(str(tmp_path / f"auv{part.vehicles[0].vehicle}"))
+        write_run(part, tmp_path / names[-1])
+    assert main([*names, "--out", str(tmp_path / "all"), "--report", "--contours", "15"]) == 0
+    out = capsys.readouterr().out
+    assert "isobath: " in out
+    summary = json.loads((tmp_path / "all" / "summary.json").read_text())
+    assert (summary["vehicles"], summary["steps"]) == (2, 24)
+    assert summary["soundings"] == sum(len(v.soundings) for v in whole.vehicles)
+    assert summary["packets_sent"] == len(whole.sent)
+    assert summary["packets_received"] == len(whole.received)
+    assert "auv2" in (tmp_path / "all" / "report.html").read_text()
+    assert "metadata" in json.loads((tmp_path / "all" / "isobath.geojson").read_text())
+    assert main([names[0], names[0], "--out", str(tmp_path / "twice"), "--report"]) == 2
+    assert "expected each recording once" in capsys.readouterr().err
 
 
 def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):

@@ -1,4 +1,4 @@
-"""The parameters that docs/guide/tuning.md shows: their values can be flown, and the page has them."""
+"""The parameters that docs/evidence/tuning.md shows: their values can be flown, and the page has them."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from auv_lse_shore.reproduce.study import SMALL, base_mission
 from benchmarks.tuning import __main__ as tuning
 from benchmarks.tuning.knobs import KNOBS
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "guide" / "tuning.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "evidence" / "tuning.md"
 
 
 def value_in(settings, knob):
