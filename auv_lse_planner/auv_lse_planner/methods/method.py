@@ -27,6 +27,7 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.team import Team
+from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Value, Weighting
@@ -61,6 +62,11 @@ class PlanningContext:
     rng: np.random.Generator
 
     @cached_property
+    def routes(self) -> TeamRoutes:
+        """Joint routes of the team."""
+        return TeamRoutes(self.settings, self.space, self.rollout, self.map_grid)
+
+    @cached_property
     def map_points(self) -> CachedPoints:
         """The posterior at `map_grid`."""
         return CachedPoints(self.posterior, self.map_grid.places_m)
@@ -71,7 +77,7 @@ class PlanningContext:
         return CachedPoints(self.posterior, self.coarse_grid.places_m)
 
     def assume_plans(self, situation: Situation) -> None:
-        """Assumes that team mates without a received plan mow their strips, from the first call on."""
+        """Assumes that team mates without a received plan follow their routes or mow, from the first call on."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def map_reward(self, situation: Situation) -> AnytimeReward:

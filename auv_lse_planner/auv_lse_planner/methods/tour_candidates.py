@@ -1,7 +1,8 @@
 """New plans of the method `tour`.
 
-At the mission's start, waypoints are optimized from several boustrophedons for the expected end, to which the budget
-refers. The naive paths are candidates too. The best path is then bent: displaced to increase its value.
+At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from this vehicle's
+route (`team_routes.py`) and from several boustrophedons. The route and the naive paths are candidates too. The best
+path is then bent: displaced to increase its value.
 
 Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
 segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
@@ -145,13 +146,26 @@ class TourCandidates:
             return result
         starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
         starts.insert(0, self._finer.resampled(self._polyline(problem, naive[0].path), reward.legs))
-        for found in self._optimized(starts, reward.weighing(0.0), s):
+        routed = self._routed(problem, result)
+        for found in self._optimized(starts, routed, reward.weighing(0.0), s):
             result.add(self._through(problem, found.waypoints_m), found)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             path = max(result.plans, key=lambda c: c.value.expected_end).path
             limited = replace(problem, floor=result.floor)
             self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
         return result
+
+    def _routed(self, problem: TourProblem, result: Candidates) -> list[Array]:
+        """This vehicle's route as a start of the optimization, none without one; adds it as it is to the candidates."""
+        s, legs = problem.situation, problem.reward.legs
+        lines_m = self._context.routes.lines_m if s.step == 0 else []
+        if not lines_m:
+            return []
+        line_m = np.concatenate([problem.place_m, lines_m[self._context.vehicle - 1][1:]])
+        if legs <= MAX_EXPLICIT_ACTIONS:
+            actions = self._steering.along(problem.start, line_m, self._space.motion.leg_length_m, legs)
+            result.plans.append(self._candidate(problem.plan(actions), problem.reward))
+        return [self._finer.resampled(line_m, legs)]
 
     @property
     def _vehicles(self) -> int:
@@ -175,8 +189,10 @@ class TourCandidates:
                 break
         return naive
 
-    def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
-        """Tours optimized from the best of several starts, followed by the best one after more iterations.
+    def _optimized(
+        self, starts: Sequence[Array], routed: Sequence[Array], aim: AnytimeReward, s: Situation
+    ) -> list[Found]:
+        """Tours optimized from the routes and the best of several starts, and the best one after more iterations.
 
         Starts are compared with fewer places on each leg, which is enough to rank them.
         """
@@ -186,8 +202,9 @@ class TourCandidates:
             if s.out_of_time:
                 break
         found: list[Found] = []
-        for i in sorted(range(len(values)), key=lambda i: -values[i])[:STARTS]:
-            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline))
+        best_first = sorted(range(len(values)), key=lambda i: -values[i])
+        for waypoints in (*routed, *(starts[i] for i in best_first[:STARTS])):
+            found.append(self._search.improve(waypoints, aim.legs, aim, START_ITERATIONS, s.deadline))
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)

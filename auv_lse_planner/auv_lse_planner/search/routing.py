@@ -1,0 +1,298 @@
+"""Routes for a whole team: nodes spread over the ground, and which vehicle visits them in which order.
+
+Nodes are centroidal (Lloyd's algorithm) over the ground that vehicles can reach. Distances lead around land. All nodes
+are assigned to the vehicles jointly by ruin and recreate (Christiaens and Vanden Berghe 2020, Slack induction by string
+removals): each iteration removes a node and its neighbors from the routes and inserts them anew where that costs least.
+What exceeds a vehicle's budget stays out.
+
+All arithmetic is in integers (centimetres), with random numbers of its own, so that every vehicle computes the same
+routes.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from auv_lse_common.support.compiled import compiled
+from auv_lse_planner.paths.free_space import FreeSpace
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Iterations of Lloyd's algorithm, and of ruin and recreate.
+LLOYD_ITERATIONS = 40
+ITERATIONS = 10_000
+#: Most nodes removed at once.
+MAX_REMOVED = 12
+#: Cost of leaving a node of mean weight out, in spacings of the nodes.
+COST_OF_OMISSION = 6
+#: Largest number of places over which nodes are spread, and of places of the grid of ways.
+MAX_PLACES, MAX_WAY_PLACES = 4000, 6000
+#: Multiplier and modulus of the random numbers (Park and Miller 1988).
+MULTIPLIER, MODULUS = 48271, 2147483647
+
+
+@compiled
+def lloyd(places, count, iterations):
+    """Nodes (count, 2) in the middle of the places (P, 2) nearest to them; integers."""
+    nodes = np.empty((count, 2), dtype=np.int64)
+    state = 1 + count
+    for i in range(count):
+        state = state * MULTIPLIER % MODULUS
+        nodes[i] = places[state % places.shape[0]]
+    sums, numbers = np.zeros((count, 2), dtype=np.int64), np.zeros(count, dtype=np.int64)
+    for _ in range(iterations):
+        sums[:] = 0
+        numbers[:] = 0
+        for p in range(places.shape[0]):
+            nearest, least = 0, 1 << 62
+            for i in range(count):
+                north, east = places[p, 0] - nodes[i, 0], places[p, 1] - nodes[i, 1]
+                square = north * north + east * east
+                if square < least:
+                    nearest, least = i, square
+            sums[nearest] += places[p]
+            numbers[nearest] += 1
+        for i in range(count):
+            if numbers[i]:
+                nodes[i, 0], nodes[i, 1] = sums[i, 0] // numbers[i], sums[i, 1] // numbers[i]
+            else:
+                state = state * MULTIPLIER % MODULUS
+                nodes[i] = places[state % places.shape[0]]
+    return nodes
+
+
+@compiled
+def insert_best(node, routes, sizes, lengths, budget, distance, state):
+    """Inserts a node where that costs least within the budget; returns whether it fits, and the random state."""
+    best, best_route, best_at = 1 << 62, -1, 0
+    for k in range(routes.shape[0]):
+        for at in range(1, sizes[k] + 1):
+            state = state * MULTIPLIER % MODULUS
+            if state % 100 == 0:  # a blink: sometimes another place is taken
+                continue
+            before = routes[k, at - 1]
+            extra = distance[before, node]
+            if at < sizes[k]:
+                after = routes[k, at]
+                extra += distance[node, after] - distance[before, after]
+            if extra < best and lengths[k] + extra <= budget:
+                best, best_route, best_at = extra, k, at
+    if best_route < 0:
+        return False, state
+    for at in range(sizes[best_route], best_at, -1):
+        routes[best_route, at] = routes[best_route, at - 1]
+    routes[best_route, best_at] = node
+    sizes[best_route] += 1
+    lengths[best_route] += best
+    return True, state
+
+
+@compiled
+def ruin_and_recreate(distance, near, penalty, vehicles, budget, iterations, hot):
+    """Routes (K, N + 1) over nodes 0 to N - 1, each from node N, and their sizes (K,).
+
+    Args:
+        distance: Between nodes, shape (N + 1, N + 1); the last one is the start.
+        near: For each node the others by distance, shape (N, N).
+        penalty: Cost of leaving each node out, shape (N,).
+        vehicles: Number of routes.
+        budget: Largest length of a route.
+        iterations: Number of iterations.
+        hot: Largest increase of the cost that is accepted at first; it falls to 0.
+    """
+    count = penalty.shape[0]
+    routes = np.full((vehicles, count + 1), count, dtype=np.int64)
+    sizes, lengths = np.ones(vehicles, dtype=np.int64), np.zeros(vehicles, dtype=np.int64)
+    absent = np.ones(count, dtype=np.bool_)
+    cost = np.sum(penalty)
+    best_routes, best_sizes, best = routes.copy(), sizes.copy(), cost
+    old_routes, old_sizes, old_lengths, old_absent = routes.copy(), sizes.copy(), lengths.copy(), absent.copy()
+    waiting = np.empty(count, dtype=np.int64)
+    state = 4711
+    for iteration in range(iterations):
+        state = state * MULTIPLIER % MODULUS
+        seed = state % count
+        state = state * MULTIPLIER % MODULUS
+        removed = 1 + state % MAX_REMOVED
+        if iteration:
+            for i in range(min(removed, count)):
+                absent[near[seed, i]] = True
+        for k in range(vehicles):
+            kept = 1
+            for at in range(1, sizes[k]):
+                if not absent[routes[k, at]]:
+                    routes[k, kept] = routes[k, at]
+                    kept += 1
+            sizes[k] = kept
+            lengths[k] = 0
+            for at in range(1, kept):
+                lengths[k] += distance[routes[k, at - 1], routes[k, at]]
+        total = 0
+        for i in range(count):
+            if absent[i]:
+                waiting[total] = i
+                total += 1
+        for i in range(total - 1, 0, -1):  # in random order
+            state = state * MULTIPLIER % MODULUS
+            j = state % (i + 1)
+            waiting[i], waiting[j] = waiting[j], waiting[i]
+        for i in range(total):
+            fits, state = insert_best(waiting[i], routes, sizes, lengths, budget, distance, state)
+            absent[waiting[i]] = not fits
+        new = np.sum(lengths)
+        for i in range(count):
+            if absent[i]:
+                new += penalty[i]
+        state = state * MULTIPLIER % MODULUS
+        if new <= cost + hot * (iterations - iteration) // iterations * (state % 1000) // 1000:
+            cost = new
+            old_routes[:], old_sizes[:], old_lengths[:], old_absent[:] = routes, sizes, lengths, absent
+            if new < best:
+                best = new
+                best_routes[:], best_sizes[:] = routes, sizes
+        else:
+            routes[:], sizes[:], lengths[:], absent[:] = old_routes, old_sizes, old_lengths, old_absent
+    return best_routes, best_sizes
+
+
+def free_area_m2(space: FreeSpace) -> float:
+    """Size of the area without no-go areas; 0 if a vehicle can be nowhere in it."""
+    inside = space.area_raster > -space.margin_m
+    return float(np.count_nonzero(inside)) * space.cell_m**2 if (space.area_raster >= 0.0).any() else 0.0
+
+
+class Ground:
+    """Places of the free space as integers, and ways between them around land."""
+
+    def __init__(self, space: FreeSpace) -> None:
+        self._space = space
+        inside, free = space.area_raster > -space.margin_m, space.area_raster >= 0.0
+        self.area_m2 = free_area_m2(space)
+        self.places_cm = self._thinned(inside, MAX_PLACES)[1]
+        self._ways, self._ways_cm = self._thinned(free, MAX_WAY_PLACES)
+        self._graph: coo_array | None = None
+
+    def _thinned(self, mask: NDArray[np.bool_], most: int) -> tuple[Ints, Ints]:
+        """Rows and columns (M, 2) of at most about so many nodes of a mask, evenly spaced, and their places (cm)."""
+        every = max(1, round(float(np.sqrt(np.count_nonzero(mask) / most)) + 0.499))
+        thin = np.zeros_like(mask)
+        thin[::every, ::every] = mask[::every, ::every]
+        nodes = np.argwhere(thin)
+        space = self._space
+        cm = 100.0 * (np.array([space.north0_m, space.east0_m]) + nodes * space.cell_m)
+        return nodes, np.rint(cm).astype(np.int64)
+
+    def nodes_cm(self, count: int) -> Ints:
+        """Centroidal nodes (N, 2) on free ground, without duplicates."""
+        nodes = lloyd(self.places_cm, min(count, len(self.places_cm)), LLOYD_ITERATIONS)
+        return np.unique(self._ways_cm[self._nearest(nodes)], axis=0)
+
+    def _nearest(self, places_cm: Ints) -> Ints:
+        """Index of the place on a way nearest to each place (P, 2)."""
+        off = places_cm[:, None, :] - self._ways_cm[None]
+        return np.asarray(np.argmin(np.einsum("pwi,pwi->pw", off, off), axis=1))
+
+    def distances_cm(self, places_cm: Ints) -> tuple[Ints, dict[tuple[int, int], Ints]]:
+        """Distances (P, P) between places, around land, and the places on the way where it is not straight."""
+        off = (places_cm[:, None] - places_cm[None]).astype(float)
+        straight = np.rint(np.hypot(off[..., 0], off[..., 1])).astype(np.int64)
+        blocked = ~self._in_sight(places_cm)
+        if not blocked.any():
+            return straight, {}
+        indices = self._nearest(places_cm)
+        around, before = dijkstra(self._ways_graph(), directed=False, indices=indices, return_predecessors=True)
+        between = around[:, indices]
+        far = 10.0 * float(np.ptp(self._ways_cm, axis=0).sum())
+        lengths = np.rint(np.where(np.isfinite(between), between, far)).astype(np.int64)
+        lengths = np.maximum(np.where(blocked, np.maximum(lengths, lengths.T), straight), straight)
+        bends = {}
+        for i, j in np.argwhere(blocked & np.isfinite(between)):
+            way, at = [], int(indices[j])
+            while at >= 0 and at != indices[i]:
+                way.append(at)
+                at = int(before[i, at])
+            bends[int(i), int(j)] = self._ways_cm[way[::-1][:-1]]
+        return lengths, bends
+
+    def _in_sight(self, places_cm: Ints) -> NDArray[np.bool_]:
+        """Whether the straight line between two places stays on free ground, (P, P)."""
+        space = self._space
+        shares = np.linspace(0.0, 1.0, 65)[:, None]
+        seen = np.ones((len(places_cm), len(places_cm)), dtype=bool)
+        for i, place in enumerate(places_cm):
+            line = 0.01 * (place + shares[None] * (places_cm[:, None] - place))
+            row = np.rint((line[..., 0] - space.north0_m) / space.cell_m).astype(np.int64)
+            column = np.rint((line[..., 1] - space.east0_m) / space.cell_m).astype(np.int64)
+            seen[i] = (space.area_raster[row, column] >= -0.5 * space.cell_m).all(axis=1)
+        return seen & seen.T
+
+    def _ways_graph(self) -> coo_array:
+        if self._graph is None:
+            rows = self._ways
+            step = int(np.diff(np.unique(rows[:, 0])).min()) if len(np.unique(rows[:, 0])) > 1 else 1
+            number = np.full(np.array(self._space.area_raster.shape) + 4 * step, -1)
+            number[rows[:, 0], rows[:, 1]] = np.arange(len(rows))
+            cm = step * self._space.cell_m * 100.0
+            links = []
+            for north, east in ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)):
+                other = number[rows[:, 0] + step * north, rows[:, 1] + step * east]
+                own = np.flatnonzero(other >= 0)
+                links.append((own, other[own], np.full(len(own), np.rint(cm * np.hypot(north, east)))))
+            i, j, length = (np.concatenate(part) for part in zip(*links, strict=True))
+            self._graph = coo_array((length, (i, j)), shape=(len(rows), len(rows))).tocsr()
+        return self._graph
+
+
+def nearest_node(nodes: Ints, place: Ints) -> int:
+    """Index of the node (N, 2) nearest to a place (2,)."""
+    return int(np.argmin(((nodes - place) ** 2).sum(axis=1)))
+
+
+def routes_m(
+    ground: Ground, start_m: Array, weights_at: Array, vehicles: int, length_m: float, count: int
+) -> list[Array]:
+    """Routes of all vehicles from one start, each a polyline (n + 1, 2) of at most `length_m`.
+
+    Args:
+        start_m: North and east, shape (2,).
+        weights_at: Importance of the ground's places (P,); any unit.
+        vehicles: Number of vehicles.
+        length_m: Largest length of a route.
+        count: Number of nodes.
+    """
+    nodes = ground.nodes_cm(count)
+    start = np.rint(100.0 * np.asarray(start_m, dtype=float)).astype(np.int64)
+    places = np.concatenate([nodes, start[None]])
+    distance, bends = ground.distances_cm(places)
+    off = ground.places_cm[:, None] - nodes[None]
+    nearest = np.argmin(np.einsum("pni,pni->pn", off, off), axis=1)
+    weight = np.bincount(nearest, weights=weights_at, minlength=len(nodes))
+    spacing = round(100.0 * float(np.sqrt(ground.area_m2 / len(nodes))))
+    share = np.rint(1000.0 * weight / max(float(weight.mean()), 1e-300)).astype(np.int64)
+    near = np.argsort(distance[:-1, :-1], axis=1, kind="stable")
+    routes, sizes = ruin_and_recreate(
+        distance,
+        near,
+        COST_OF_OMISSION * spacing * share // 1000,
+        vehicles,
+        round(100.0 * length_m),
+        ITERATIONS,
+        spacing,
+    )
+    lines = []
+    for route, size in zip(routes, sizes, strict=True):
+        line = [start[None]]
+        for i, j in itertools.pairwise(route[:size]):
+            line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), places[j][None]]
+        if size == 1:  # no node: it stays near the start
+            line.append(places[nearest_node(nodes, start)][None])
+        lines.append(np.asarray(0.01 * np.concatenate(line), dtype=np.float64))
+    return lines

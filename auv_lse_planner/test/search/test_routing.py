@@ -1,0 +1,80 @@
+"""Joint routes: compiled and plain code agree, budgets hold, ways lead around land."""
+
+import numpy as np
+import pytest
+from planner_helpers import world
+
+from auv_lse_common.support.compiled import plain
+from auv_lse_planner.search import routing
+from auv_lse_planner.search.routing import Ground, free_area_m2, lloyd, routes_m, ruin_and_recreate
+
+SQUARE = (0.0, 0.0, 400.0, 0.0, 400.0, 400.0, 0.0, 400.0)
+U_SHAPE = (0.0, 0.0, 400.0, 0.0, 400.0, 400.0, 0.0, 400.0, 0.0, 240.0, 300.0, 240.0, 300.0, 160.0, 0.0, 160.0)
+
+
+def ground_of(polygon):
+    return Ground(world(polygon)[2])
+
+
+def lengths_m(lines):
+    return np.array([np.hypot(*np.diff(line, axis=0).T).sum() for line in lines])
+
+
+def test_nodes_are_spread_evenly():
+    nodes = ground_of(SQUARE).nodes_cm(16)
+    off = np.hypot(*np.moveaxis(nodes[:, None] - nodes[None], 2, 0)) + 1e9 * np.eye(16)
+    assert off.min() > 0.6 * 10000  # 16 nodes on 400 m x 400 m: 100 m apart
+    assert len(nodes) == 16
+
+
+def test_compiled_equals_plain():
+    ground = ground_of(SQUARE)
+    nodes = lloyd(ground.places_cm[::9], 9, 3)
+    assert np.array_equal(nodes, plain(lloyd)(ground.places_cm[::9], 9, 3))
+    distance, _ = ground.distances_cm(np.concatenate([nodes, [[1000, 1000]]]))
+    near = np.argsort(distance[:-1, :-1], axis=1, kind="stable")
+    penalty = np.full(9, 60000)
+    one = ruin_and_recreate(distance, near, penalty, 2, 60000, 40, 10000)
+    fast, routing.insert_best = routing.insert_best, plain(routing.insert_best)
+    try:
+        other = plain(ruin_and_recreate)(distance, near, penalty, 2, 60000, 40, 10000)
+    finally:
+        routing.insert_best = fast
+    assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_routes_visit_each_node_once_within_their_budget():
+    ground = ground_of(SQUARE)
+    lines = routes_m(ground, np.array([20.0, 20.0]), np.ones(len(ground.places_cm)), 3, 800.0, 24)
+    assert (lengths_m(lines) <= 800.1).all()
+    nodes = np.concatenate([line[1:] for line in lines])
+    assert len(np.unique(nodes, axis=0)) == len(nodes) == 24
+    assert all(line[0] == pytest.approx([20.0, 20.0]) for line in lines)
+    again = routes_m(ground_of(SQUARE), np.array([20.0, 20.0]), np.ones(len(ground.places_cm)), 3, 800.0, 24)
+    assert all(np.array_equal(a, b) for a, b in zip(lines, again, strict=True))
+
+
+def test_a_small_budget_goes_to_the_important_ground():
+    ground = ground_of(SQUARE)
+    weights = np.where(ground.places_cm[:, 1] > 20000, 1.0, 0.01)  # the eastern half
+    (line,) = routes_m(ground, np.array([200.0, 200.0]), weights, 1, 700.0, 16)
+    assert (line[1:, 1] > 200.0).mean() > 0.7
+
+
+def test_ways_lead_around_land():
+    ground = ground_of(U_SHAPE)
+    ends = np.array([[2000, 8000], [2000, 32000], [35000, 20000]])
+    distance, bends = ground.distances_cm(ends)
+    assert distance[0, 1] > 65000  # 240 m apart, behind a pier of 300 m
+    assert distance[0, 1] == distance[1, 0]
+    assert bends[0, 1][:, 0].max() > 30000
+    assert bends[0, 1][0] == pytest.approx(ends[0], abs=2500)  # in order
+    lines = routes_m(ground, np.array([20.0, 80.0]), np.ones(len(ground.places_cm)), 1, 1500.0, 12)
+    space = world(U_SHAPE)[2]
+    dense = np.concatenate([np.linspace(a, b, 20) for a, b in zip(lines[0][:-1], lines[0][1:], strict=True)])
+    assert min(space.clearance_m(*place) for place in dense) > -3.0
+
+
+def test_without_free_ground_there_is_no_area():
+    assert free_area_m2(world((0.0, 0.0, 15.0, 0.0, 15.0, 15.0, 0.0, 15.0))[2]) == 0.0
+    assert free_area_m2(world(SQUARE)[2]) == pytest.approx(160000.0, rel=0.02)
