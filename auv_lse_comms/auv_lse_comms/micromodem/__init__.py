@@ -12,7 +12,8 @@ events from it (docs/reference/python/modem.md). `state.py` has its states and t
     events    events.py           what the driver reports to its owner
 
 `ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) feeds such a log to a
-new driver. `micromodem_node.py` is the ROS 2 node around a `ModemPort`.
+new driver. `modem_check.py` asks a modem for its settings and clock before the dive. `micromodem_node.py` is the ROS 2
+node around a `ModemPort`.
 
 Except for the node, everything here imports only the standard library, `auv_lse_common` and, in port.py,
 `auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract enforces this.
