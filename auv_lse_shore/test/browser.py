@@ -140,7 +140,9 @@ class Browser:
 
     def press(self, key: str, *, shift: bool = False) -> None:
         """Presses a key."""
-        text = {"text": key} if len(key) == 1 else {}
+        text: dict[str, Any] = {"text": key} if len(key) == 1 else {}
+        # what the browser itself does with a key goes by its character or its number
+        text |= {"Enter": {"text": "\r"}, "Escape": {"windowsVirtualKeyCode": 27}}.get(key, {})
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=8 if shift else 0, **text)
 

@@ -42,17 +42,21 @@ class CommandCalls:
         command: Command,
         team: bool,
         report: Callable[[str, Any], None],
+        source: str = "",
     ) -> None:
         """Sends nothing yet.
 
         Args:
+            graph: The node that calls; any object with its `node` will do where vehicles are named and `finish` is not
+                called.
             names: The vehicles ("auv2"); None: all that are discovered.
-            command: The command; this process's user is its sender.
+            command: The command.
             team: With ABORT: whether to send it to the team mates by acoustic packet.
             report: Called with each vehicle's name and its first answer (RunMission.Response).
+            source: The sender; "": this process's user.
         """
         self._graph, self._names, self._report = graph, names, report
-        message = MissionCommand(command=int(command), source=getpass.getuser(), team=team)
+        message = MissionCommand(command=int(command), source=source or getpass.getuser(), team=team)
         self._request = RunMission.Request(command=message)
         self._calls: dict[str, _Call] = {}
 
@@ -72,6 +76,10 @@ class CommandCalls:
         """Waits for the answers of the vehicles that have received the command, at most 5 s for each."""
         while not self.step() and self._is_waiting():
             self._graph.spin(0.05)
+        self.close()
+
+    def close(self) -> None:
+        """Ends the calls."""
         for call in self._calls.values():
             self._graph.node.destroy_client(call.client)
 

@@ -20,6 +20,7 @@ from auv_lse_common.process.domain import DomainError, domain_number, local_envi
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_record.recording import RecordingError, recording_in
+from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.feed import Feed, Playback, Viewer
@@ -63,7 +64,13 @@ def parser() -> argparse.ArgumentParser:
         "--open",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="open the page in this machine's browser (default: --open)",
+        help="open the page in this machine's browser (default: --open; with --control open the printed address)",
+    )
+    p.add_argument(
+        "--control",
+        action="store_true",
+        help="buttons to hold, surface or abort the vehicles of a running mission; the printed address has a token "
+        "that allows it",
     )
     _add_viewers(p)
     p.add_argument(
@@ -108,7 +115,7 @@ def _add_viewers(p: argparse.ArgumentParser) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serves the live view. Returns the exit code; see `parser`."""
     options = parser().parse_args(arguments)
-    timeline = Timeline()
+    timeline, desk = Timeline(), CommandDesk() if options.control else None
     try:
         _check(options)
         if options.run is None:
@@ -116,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 raise RecordingError(
                     "--write got no RUN; expected a recording. Name one: scripts/live RUN --write FILE"
                 )
-            work = listen_to_missions(timeline, options)
+            work = listen_to_missions(timeline, options, desk)
         else:
             follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
             if options.write is not None:
@@ -125,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with viewers_of(timeline, options) as viewers:
             feed = Feed(timeline, viewers, options.playback)
             works = [work, feed.run] if viewers else [work]
-            return asyncio.run(serve(timeline, works, options.port, options.open))
+            return asyncio.run(serve(timeline, works, options.port, options.open, desk))
     except (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -145,9 +152,11 @@ def _check(options: argparse.Namespace) -> None:
         raise LiveError(f"--foxglove got {options.foxglove}; expected 1 to {_LAST_PORT}. Try {FOXGLOVE_PORT}")
     if not 0.0 < options.rate < math.inf:
         raise LiveError(f"--rate got {options.rate:g}; expected a finite number above 0. Use 1 for real time")
+    if options.control and options.run is not None:
+        raise LiveError(f"--control got the recording {options.run}; expected a running mission. Leave out RUN")
 
 
-def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
+def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: CommandDesk | None) -> Work:
     """Returns the function that fills the timeline from running missions.
 
     Raises:
@@ -157,7 +166,7 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
 
     domain = None if options.domain is None else domain_number(options.domain)
     os.environ.update(local_environment(project_folder(), domain or 0))
-    return MissionFollower(timeline, domain, options.mission).follow
+    return MissionFollower(timeline, domain, options.mission, desk).follow
 
 
 @contextmanager
@@ -211,13 +220,15 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool) -> int:
+async def serve(
+    timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool, desk: CommandDesk | None
+) -> int:
     """Serves the page until Ctrl-C; `works` fill and show the timeline, each on its own thread.
 
     Raises:
         PortTakenError: if the port is in use.
     """
-    server = LiveServer(timeline, port)
+    server = LiveServer(timeline, port, desk)
     stop, ended = threading.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -226,7 +237,7 @@ async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_brows
     for thread in threads:
         thread.start()
     print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)
-    if open_browser and has_screen():
+    if open_browser and has_screen() and desk is None:  # other users see a browser's command line, and a token in it
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()
     stop.set()

@@ -14,14 +14,19 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from auv_lse_common.process.domain import local_environment, note_run, own_domain, run_on
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
-from auv_lse_msgs.msg import SimStatus
+from auv_lse_msgs.msg import MissionCommand, SimStatus
+from auv_lse_msgs.srv import RunMission
 from auv_lse_record.run_writer import write_run
+from auv_lse_shore.live.sources import command_calls_node
+from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.mission_node import MissionListener
 from auv_lse_shore.live.sources.running import MissionFollower, RunningMission, newest_mission
 from auv_lse_shore.live.sources.timeline import Timeline
 
@@ -95,3 +100,50 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
     finally:
         stop.set()
         follower.join(20)
+
+
+def test_commands_reach_the_vehicles_and_each_outcome_is_reported(monkeypatch):
+    heard, desk = [], CommandDesk()
+
+    def answering(vehicle, accepted):
+        def answer(request, response):
+            heard.append((vehicle, request.command.command, request.command.team, request.command.source))
+            response.accepted, response.message = accepted, f"{vehicle} said it"
+            return response
+
+        return answer
+
+    with own_domain() as domain:
+        for name, value in local_environment(project_folder(), domain).items():
+            monkeypatch.setenv(name, value)
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        node = Node("vehicles", context=context)
+        for vehicle, accepted in (("auv1", True), ("auv2", False)):
+            node.create_service(RunMission, f"/{vehicle}/mission/run", answering(vehicle, accepted))
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin, daemon=True)
+        thread.start()
+        try:
+            monkeypatch.setattr(command_calls_node, "_ANSWER_S", 30.0)
+            with MissionListener(3, domain, lambda *_: None, desk=desk) as listener:
+                outcomes = desk.order("hold", [1, 2])
+                while not outcomes.done():
+                    listener.serve(0.05)
+                monkeypatch.setattr(command_calls_node, "_ANSWER_S", 0.0)
+                silent = desk.order("abort", [3])
+                listener.serve(0.05)
+                assert silent.result(0) == {3: ("not heard", "no answer within 0 s")}
+                monkeypatch.setattr(command_calls_node, "_ANSWER_S", 30.0)
+                waiting = desk.order("abort", [3])
+                listener.serve(0.05)
+            assert waiting.result(0) == {3: ("not heard", "the mission has ended")}
+        finally:
+            executor.shutdown()
+            thread.join(10)
+            node.destroy_node()
+            context.try_shutdown()
+    assert outcomes.result(0) == {1: ("accepted", "auv1 said it"), 2: ("refused", "auv2 said it")}
+    assert sorted(h[:3] for h in heard) == [("auv1", MissionCommand.HOLD, False), ("auv2", MissionCommand.HOLD, False)]
+    assert all("(live view)" in h[3] for h in heard)

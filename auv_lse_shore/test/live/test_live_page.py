@@ -2,55 +2,25 @@
 
 from __future__ import annotations
 
-import asyncio
-import base64
 import re
 import threading
 import time
-from io import BytesIO
 
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
-from PIL import Image
+from live_serving import Serving, at, pixels, text
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.recording import recording_in
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
-from auv_lse_shore.live.viewers.server import LiveServer
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
 
 
 ORIGIN = (46.5, -6.6)
-
-
-class Serving:
-    """A server on a thread of its own, as `scripts/live` runs it; may be stopped and started again on its port."""
-
-    def __init__(self, timeline):
-        self.timeline, self.port = timeline, 0
-        self.start()
-
-    def start(self):
-        ready = threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
-        self._thread.start()
-        assert ready.wait(10)
-
-    async def _serve(self, ready):
-        server = LiveServer(self.timeline, self.port)
-        self.port, self.url = server.port, server.url
-        self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
-        ready.set()
-        await self._ended.wait()
-        await server.close()
-
-    def stop(self):
-        self._loop.call_soon_threadsafe(self._ended.set)
-        self._thread.join(10)
 
 
 @pytest.fixture(scope="module")
@@ -72,23 +42,6 @@ def browser(tmp_path_factory, serving):
         browser.open(serving.url)
         browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
         yield browser
-
-
-def at(browser, t):
-    """Shows the moment `t` (s) and waits until it is drawn."""
-    browser.ask(f"liveView.player.seek({t})")
-    frames = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
-    assert browser.ask(frames)
-
-
-def text(browser, name):
-    return browser.ask(f"document.getElementById('{name}').textContent")
-
-
-def pixels(browser, name):
-    """What a canvas shows, shape (rows, columns, 4)."""
-    url = browser.ask(f"document.getElementById('{name}').toDataURL('image/png')")
-    return np.asarray(Image.open(BytesIO(base64.b64decode(url.split(",", 1)[1]))).convert("RGBA")).astype(int)
 
 
 def test_it_shows_the_mission_and_reports_no_error(browser):

@@ -18,21 +18,23 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.command import main
+from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page
 from auv_lse_shore.live.viewers.server import LiveServer, PortTakenError, port_or_any
 
 
-def served(talk):
+def served(talk, desk=None):
     """Serves a timeline of 1001 events on some free port and runs `talk(server, timeline)`."""
 
     async def run():
         timeline = Timeline()
         timeline.begin({"kind": "mission"})
         timeline.add([{"kind": "n", "t": i} for i in range(1000)])
-        server = LiveServer(timeline, 0)
+        server = LiveServer(timeline, 0, desk)
         try:
             return await talk(server, timeline)
         finally:
@@ -70,6 +72,114 @@ def test_only_the_page_of_this_machine_is_answered():
         assert await status(url, method="POST", body="x") == 405
 
     served(talk)
+
+
+def order(server, timeline, **changed):
+    """A valid request for a command, with changes to its body or headers."""
+    name = timeline.since("", 0, 0)[0]
+    headers = {"X-Live-Token": server.token, "Origin": f"http://127.0.0.1:{server.port}", **changed.pop("headers", {})}
+    body = changed.pop("body", None) or json.dumps({"mission": name, "command": "hold", "vehicles": [1], **changed})
+    url = f"http://127.0.0.1:{server.port}/command"
+    return HTTPRequest(url, method="POST", headers=headers, body=body)
+
+
+async def answer(request):
+    found = await AsyncHTTPClient().fetch(request, raise_error=False)
+    return found.code, found.body.decode()
+
+
+def test_a_command_needs_the_token_and_this_page():
+    async def talk(server, timeline):
+        assert server.url == f"http://127.0.0.1:{server.port}/#control={server.token}"
+        assert len(server.token) >= 20
+        for headers in (
+            {"X-Live-Token": ""},
+            {"X-Live-Token": server.token[:-1]},
+            {"X-Live-Token": "wörng"},
+            {"Origin": "http://evil.example"},
+            {"Origin": "null"},
+            {"Host": f"evil.example:{server.port}"},
+        ):
+            assert (await answer(order(server, timeline, headers=headers)))[0] == 403, headers
+        assert desk.take() == []
+        page = (await AsyncHTTPClient().fetch(f"http://127.0.0.1:{server.port}/")).body.decode()
+        assert server.token not in page
+        url = f"http://127.0.0.1:{server.port}/command"
+        assert await status(url, headers={"X-Live-Token": server.token}) == 405, "GET"
+
+    desk = CommandDesk()
+    desk.open(3)
+    served(talk, desk)
+
+
+def test_without_control_and_on_a_recording_no_command_is_taken():
+    async def without(server, timeline):
+        assert (server.token, "#" in server.url) == ("", False)
+        code, text = await answer(order(server, timeline))
+        assert code == 403
+        assert "Start it with scripts/live --control" in text
+
+    async def replayed(server, timeline):
+        code, text = await answer(order(server, timeline))
+        assert code == 409
+        assert "no mission is running" in text
+
+    served(without)
+    served(replayed, CommandDesk())
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "words"),
+    [
+        ({"body": "[]"}, 400, 'expected {"mission": text'),
+        ({"body": "{"}, 400, 'expected {"mission": text'),
+        ({"vehicles": 1}, 400, 'expected {"mission": text'),
+        ({"command": "go"}, 409, "command got 'go'; expected one of hold, surface, abort"),
+        ({"command": ["hold"]}, 409, "expected one of hold, surface, abort"),
+        ({"vehicles": []}, 409, "vehicles got []; expected numbers from 1 to 3"),
+        ({"vehicles": [1, 4]}, 409, "vehicles got [1, 4]; expected numbers from 1 to 3"),
+        ({"vehicles": [True]}, 409, "vehicles got [True]; expected numbers from 1 to 3"),
+        ({"mission": "an earlier one"}, 409, "another mission has begun; nothing was sent"),
+    ],
+)
+def test_an_impossible_command_is_refused_with_its_reason(changed, code, words):
+    async def talk(server, timeline):
+        found, text = await answer(order(server, timeline, **changed))
+        assert (found, words in text) == (code, True), text
+        assert desk.take() == []
+
+    desk = CommandDesk()
+    desk.open(3)
+    served(talk, desk)
+
+
+def test_a_command_is_answered_with_the_outcome_of_each_vehicle():
+    async def talk(server, timeline):
+        request = asyncio.create_task(answer(order(server, timeline, command="abort", vehicles=[2, 1, 2])))
+        while not (orders := desk.take()):
+            await asyncio.sleep(0.01)
+        assert [(o.command, o.vehicles) for o in orders] == [(Command.ABORT, (1, 2))]
+        orders[0].outcomes.set_result({1: ("accepted", "ABORTED"), 2: ("refused", "ended")})
+        code, text = await request
+        assert code == 200
+        assert json.loads(text) == {
+            "1": {"outcome": "accepted", "text": "ABORTED"},
+            "2": {"outcome": "refused", "text": "ended"},
+        }
+
+    desk = CommandDesk()
+    desk.open(3)
+    served(talk, desk)
+
+
+def test_a_command_that_waits_at_the_missions_end_is_reported_as_not_heard():
+    desk = CommandDesk()
+    desk.open(2)
+    outcomes = desk.order("surface", [2])
+    desk.close()
+    assert outcomes.result(0) == {2: ("not heard", "the mission has ended")}
+    with pytest.raises(CommandError, match="no mission is running"):
+        desk.order("surface", [2])
 
 
 def test_it_listens_on_this_machine_alone():
@@ -157,6 +267,7 @@ def test_the_command_reports_errors(tmp_path, capsys):
         (["--foxglove", "99999"], "--foxglove got 99999; expected 1 to 65535"),
         (["--rate", "0"], "--rate got 0; expected a finite number above 0"),
         (["--rate", "nan"], "--rate got nan; expected a finite number above 0"),
+        (["--control"], "expected a running mission. Leave out RUN"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )

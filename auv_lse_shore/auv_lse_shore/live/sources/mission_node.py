@@ -18,6 +18,8 @@ from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_qualit
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import find_topic
 from auv_lse_msgs.msg import SimStatus
+from auv_lse_shore.live.sources.command_calls_node import DeskCalls
+from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.events import topics_of
 
 #: Wall clock (s) without a simulator's status after which it subscribes to the vehicles anyway (real vehicles).
@@ -37,7 +39,14 @@ class MissionListener:
         state: The simulator's last reported state, None before its first report.
     """
 
-    def __init__(self, vehicles: int, domain: int, take: Callable[[str, Any], None], dive: str | None = None) -> None:
+    def __init__(
+        self,
+        vehicles: int,
+        domain: int,
+        take: Callable[[str, Any], None],
+        dive: str | None = None,
+        desk: CommandDesk | None = None,
+    ) -> None:
         """Stores its arguments.
 
         Args:
@@ -45,8 +54,11 @@ class MissionListener:
             domain: ROS domain.
             take: Takes a topic's full name and a message, on the thread that calls `serve`.
             dive: The id of the simulation, whose messages alone are taken; None: any.
+            desk: The commands to send; None: none are sent.
         """
         self._vehicles, self._domain, self._take, self._dive = vehicles, domain, take, dive
+        self._desk = desk
+        self._calls: DeskCalls | None = None
         self._joined = False
         self.state: int | None = None
 
@@ -58,19 +70,25 @@ class MissionListener:
         self._executor.add_node(self._node)
         self.heard_s = self._began_s = time.monotonic()
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        if self._desk is not None:
+            self._calls = DeskCalls(self._node, self._desk, self._vehicles)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Leaves the domain."""
+        if self._calls is not None:
+            self._calls.close()
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown()
 
     def serve(self, seconds_: float) -> None:
-        """Handles messages for about `seconds_` of wall clock."""
+        """Handles messages and commands for about `seconds_` of wall clock."""
         until = time.monotonic() + seconds_
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
+        if self._calls is not None:
+            self._calls.step()
         alone = self.state is None and time.monotonic() - self._began_s > _NO_SIMULATOR_S
         if not self._joined and (alone or self.state not in (None, SimStatus.WAITING)):
             self._join()

@@ -12,6 +12,7 @@ from typing import Any
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.domain import busy_domains, dive_on, run_on
 from auv_lse_record.recording import RecordingError
+from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.recording import RecordingFile
@@ -58,17 +59,21 @@ def _shown(run: Path | None) -> str:
 class MissionFollower:
     """Follows missions: those on one domain, or the newest on this machine."""
 
-    def __init__(self, timeline: Timeline, domain: int | None, mission: Path | None) -> None:
+    def __init__(
+        self, timeline: Timeline, domain: int | None, mission: Path | None, desk: CommandDesk | None = None
+    ) -> None:
         """Stores what to follow.
 
         Args:
             timeline: The timeline to fill.
             domain: ROS domain; None: that of the newest mission on this machine.
             mission: Mission file; None: the one in the run folder.
+            desk: The commands of the page; None: it has none.
         """
         self._timeline = timeline
         self._domain = domain
         self._mission = mission
+        self._desk = desk
 
     def follow(self, stop: threading.Event) -> None:
         """Follows one mission after another until `stop` is set."""
@@ -81,10 +86,10 @@ class MissionFollower:
                 continue
             try:
                 restarted = self._follow(found, stop)
-                self._timeline.set_state(growing=False, problem="")
+                self._timeline.set_state(growing=False, control=False, problem="")
             except (OSError, ValueError) as error:
                 restarted = False
-                self._timeline.set_state(growing=False, problem=str(error))
+                self._timeline.set_state(growing=False, control=False, problem=str(error))
             done = None if restarted else found
 
     def _find(self) -> RunningMission | None:
@@ -114,8 +119,9 @@ class MissionFollower:
         self._timeline.set_state(source="mission", domain=found.domain, growing=True, problem="", waiting="")
         self._timeline.set_state(run=_shown(found.run))
         merged = _MergedMessages(settings, self._timeline, found.run)
-        listening = MissionListener(settings.mission.vehicles, found.domain, merged.receive, dive_on(found.domain))
-        with listening as listener:
+        vehicles, dive = settings.mission.vehicles, dive_on(found.domain)
+        with MissionListener(vehicles, found.domain, merged.receive, dive, self._desk) as listener:
+            self._timeline.set_state(control=self._desk is not None)
             while not stop.is_set() and not merged.restarted:
                 listener.serve(_SERVE_S)
                 merged.add_events()

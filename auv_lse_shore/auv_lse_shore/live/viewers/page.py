@@ -22,10 +22,14 @@ MODULES = (
     "packets.js",
     "player.js",
     "link.js",
+    "measure.js",
+    "graticule.js",
     "map.js",
     "slots.js",
     "chart.js",
+    "alarms.js",
     "vehicles.js",
+    "commands.js",
     "main.js",
 )
 _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)

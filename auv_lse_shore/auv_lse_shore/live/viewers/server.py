@@ -1,14 +1,19 @@
 """Serves the live view to browsers on this machine only.
 
 The `Host` header of a request must name this machine, and its `Origin` header, if any, must be this page. This prevents
-DNS rebinding: another website could otherwise read the mission under a name that resolves to 127.0.0.1. There are two
-addresses, the page and its stream of events, and no files.
+DNS rebinding: another website could otherwise read the mission under a name that resolves to 127.0.0.1. There are three
+addresses, the page, its stream of events and its commands, and no files.
+
+Commands need the token that is printed with the page's address, so that other users of this machine cannot send any.
+It is the address's fragment, which browsers do not send; the page sends it in a header.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import json
+import secrets
 import socket
 from typing import Any
 
@@ -17,6 +22,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 
+from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page, script_hash
 
@@ -33,9 +39,13 @@ _QUIET_S = 2.0
 _BATCH = 400
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src '{script}'; img-src data:; "
-    "connect-src ws://127.0.0.1:{port} ws://localhost:{port}; base-uri 'none'; form-action 'none'; "
+    "connect-src 'self' ws://127.0.0.1:{port} ws://localhost:{port}; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
+
+
+#: Header in which the page sends the token.
+TOKEN_HEADER = "X-Live-Token"
 
 
 class PortTakenError(OSError):
@@ -56,14 +66,16 @@ class LiveServer:
 
     Attributes:
         url: Address to open in a browser.
+        token: The token of the commands, "" if there are none; it is part of `url`.
     """
 
-    def __init__(self, timeline: Timeline, port: int) -> None:
+    def __init__(self, timeline: Timeline, port: int, desk: CommandDesk | None = None) -> None:
         """Takes the port; serves once an event loop runs.
 
         Args:
             timeline: The events to serve.
             port: TCP port, 0 for any free port.
+            desk: Takes the page's commands; None: they are refused.
 
         Raises:
             PortTakenError: if the port is in use or not allowed.
@@ -76,10 +88,12 @@ class LiveServer:
                 "view, or choose another port: --port N, or --port 0 for any free one"
             ) from error
         self.port = sockets[0].getsockname()[1]
-        self.url = f"http://{ADDRESS}:{self.port}/"
+        self.token = "" if desk is None else secrets.token_urlsafe(16)
+        self.url = f"http://{ADDRESS}:{self.port}/" + (f"#control={self.token}" if self.token else "")
         given = {"timeline": timeline, "port": self.port}
+        commands = {**given, "desk": desk, "token": self.token}
         application = tornado.web.Application(
-            [("/", PageHandler, given), ("/events", EventsHandler, given)],
+            [("/", PageHandler, given), ("/events", EventsHandler, given), ("/command", CommandHandler, commands)],
             default_handler_class=NotFoundHandler,
             default_handler_args=given,
             log_function=lambda handler: None,
@@ -112,8 +126,8 @@ class _Guard(tornado.web.RequestHandler):
         elif origin is not None and origin not in {f"http://{name}" for name in self._hosts}:
             self._refuse(f"Origin {origin!r}: expected http://{host}")
 
-    def _refuse(self, reason: str) -> None:
-        self.set_status(403)
+    def _refuse(self, reason: str, status: int = 403) -> None:
+        self.set_status(status)
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(f"refused: {reason}\n")
 
@@ -143,6 +157,47 @@ class PageHandler(_Guard):
         self.finish(page)
 
     head = get
+
+
+class CommandHandler(_Guard):
+    """Commands of the page's buttons to the vehicles of the mission that it shows."""
+
+    def initialize(self, timeline: Timeline, port: int, desk: CommandDesk | None = None, token: str = "") -> None:
+        """Takes also the desk, None without --control, and the token."""
+        super().initialize(timeline, port)
+        self._desk, self._token = desk, token
+
+    def prepare(self) -> None:
+        """Checks the headers, then the token."""
+        super().prepare()
+        if self._finished:
+            return
+        given = self.request.headers.get(TOKEN_HEADER, "").encode()
+        if self._desk is None:
+            self._refuse("this live view sends no commands. Start it with scripts/live --control")
+        elif not hmac.compare_digest(given, self._token.encode()):
+            self._refuse("wrong or missing token. Open the address that scripts/live --control printed")
+
+    async def post(self) -> None:
+        """Takes {"mission": name of the timeline, "command": ..., "vehicles": [...]}; answers when all is known.
+
+        The answer has the outcome and text of each vehicle, by its number.
+        """
+        assert self._desk is not None
+        try:
+            wanted = json.loads(self.request.body)
+            mission, command, vehicles = wanted["mission"], wanted["command"], list(wanted["vehicles"])
+        except (ValueError, TypeError, KeyError):
+            self._refuse('expected {"mission": text, "command": text, "vehicles": [number, ...]}', 400)
+            return
+        try:
+            if mission != self.timeline.since("", 0, 0)[0]:
+                raise CommandError("another mission has begun; nothing was sent. Try again")
+            outcomes = await asyncio.shield(asyncio.wrap_future(self._desk.order(command, vehicles)))
+        except CommandError as error:
+            self._refuse(str(error), 409)
+            return
+        self.finish(json.dumps({k: {"outcome": outcome, "text": text} for k, (outcome, text) in outcomes.items()}))
 
 
 class NotFoundHandler(_Guard):

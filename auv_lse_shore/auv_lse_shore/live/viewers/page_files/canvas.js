@@ -48,8 +48,8 @@ export function cross(c, x, y, size) {
   strokeWithCasing(c, "#000000", 5.5, "#ffffff", 2.8);
 }
 
-export function label(c, text, x, y) {
-  c.font = "bold 13px system-ui, sans-serif";
+export function label(c, text, x, y, size = 13) {
+  c.font = `bold ${size}px system-ui, sans-serif`;
   c.textAlign = "left";
   c.textBaseline = "middle";
   c.strokeStyle = "rgba(0, 0, 0, .85)";

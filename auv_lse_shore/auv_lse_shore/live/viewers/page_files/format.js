@@ -45,13 +45,30 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-// WGS84 latitude and longitude (deg) of a place (m north and east of the origin, a pair in deg), as a text. Terms of
-// third order in the distance are left out: within 10 km the error is below 0.2 m at latitudes up to 65 deg.
-export function geodetic(north, east, [lat0, lon0]) {
+// WGS84 latitude and longitude (deg) of a place (m north and east of the origin, a pair in deg). Terms of third order
+// in the distance are left out: within 10 km the error is below 0.2 m at latitudes up to 65 deg.
+export function toGeodetic(north, east, [lat0, lon0]) {
   const a = 6378137, e2 = 0.00669437999014, radian = Math.PI / 180, phi = lat0 * radian;
   const w2 = 1 - e2 * Math.sin(phi) ** 2, normal = a / Math.sqrt(w2), meridian = (a * (1 - e2)) / w2 ** 1.5;
   const lat = lat0 + (north / meridian - (east * east * Math.tan(phi)) / (2 * meridian * normal)) / radian;
   const lon = lon0 + ((east / (normal * Math.cos(phi))) * (1 + (north * Math.tan(phi)) / normal)) / radian;
+  return [lat, lon];
+}
+
+// The inverse of `toGeodetic`, to 1 mm, by correcting a flat guess.
+export function fromGeodetic(lat, lon, origin) {
+  const metre = 180 / (Math.PI * 6378137), shrink = Math.cos((origin[0] * Math.PI) / 180), place = { north: 0, east: 0 };
+  for (let i = 0; i < 6; i++) {
+    const [ownLat, ownLon] = toGeodetic(place.north, place.east, origin);
+    place.north += (lat - ownLat) / metre;
+    place.east += ((lon - ownLon) * shrink) / metre;
+  }
+  return place;
+}
+
+// `toGeodetic` as a text.
+export function geodetic(north, east, origin) {
+  const [lat, lon] = toGeodetic(north, east, origin);
   const side = (value, signs) => `${Math.abs(value).toFixed(6)}° ${value < 0 ? signs[1] : signs[0]}`;
   return `${side(lat, "NS")}, ${side(lon, "EW")}`;
 }

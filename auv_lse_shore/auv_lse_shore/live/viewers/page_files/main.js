@@ -1,10 +1,13 @@
 // Connects the parts of the page: receives events, and draws the mission at the selected time.
 
+import { Alarms } from "./alarms.js";
 import { Chart, teamSum } from "./chart.js";
 import { LAYERS, themeColors, vehicleColor } from "./colors.js";
-import { clock, element, number, setText } from "./format.js";
+import { Commands } from "./commands.js";
+import { clock, element, fromGeodetic, number, setText } from "./format.js";
 import { Link } from "./link.js";
 import { MapView } from "./map.js";
+import { Measure } from "./measure.js";
 import { Player } from "./player.js";
 import { SlotView } from "./slots.js";
 import { Store } from "./store.js";
@@ -12,12 +15,14 @@ import { VehicleCards } from "./vehicles.js";
 
 const $ = (id) => document.getElementById(id);
 const store = new Store(), player = new Player(store);
-const map = new MapView($("map"), $("readout"), store);
+const map = new MapView($("map"), $("readout"), store, new Measure($("measured"), $("measure")));
 const slots = new SlotView($("slots"), $("slots-words"), store);
 const cards = new VehicleCards($("vehicles"), store, (vehicle) => choose(vehicle));
 const reward = new Chart($("reward"), store, rewardCurves, (t) => player.seek(t));
 const risk = new Chart($("risk"), store, riskCurves, (t) => player.seek(t));
-let source = { connection: "connecting" }, begun = null, drawn = "", lastFrame = performance.now();
+const alarms = new Alarms($("alarms"), store, (t) => player.seek(t));
+const commands = new Commands($("commands"), $("confirm"), store, () => link?.name);
+let link = null, source = { connection: "connecting" }, begun = null, drawn = "", lastFrame = performance.now();
 
 // ---------------------------------------------------------------------- what is drawn
 
@@ -56,6 +61,7 @@ function draw() {
   setText($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
   setText($("risk-words"), `Now: ${risks.length > 8 ? range(risks) : words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);
+  alarms.update(t);
   describeMap(t);
 }
 
@@ -173,6 +179,7 @@ function drawLegend() {
   const words = (text) => element("span", {}, text);
   root.append(element("span", { title: layer.title }, words(layer.label), words(ends[0]), bar, words(ends[1])));
   const toggles = { band: "95 % band", plans: "Plans", samples: "Received samples" };
+  if (facts.origin_deg) toggles.graticule = "Latitude and longitude";
   if (facts.true_isobath.length) toggles.true_isobath = "True isobath (dashed)";
   if (facts.simulated) toggles.truth = "True tracks (dotted)";
   for (const [name, text] of Object.entries(toggles)) {
@@ -211,7 +218,7 @@ const KEYS = {
 };
 
 document.addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.metaKey || e.altKey || $("help").open || ["SELECT"].includes(e.target.tagName)) return;
+  if (e.ctrlKey || e.metaKey || e.altKey || document.querySelector("dialog[open]") || ["SELECT"].includes(e.target.tagName)) return;
   if (e.target === $("time") && /^(Arrow|Home|End|Page)/.test(e.key)) return; // the slider handles these keys
   if (e.key === " " && ["BUTTON", "INPUT"].includes(e.target.tagName) && e.target !== $("time")) return;
   const arrows = { ArrowLeft: -10, ArrowRight: 10 };
@@ -240,10 +247,11 @@ function frame(now) {
   const { clientWidth, clientHeight } = $("map");
   const probe = map.probe ? `${map.probe.x} ${map.probe.y}` : "";
   const focus = document.activeElement === $("map");
-  const state = [player.t, store.changes, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), JSON.stringify(source)].join(" ");
+  const state = [player.t, store.changes, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), map.measure.active, map.measure.points.length, map.vehicle, JSON.stringify(source)].join(" ");
   if (state !== drawn) {
     drawn = state;
     describeState();
+    commands.update(source, map.vehicle);
     if (store.facts) {
       describeMission();
       describeTime();
@@ -260,6 +268,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => choo
 $("theme").addEventListener("click", nextTheme);
 $("play").addEventListener("click", () => player.toggle());
 $("live").addEventListener("click", () => player.follow());
+$("measure").addEventListener("click", () => map.toggleMeasure());
 $("fit").addEventListener("click", () => map.fit());
 $("time").addEventListener("input", () => player.seek(Number($("time").value) + store.startS));
 $("rate").addEventListener("change", () => (player.rate = Number($("rate").value)));
@@ -269,7 +278,7 @@ if (kept) {
   source = { connection: "open", growing: false };
   for (const event of JSON.parse(kept)) store.add(event);
 } else {
-  new Link(store, (state) => (source = state.connection === "open" ? state : { ...source, ...state }));
+  link = new Link(store, (state) => (source = state.connection === "open" ? state : { ...source, ...state }));
 }
-window.liveView = { store, player, map }; // for tests and debugging
+window.liveView = { store, player, map, fromGeodetic, vehicleColor }; // for tests and debugging
 requestAnimationFrame(frame);

@@ -2,6 +2,7 @@
 
 import { cross, DM, label, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
 import { sharesColor, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
+import { drawGraticule } from "./graticule.js";
 import { geodetic, number, tickDigits, ticks, tickStep } from "./format.js";
 import { packetsAt } from "./packets.js";
 import { OUTSIDE } from "./store.js";
@@ -9,13 +10,14 @@ import { OUTSIDE } from "./store.js";
 const MARGIN = { left: 58, right: 10, top: 10, bottom: 40 };
 
 export class MapView {
-  constructor(canvas, readout, store) {
+  constructor(canvas, readout, store, measure) {
     this.canvas = canvas;
+    this.measure = measure;
     this.readout = readout;
     this.store = store;
     this.vehicle = 1;
     this.layer = "risk";
-    this.shown = { band: true, plans: true, truth: false, samples: true, true_isobath: true };
+    this.shown = { band: true, plans: true, truth: false, samples: true, true_isobath: true, graticule: true };
     this.raster = { key: "" };
     this.pointers = new Map();
     this.probe = null; // place of the readout (canvas pixels)
@@ -78,6 +80,7 @@ export class MapView {
     canvas.addEventListener("pointerdown", (e) => {
       canvas.setPointerCapture(e.pointerId);
       this.pointers.set(e.pointerId, at(e));
+      this.moved = 0;
     });
     canvas.addEventListener("pointermove", (e) => {
       this.probe = at(e);
@@ -89,11 +92,15 @@ export class MapView {
         this.zoom(span(now) / span(before), (now.x + other.x) / 2, (now.y + other.y) / 2);
       } else {
         this.move(now.x - before.x, now.y - before.y);
+        this.moved += Math.hypot(now.x - before.x, now.y - before.y);
       }
       this.pointers.set(e.pointerId, now);
     });
     const end = (e) => this.pointers.delete(e.pointerId);
-    canvas.addEventListener("pointerup", end);
+    canvas.addEventListener("pointerup", (e) => {
+      end(e);
+      if (this.measure.active && this.store.facts && this.moved < 5) this.measure.add(this.projection().place(e.offsetX, e.offsetY));
+    });
     canvas.addEventListener("pointercancel", end);
     canvas.addEventListener("pointerleave", () => (this.probe = null));
     canvas.addEventListener("wheel", (e) => {
@@ -106,12 +113,30 @@ export class MapView {
   // Handles a key of the map; returns whether the key is one.
   key(event) {
     const step = 40, moves = { ArrowLeft: [step, 0], ArrowRight: [-step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] };
-    if (moves[event.key] && document.activeElement === this.canvas) this.move(...moves[event.key]);
+    const focused = document.activeElement === this.canvas;
+    if (moves[event.key] && focused) {
+      this.probe = null; // the place described is then the center
+      this.move(...moves[event.key]);
+    } else if (event.key === "Enter" && focused && this.measure.active) this.measure.add(this.describedPlace());
+    else if (event.key === "m") this.toggleMeasure();
+    else if (event.key === "Escape" && this.measure.active) this.measure.stop();
     else if (event.key === "+" || event.key === "=") this.zoom(1.25);
     else if (event.key === "-") this.zoom(0.8);
     else if (event.key === "0") this.fit();
     else return false;
     return true;
+  }
+
+  toggleMeasure() {
+    if (this.measure.active) return this.measure.stop();
+    this.measure.start();
+    this.canvas.focus();
+  }
+
+  // The place under the pointer, else the center.
+  describedPlace() {
+    const { width, height } = this.size(), { x, y } = this.probe ?? { x: width / 2, y: height / 2 };
+    return this.projection().place(x, y);
   }
 
   // ------------------------------------------------------------------ drawing
@@ -130,6 +155,9 @@ export class MapView {
     if (map) this.drawRaster(c, p, map);
     this.drawArea(c, p, facts, theme);
     if (map) this.drawIsobath(c, p, map);
+    if (this.shown.graticule && facts.origin_deg) {
+      drawGraticule(c, p, { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - MARGIN.bottom }, facts.origin_deg);
+    }
     if (this.shown.true_isobath) {
       for (const line of facts.true_isobath) stroke(c, p, line, "#ffffff", 2.5);
       for (const line of facts.true_isobath) stroke(c, p, line, "#000000", 2.5, [6, 5]);
@@ -139,6 +167,7 @@ export class MapView {
     if (this.shown.plans) for (const { number } of facts.vehicles) this.drawPlan(c, p, number, t);
     this.drawPackets(c, p, t);
     for (const { number } of facts.vehicles) this.drawVehicle(c, p, number, t);
+    this.measure.draw(c, p, this.probe || this.isKeyed() ? this.describedPlace() : null);
     c.restore();
     this.drawAxes(c, p, width, height, theme);
     this.drawScale(c, p, width, height);
@@ -397,9 +426,13 @@ export class MapView {
     label(c, `${length} m`, x + long + 8, y - 3);
   }
 
+  isKeyed() {
+    return this.canvas.matches(":focus-visible");
+  }
+
   // Describes the place under the pointer, or the center while the map has keyboard focus.
   describeProbe(c, p, map, width, height, theme) {
-    const byKeys = this.canvas.matches(":focus-visible"), at = this.probe ?? (byKeys ? { x: width / 2, y: height / 2 } : null);
+    const at = this.probe ?? (this.isKeyed() ? { x: width / 2, y: height / 2 } : null);
     if (!at) {
       this.readout.textContent = "";
       return;

@@ -1,11 +1,11 @@
 // One card per vehicle: health, progress, position and packets. Clicking a card shows that vehicle's map.
 
+import { SILENT_S } from "./alarms.js";
 import { vehicleColor } from "./colors.js";
 import { element, geodetic, number, setText } from "./format.js";
 
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… no data" };
-const SILENT_S = 30;
 const FIELDS = ["mission", "step", "N, E", "position ±", "depth", "speed", "decision", "packets"];
 const SHORT = ["mission", "step", "packets"]; // rows shown on the cards of a large team, except on the selected card
 const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received" };
@@ -53,7 +53,7 @@ export class VehicleCards {
     const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
     const { level, notes } = this.health(vehicle, t, pose);
     for (const limit of at("run")?.limits ?? []) notes.push(`limit tripped: ${limit}`);
-    if (slots?.missed) notes.push(`${slots.missed} missed slots`);
+    if (slots?.missed) notes.push(`${slots.missed} missed slot${slots.missed > 1 ? "s" : ""}`);
     const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
     if (health.dataset.level !== level) health.dataset.level = level;
     setText(health, SIGNS[level]);

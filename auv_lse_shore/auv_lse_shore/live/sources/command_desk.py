@@ -1,0 +1,89 @@
+"""Hands the commands of the page's buttons to the thread that has joined the mission's ROS domain."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+
+from auv_lse_common.vocabulary.mission_run import Command
+
+#: The commands that the page offers. Nothing that starts a vehicle: that needs scripts/run.
+COMMANDS = {"hold": Command.HOLD, "surface": Command.SURFACE, "abort": Command.ABORT}
+
+#: Why a vehicle that was asked has not answered.
+MISSION_ENDED = "the mission has ended"
+
+#: What a vehicle answered: "accepted", "refused" or "not heard", and a text.
+Outcome = tuple[str, str]
+
+
+class CommandError(ValueError):
+    """A command that is not sent to any vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command on its way.
+
+    Attributes:
+        command: The command.
+        vehicles: Numbers of the vehicles that it is for.
+        outcomes: Gets each vehicle's outcome when all are known.
+    """
+
+    command: Command
+    vehicles: tuple[int, ...]
+    outcomes: Future[dict[int, Outcome]] = field(default_factory=Future)
+
+
+class CommandDesk:
+    """Takes commands on the server's thread and gives them out on the thread that follows a mission."""
+
+    def __init__(self) -> None:
+        """Accepts nothing until a mission is followed."""
+        self._lock = threading.Lock()
+        self._vehicles = 0
+        self._orders: list[Order] = []
+
+    def open(self, vehicles: int) -> None:
+        """A mission with that number of vehicles is followed: commands are accepted."""
+        with self._lock:
+            self._vehicles = vehicles
+
+    def close(self) -> None:
+        """The mission is not followed any more: commands are refused, waiting ones are reported as not heard."""
+        with self._lock:
+            self._vehicles, waiting, self._orders = 0, self._orders, []
+        for order in waiting:
+            order.outcomes.set_result(dict.fromkeys(order.vehicles, ("not heard", MISSION_ENDED)))
+
+    def order(self, name: object, vehicles: Sequence[object]) -> Future[dict[int, Outcome]]:
+        """Takes a command; returns the future outcome of each vehicle.
+
+        Args:
+            name: "hold", "surface" or "abort".
+            vehicles: Numbers of the vehicles.
+
+        Raises:
+            CommandError: if the command or a vehicle does not exist, or no mission is followed.
+        """
+        if not isinstance(name, str) or name not in COMMANDS:
+            raise CommandError(f"command got {name!r}; expected one of {', '.join(COMMANDS)}")
+        with self._lock:
+            if not self._vehicles:
+                raise CommandError("no mission is running; expected one. Commands cannot change a recording")
+            there = range(1, self._vehicles + 1)
+            found = [k for k in vehicles if type(k) is int and k in there]
+            if not found or len(found) < len(vehicles):
+                raise CommandError(f"vehicles got {list(vehicles)!r}; expected numbers from 1 to {self._vehicles}")
+            order = Order(COMMANDS[name], tuple(sorted(set(found))))
+            self._orders.append(order)
+        return order.outcomes
+
+    def take(self) -> list[Order]:
+        """The commands since the last call; the caller sets their outcomes."""
+        with self._lock:
+            orders, self._orders = self._orders, []
+        return orders
