@@ -274,4 +274,4 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
     monkeypatch.setattr(stop, "wait", wait)
     follower.follow(stop)
     assert followed == [running.RunningMission(7, tmp_path)]
-    assert timeline.state == {"growing": False, "problem": "", "waiting": "waiting for a mission"}
+    assert timeline.state == {"growing": False, "control": False, "problem": "", "waiting": "waiting for a mission"}

@@ -8,8 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
-from live_serving import Serving, at, pixels, text
+from browser import CHROMIUM, Browser, Serving, at, pixels, text
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.recording import recording_in

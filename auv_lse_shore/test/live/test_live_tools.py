@@ -7,8 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
-from live_serving import Serving, at, pixels, seen, text
+from browser import CHROMIUM, Browser, Serving, at, pixels, seen, text
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.recording import recording_in
