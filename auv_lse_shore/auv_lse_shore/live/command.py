@@ -64,13 +64,12 @@ def parser() -> argparse.ArgumentParser:
         "--open",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="open the page in this machine's browser (default: --open; with --control open the printed address)",
+        help="open the page in this machine's browser (default: --open; never with --control)",
     )
     p.add_argument(
         "--control",
         action="store_true",
-        help="buttons to hold, surface or abort the vehicles of a running mission; the printed address has a token "
-        "that allows it",
+        help="buttons to hold, surface or abort the vehicles, allowed by a token in the printed address",
     )
     _add_viewers(p)
     p.add_argument(
