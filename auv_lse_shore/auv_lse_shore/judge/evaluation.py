@@ -192,6 +192,7 @@ def _summary(e: Evaluation) -> Summary:
         **merit.paper_reward(curves, first.planner.entry.of_paper),
         "risk_third": _at_third(curves.risk),
         "mowing_risk": curves.mowing_risk,
+        "flown_risk": curves.flown_risk,
         "alone_risk": e.alone_risk,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run),
     }

@@ -6,6 +6,7 @@ If a mission ended early, the lawnmower mission, planned for the whole, ends at 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,25 @@ def risk_if_measured(posterior: Posterior, level_set: LevelSet, places_m: Array)
     return before, level_set.expected_risk(columns.mean_m, np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left))
 
 
-def _starts(run: RunData, paths: Sequence[PlannedPaths]) -> Iterator[tuple[int, Plan, PlannedPaths]]:
-    """Number, first plan and paths of each vehicle that decided anything."""
+class _Start(NamedTuple):
+    """A vehicle's first plan, its paths, and the legs of a lawnmower mission with which it is compared."""
+
+    vehicle: int
+    plan: Plan
+    paths: PlannedPaths
+    legs: int
+
+    def naive(self, naive_path: int) -> Array:
+        """Places (n, 2) of those legs of a naive path."""
+        return self.paths.naive(self.plan, naive_path, self.legs)
+
+
+def _starts(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> Iterator[_Start]:
+    """The start of each vehicle that decided anything; if the mission ended early, with the legs that it travelled."""
+    early = run.steps < settings[0].mission.steps
     for vehicle, own in zip(run.vehicles, paths, strict=True):
         if vehicle.decisions:
-            yield vehicle.vehicle, vehicle.decisions[0].plan, own
+            yield _Start(vehicle.vehicle, vehicle.decisions[0].plan, own, vehicle.steps if early else run.steps)
 
 
 def lawnmower_map_risk(
@@ -57,20 +72,29 @@ def lawnmower_map_risk(
     def expected(posterior: Posterior, places: Array) -> float:
         return float(risk_if_measured(posterior, level_set, places)[1].mean())
 
-    for number, start, own in _starts(run, paths):
-        candidates = [in_turn.with_planned(own.naive(start, naive_path, run.steps)) for naive_path in MOWING]
+    for start in _starts(run, settings, paths):
+        candidates = [in_turn.with_planned(start.naive(naive_path)) for naive_path in MOWING]
         in_turn = min(candidates, key=lambda posterior: expected(posterior, some))
-        fitted = fitted.with_planned(own.naive(start, FITTED[(number - 1) % len(FITTED)], run.steps))
+        fitted = fitted.with_planned(start.naive(FITTED[(start.vehicle - 1) % len(FITTED)]))
     return min(expected(in_turn, map_m), expected(fitted, map_m))
+
+
+def flown_map_risk(
+    run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths], map_m: Array
+) -> float:
+    """Map risk over `map_m` (P, 2) that the prior expects after the legs that all vehicles travelled."""
+    legs = [own.leg(d) for v, own in zip(run.vehicles, paths, strict=True) for d in v.decisions]
+    posterior = OnlineGp(settings[0].gp).posterior.with_planned(np.concatenate([np.empty((0, 2)), *legs]))
+    return float(risk_if_measured(posterior, LevelSet.of(settings[0].level_set), map_m)[1].mean())
 
 
 def lawnmower_path_reward(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> float:
     """Expected whole-path reward of a lawnmower mission: each vehicle in turn takes the one that adds most."""
     level_set, posterior = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp).posterior
     team, value = np.empty((0, 2)), 0.0
-    for _, start, own in _starts(run, paths):
-        ids = [start.naive_path] if start.naive_path != NONE else [*LAWNMOWERS, *COVERING]
-        joint = [np.concatenate([team, own.naive(start, naive_path, run.steps)]) for naive_path in ids]
+    for start in _starts(run, settings, paths):
+        ids = [start.plan.naive_path] if start.plan.naive_path != NONE else [*LAWNMOWERS, *COVERING]
+        joint = [np.concatenate([team, start.naive(naive_path)]) for naive_path in ids]
         rewards = []
         for places in joint:
             before, after = risk_if_measured(posterior.with_planned(places), level_set, places)

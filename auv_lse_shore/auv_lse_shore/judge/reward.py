@@ -30,7 +30,7 @@ from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_record.run_data import RunData
-from auv_lse_shore.judge.lawnmower import lawnmower_map_risk, lawnmower_path_reward, risk_if_measured
+from auv_lse_shore.judge.lawnmower import flown_map_risk, lawnmower_map_risk, lawnmower_path_reward, risk_if_measured
 from auv_lse_shore.judge.planned_paths import PlannedPaths, soundings_by_leg
 
 Array = NDArray[np.float64]
@@ -53,6 +53,7 @@ class Curves:
         risk: Map risk given the data so far (cost/place); NaN where not computed, shape (n + 1,).
         expected_risk: Map risk expected at the end if only the current plans are carried out, shape (n + 1,).
         mowing_risk: Map risk expected of a lawnmower mission before the first leg; NaN if not computed.
+        flown_risk: Map risk that the prior expects of the legs that were travelled; NaN if not computed.
     """
 
     stepwise: Array
@@ -64,6 +65,7 @@ class Curves:
     risk: Array
     expected_risk: Array
     mowing_risk: float
+    flown_risk: float
 
     @property
     def bound_max(self) -> Array:
@@ -195,4 +197,5 @@ def reward_curves(
         risk=risk,
         expected_risk=expected_risk,
         mowing_risk=np.nan if map_m is None else lawnmower_map_risk(run, settings, paths, map_m),
+        flown_risk=np.nan if map_m is None else flown_map_risk(run, settings, paths, map_m),
     )

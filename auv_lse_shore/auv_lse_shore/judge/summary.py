@@ -59,6 +59,7 @@ class Summary:
         "cost/place",
         "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early",
     )
+    flown_risk: float | None = figure("cost/place", "map risk that the prior expected of the path that was flown")
     map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if the mission ended early")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk; null if it ended early")
     loss_expected: float = figure(

@@ -203,10 +203,11 @@ def _bound(e: Evaluation) -> str:
     share = _percent(abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0)
     beside = f"{share} {'below' if s.risk_after <= s.mowing_risk else 'above'}"
     if s.steps < e.planned_steps:
+        flown = "" if s.flown_risk is None else f" The path flown was expected to reach {_three(s.flown_risk)}."
         return (
-            f"{text} The first {s.steps} of {e.planned_steps} steps of a lawnmower mission were expected to reach "
-            f"{_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete missions "
-            "only."
+            f"{text}{flown} The first {s.steps} of {e.planned_steps} steps of a lawnmower mission were expected to "
+            f"reach {_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete "
+            "missions only."
         )
     bound = f"A lawnmower mission of the same length was expected to reach {_three(s.mowing_risk)}"
     if not s.map_bound_promised:

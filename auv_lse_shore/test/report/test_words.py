@@ -123,8 +123,12 @@ def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmow
     # Less is expected of a part than of the whole, and of a lawnmower no more than the prior allows.
     assert whole.summary.mowing_risk < 0.8 * s.mowing_risk < s.risk_before
     assert s.lawnmower_value < whole.summary.lawnmower_value
+    # The synthetic vehicles mow lanes of their own: what the prior expected of them is near to what they reached.
+    assert s.flown_risk == pytest.approx(s.risk_after, rel=0.4)
+    assert whole.summary.flown_risk < 0.8 * s.flown_risk < s.risk_before
     assert headlines(s, 100)[0].startswith("The mission ended early, after 22 of 100 steps.")
     text = text_of(evaluation)
+    assert f"The path flown was expected to reach {number(s.flown_risk, 3)}." in text
     assert (
         f"The first 22 of 100 steps of a lawnmower mission were expected to reach {number(s.mowing_risk, 3)};" in text
     )
