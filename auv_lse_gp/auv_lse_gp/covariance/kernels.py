@@ -185,6 +185,19 @@ class Kernel:
         dy = a[:, None, 1] - b[None, :, 1]
         return np.asarray(self.signal_variance_m2 * self._correlation(np.sqrt(dx * dx + dy * dy)))
 
+    @property
+    def slope_covariance(self) -> Array:
+        """Prior covariance (2, 2) of the slopes north and east at a place."""
+        at_zero = float(self._slope(np.zeros(1))[0])
+        return np.asarray(-self.signal_variance_m2 * at_zero * self._to_scaled @ self._to_scaled.T)
+
+    def slopes_of_scaled(self, a: Array, b: Array) -> tuple[Array, Array]:
+        """Covariances (A, B) of the slopes north and east at scaled places `a` with the depths at `b`."""
+        apart = a[:, None, :] - b[None, :, :]
+        slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))
+        north, east = (slopes * (apart @ axis) for axis in self._to_scaled)
+        return north, east
+
     def gradient_sums(self, a: Array, weights: Array, b: Array) -> Array:
         """Gradient (A, 2), m^2 / m, of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
 

@@ -37,6 +37,7 @@ from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
+from auv_lse_gp.level_set.crossings import DepthAndSlope
 
 Array = NDArray[np.float64]
 
@@ -276,6 +277,11 @@ class Posterior:
         n, worth = self.data_rows, self._std_soundings
         return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
 
+    @property
+    def scale_worth(self) -> float:
+        """Number of soundings that the prior of `variance_scale` counts as (`gp.std_soundings`); 0: no rescaling."""
+        return self._std_soundings
+
     def place_variance(self, scaled: Array) -> Array:
         """Variance (P,) that uncertain positions of the centers add at scaled places (P, 2)."""
         if not self.places_uncertain:
@@ -291,6 +297,26 @@ class Posterior:
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
         return depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
+
+    def depth_and_slope(self, places_m: ArrayLike) -> DepthAndSlope:
+        """Joint distribution of depth and slope at places (P, 2) given the data; places of centers count as known."""
+        places = checked_places(places_m)
+        kernel, n = self.kernel, self.data_rows
+        scaled, data = kernel.scale(places), self._scaled[:n]
+        covariances = kernel.of_scaled(scaled, data)
+        slopes = kernel.slopes_of_scaled(scaled, data)
+        white, *white_slopes = (self._factor.solve_rows_in_place(c) for c in (covariances, *slopes))
+        own = kernel.slope_covariance
+        slope_covariance = np.array(
+            [[own[i, j] - np.einsum("pn,pn->p", white_slopes[i], white_slopes[j]) for j in (0, 1)] for i in (0, 1)]
+        )
+        return DepthAndSlope(
+            mean_m=np.asarray(self.prior_mean(places), dtype=float) + white @ self._whitened,
+            variance_m2=np.maximum(kernel.variance(places) - np.einsum("pn,pn->p", white, white), 0.0),
+            slope=prior_slopes(self.prior_mean, places) + np.stack([w @ self._whitened for w in white_slopes], axis=1),
+            covariance_m=-np.stack([np.einsum("pn,pn->p", white, w) for w in white_slopes], axis=1),
+            slope_covariance=np.moveaxis(slope_covariance, 2, 0),
+        )
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
         """Replaces the prior mean (P,) and variance (P,) at scaled places (P, 2) by the posterior's, in place."""
@@ -385,12 +411,14 @@ class Posterior:
 
 def depth_slopes(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
     """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
-    found = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
-    for axis in (0, 1):
-        step = np.zeros(2)
-        step[axis] = _SLOPE_M
-        found[:, axis] += (mean(places_m + step) - mean(places_m - step)) / (2.0 * _SLOPE_M)
-    return found
+    sums = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
+    return sums + prior_slopes(mean, places_m)
+
+
+def prior_slopes(mean: PriorMean, places_m: Array) -> Array:
+    """Slope (P, 2) of the prior mean at places (P, 2)."""
+    steps = _SLOPE_M * np.eye(2)
+    return np.stack([(mean(places_m + s) - mean(places_m - s)) / (2.0 * _SLOPE_M) for s in steps], axis=1)
 
 
 def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -> None:

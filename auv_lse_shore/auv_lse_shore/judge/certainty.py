@@ -16,13 +16,16 @@ What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.optimize import brentq
 from scipy.spatial import cKDTree
+from scipy.special import ndtr
 
 from auv_lse_gp.map.depth_map import DepthField
 
@@ -134,6 +137,20 @@ def lines_of(pieces: Sequence[Piece], *kinds: str) -> list[Array]:
 def length_of(pieces: Sequence[Piece], kind: str, reason: str | None = None) -> float:
     """Length (m) of the pieces of a class, and of one reason if that is named."""
     return sum((p.length_m for p in pieces if p.kind == kind and reason in (None, p.reason)), 0.0)
+
+
+def found_within_m(pieces: Sequence[Piece]) -> float:
+    """Distance (m) that 95 % of the line found is expected to be within of the true isobath; NaN if none is found.
+
+    The line's error at a place is normal, of standard deviation `Piece.std_m`.
+    """
+    stds = [0.5 * (p.std_m[1:] + p.std_m[:-1]) for p in pieces if p.kind == FOUND]
+    if not stds:
+        return math.nan
+    std = np.maximum(np.concatenate(stds), 1e-6)
+    steps = np.concatenate([np.hypot(*np.diff(p.line, axis=0).T) for p in pieces if p.kind == FOUND])
+    within = brentq(lambda d: float(np.average(2.0 * ndtr(d / std) - 1.0, weights=steps)) - 0.95, 0.0, 3.0 * std.max())
+    return float(within)
 
 
 def evidence(places: Array, field: DepthField, prior: DepthField, soundings: Array) -> Evidence:

@@ -186,6 +186,8 @@ def _summary(e: Evaluation) -> Summary:
     run, first, ground, curves = e.run, e.settings[0], e.run.ground, e.curves
     found: dict[str, Any] = {
         **merit.isobath_found(e.pieces, None if ground is None else e.truth),
+        "isobath_undiscovered_m": e.team_map.undiscovered.expected_m,
+        "isobath_undiscovered_limit_m": e.team_map.undiscovered.limit_m,
         **merit.map_risk(e.prior, e.team, e.local, first, e.scored),
         **merit.positions(run),
         **merit.work(run),

@@ -21,6 +21,7 @@ from auv_lse_shore.judge.certainty import (
     NOT_VISITED,
     PLACES_UNCERTAIN,
     Piece,
+    found_within_m,
     length_of,
     lines_of,
 )
@@ -50,6 +51,7 @@ def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dic
         "isobath_not_visited_m": uncertain(NOT_VISITED),
         "isobath_places_uncertain_m": uncertain(PLACES_UNCERTAIN),
         "isobath_flat_m": uncertain(FLAT),
+        "isobath_found_within_m": found_within_m(pieces),
         "isobath_found": error and error.found,
         "isobath_found_error_m": error and error.estimate_mean_m,
         "isobath_found_error_p95_m": error and error.estimate_percentile_95_m,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,15 @@ def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Arra
         at = (np.arange(count) + 0.5) * along[-1] / count
         points.append(np.column_stack([np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1])]))
     return np.concatenate(points) if points else np.empty((0, 2))
+
+
+def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[Array], NDArray[np.bool_]]:
+    """A function that tells whether places (P, 2) are within a distance of lines: mask (P,)."""
+    points = resample(lines)
+    if len(points) == 0:
+        return lambda places_m: np.zeros(len(places_m), dtype=bool)
+    tree = cKDTree(points)
+    return lambda places_m: np.asarray(tree.query(places_m, distance_upper_bound=within_m)[0] <= within_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

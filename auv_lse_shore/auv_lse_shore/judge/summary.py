@@ -33,6 +33,13 @@ class Summary:
     isobath_found_m: float = figure("m", "length of the estimated isobath that is found (`judge/certainty.py`)")
     isobath_likely_m: float = figure("m", "length that is likely")
     isobath_guessed_m: float = figure("m", "length that is guessed: the data hardly support it")
+    isobath_found_within_m: float | None = figure(
+        "m", "distance within which 95 % of the line found is expected of the true isobath"
+    )
+    isobath_undiscovered_m: float = figure(
+        "m", "expected length of isobath farther than 10 m from the part found (`auv_lse_gp/map/undiscovered.py`)"
+    )
+    isobath_undiscovered_limit_m: float = figure("m", "upper limit of that length with 95 % probability")
     isobath_not_visited_m: float = figure("m", "length not found because no vehicle measured near it")
     isobath_places_uncertain_m: float = figure("m", "length not found because the vehicles' positions were uncertain")
     isobath_flat_m: float = figure("m", "length not found because the ground there is too flat")

@@ -16,10 +16,11 @@ from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
+from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge import certainty
 from auv_lse_shore.judge.certainty import CLASSES, Piece
-from auv_lse_shore.judge.isobath import write_geojson
+from auv_lse_shore.judge.isobath import near, write_geojson
 from auv_lse_shore.places.adjustment import Adjustment, adjust, corrects_places
 from auv_lse_shore.places.merging import merged
 
@@ -38,6 +39,7 @@ class TeamMap:
         field: The map given all soundings, in order of time.
         isobath: Its contour at the level, with the band about it.
         pieces: That contour, in pieces of one class of certainty.
+        undiscovered: What may be missing: isobath farther than `FOUND_WITHIN_M` from the pieces found.
     """
 
     run: RunData
@@ -47,6 +49,7 @@ class TeamMap:
     field: DepthField
     isobath: Isobath
     pieces: list[Piece]
+    undiscovered: Undiscovered
 
     @property
     def level_m(self) -> float:
@@ -104,6 +107,7 @@ def _team_map(
     """As `team_map`, from the map and its field as if all places were known."""
     prior = DepthMap(settings.gp, settings.level_set, area).field()
     isobath = depth_map.isobath()
+    pieces = certainty.classify(isobath.lines, places_known, prior, sounded_places(run))
     return TeamMap(
         run=run,
         settings=settings,
@@ -111,7 +115,14 @@ def _team_map(
         prior=prior,
         field=depth_map.field(),
         isobath=isobath,
-        pieces=certainty.classify(isobath.lines, places_known, prior, sounded_places(run)),
+        pieces=pieces,
+        undiscovered=undiscovered(
+            settings.gp,
+            depth_map.centers,
+            settings.level_set.level_m,
+            coarse_grid(area, settings.gp.map_resolution_m),
+            near(certainty.lines_of(pieces, certainty.FOUND)),
+        ),
     )
 
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.report import figures
+from auv_lse_shore.report.words import MIN_STRETCH_M
 
 #: From shallow (sand) through uncertain (white) to deep (blue); equally light at both ends.
 SIDES = LinearSegmentedColormap.from_list("sides", ["#e8d3a8", "#ffffff", "#a5c5e3"])
@@ -22,6 +23,10 @@ def found(e: Evaluation) -> Figure:
     figures.draw_tracks(axis, e, width=0.7)
     figures.draw_isobath(axis, e.truth, "true")
     figures.draw_pieces(axis, e.pieces)
+    for north, east, length in e.team_map.undiscovered.patches():
+        if length >= MIN_STRETCH_M:
+            box = {"boxstyle": "round,pad=0.2", "facecolor": "#ffe9a8", "edgecolor": "#d55e00", "linewidth": 0.6}
+            axis.text(east, north, f"{length:.0f} m?", fontsize=7.0, ha="center", va="center", bbox=box, zorder=7)
     figures.outer_labels([axis], 1, e.run.origin)
     label = f"Is the water at least {e.settings[0].level_set.level_m:g} m deep?"
     bar = figures.add_color_bar(figure, image, axis, label, ticks=[0.0, 0.5, 1.0])

@@ -70,6 +70,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         "report.html",
         title=f"{e.settings[0].level_set.level_m:g} m isobath",
         subtitle=words.subtitle(e),
+        opening=[line.split(": ", 1) for line in words.opening(s)],
         cards=words.cards(e),
         findings=words.findings(e),
         setting=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {steps}, {s.method}, seed {s.seed}",

@@ -23,8 +23,8 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
         "map.png",
         "The team's final map, north up. Blue is surely deeper than the isobath, sand is surely shallower, white is "
         "uncertain. Black line: isobath found, placed within 20 m with 95 % certainty. Yellow: likely isobath. "
-        "Dotted: a guess with little data behind it. Dashed: true isobath, known in simulation only. Colored lines are "
-        "the vehicles' tracks, from circle to square.",
+        "Dotted: a guess with little data behind it. Labels: length of isobath that may be missing there. "
+        "Dashed: true isobath, known in simulation only. Colored lines: the vehicles' tracks, from circle to square.",
         found,
     ),
     (

@@ -31,13 +31,10 @@ _REASONS = {
 
 def headlines(s: Summary, planned_steps: int) -> list[str]:
     """The main figures of a mission of `planned_steps` steps, one line each."""
-    error = "" if s.isobath_found_error_m is None else f", mean error {s.isobath_found_error_m:.1f} m"
-    share = "" if s.isobath_found is None else f", {_percent(s.isobath_found)} of the true isobath"
     loss = "" if s.loss_after is None else f", actual {s.loss_after:.3f}"
     lines = [
         *ended_early(s, planned_steps),
-        f"isobath: {_m(s.isobath_found_m)} found{error}{share}; {_m(s.isobath_likely_m)} likely, "
-        f"{_m(s.isobath_guessed_m)} guessed",
+        *opening(s),
         f"map risk: {s.risk_before:.3f} -> {s.risk_after:.3f} (cost per place){_bound_in_brief(s)}",
         f"expected loss {s.loss_expected:.3f}{loss} (cost per place)",
         *([_unreachable(s)] if s.unreachable_m2 else []),
@@ -54,6 +51,25 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
         + (f", {lost} receptions lost" if s.vehicles > 1 else "")
     )
     return lines
+
+
+def opening(s: Summary) -> list[str]:
+    """What was found, how exactly, and what may be missing: one line each."""
+    share = "" if s.isobath_found is None else f" ({_percent(s.isobath_found)} of the true isobath)"
+    error = "" if s.isobath_found_error_p95_m is None else f" (actually {s.isobath_found_error_p95_m:.1f} m)"
+    exactly = "no line found"
+    if s.isobath_found_within_m is not None:
+        exactly = f"95 % of the line found is expected within {s.isobath_found_within_m:.1f} m of the isobath{error}"
+    missing = ""
+    if s.isobath_found is not None and s.isobath_true_m is not None:
+        missing = f" (actually {_m((1.0 - s.isobath_found) * s.isobath_true_m)})"
+    return [
+        f"found: {_m(s.isobath_found_m)} of isobath{share}; {_m(s.isobath_likely_m)} likely, "
+        f"{_m(s.isobath_guessed_m)} guessed",
+        f"how exactly: {exactly}",
+        f"may be missing: {_m(s.isobath_undiscovered_m)} of isobath expected, at most "
+        f"{_m(s.isobath_undiscovered_limit_m)} with 95 % probability{missing}",
+    ]
 
 
 def ended_early(s: Summary, planned_steps: int) -> list[str]:
@@ -121,7 +137,7 @@ def _known(rows: list[tuple[float | None, Callable[[float], str], str]]) -> list
 
 def findings(e: Evaluation) -> list[str]:
     """What was found, and what remains uncertain and why."""
-    return [text for text in (_found(e), _sides(e), _unreachable(e.summary), _uncertain(e)) if text]
+    return [text for text in (_found(e), _missing(e), _sides(e), _unreachable(e.summary), _uncertain(e)) if text]
 
 
 def paragraphs(e: Evaluation) -> list[str]:
@@ -147,6 +163,14 @@ def _found(e: Evaluation) -> str:
     if s.isobath_found is not None and s.isobath_true_m is not None:
         text += f" It covers {_percent(s.isobath_found)} of the true isobath, which is {_m(s.isobath_true_m)} long."
     return text
+
+
+def _missing(e: Evaluation) -> str:
+    patches = [patch for patch in e.team_map.undiscovered.patches() if patch[2] >= MIN_STRETCH_M][:MAX_STRETCHES]
+    if not patches:
+        return ""
+    listed = "; ".join(f"{_m(length)} near {_place(north, east, e.run.origin)}" for north, east, length in patches)
+    return f"Isobath that may be missing, by place and expected length: {listed}."
 
 
 def _sides(e: Evaluation) -> str:
@@ -188,11 +212,15 @@ def _uncertain(e: Evaluation) -> str:
 
 def _stretch(piece: Piece, origin: tuple[float, float] | None) -> str:
     north, east = np.mean(piece.line, axis=0)
+    return f"{_m(piece.length_m)} near {_place(north, east, origin)}: {piece.kind}, {piece.reason}"
+
+
+def _place(north: float, east: float, origin: tuple[float, float] | None) -> str:
     place = f"north {north:.0f} m, east {east:.0f} m"
     if origin is not None:
         latitude, longitude = geodetic_from_local(north, east, *origin)
         place += f" ({degrees(float(latitude), 5, 'NS')}, {degrees(float(longitude), 5, 'EW')})"
-    return f"{_m(piece.length_m)} near {place}: {piece.kind}, {piece.reason}"
+    return place
 
 
 def _bound(e: Evaluation) -> str:

@@ -125,3 +125,15 @@ def test_the_classes_of_certainty_are_calibrated():
     assert np.mean(np.array(off[FOUND]) <= 20.0) > 0.9
     assert np.mean(np.array(off[LIKELY]) <= 60.0) > 0.9
     assert np.mean(off[FOUND]) < np.mean(off[LIKELY]) < np.mean(off[GUESSED])
+
+
+def test_the_distance_of_the_line_found_is_that_of_its_errors():
+    line = np.array([[0.0, 0.0], [0.0, 100.0]])
+
+    def piece(kind, std_m):
+        return certainty.Piece(line=line, kind=kind, reason="", std_m=np.full(2, std_m))
+
+    assert certainty.found_within_m([piece(FOUND, 2.0)]) == pytest.approx(1.96 * 2.0, rel=1e-3)
+    # half with 1 m, half with 3 m: P(|N(0, 1)| < d) + P(|N(0, 3)| < d) = 1.9
+    assert certainty.found_within_m([piece(FOUND, 1.0), piece(FOUND, 3.0)]) == pytest.approx(4.935, rel=1e-3)
+    assert np.isnan(certainty.found_within_m([piece(LIKELY, 2.0)]))

@@ -41,8 +41,13 @@ def text_of(evaluation):
 
 def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     s = other.summary
-    isobath, risk, loss, packets = headlines(s, 30)
-    assert f"mean error {s.isobath_found_error_m:.1f} m, {100 * s.isobath_found:.0f} % of the true isobath" in isobath
+    found, exactly, missing, risk, loss, packets = headlines(s, 30)
+    assert f"{s.isobath_found_m:,.0f} m of isobath ({100 * s.isobath_found:.0f} % of the true isobath)" in found
+    assert f"within {s.isobath_found_within_m:.1f} m" in exactly
+    assert f"(actually {s.isobath_found_error_p95_m:.1f} m)" in exactly
+    assert f"{s.isobath_undiscovered_m:,.0f} m of isobath expected, at most " in missing
+    assert f"{s.isobath_undiscovered_limit_m:,.0f} m with 95 % probability" in missing
+    assert f"(actually {(1.0 - s.isobath_found) * s.isobath_true_m:,.0f} m)" in missing
     assert f"map risk: {s.risk_before:.3f} -> 0.500 (cost per place); a lawnmower was expected to reach 0.600" in risk
     assert loss == f"expected loss {s.loss_expected:.3f}, actual {s.loss_after:.3f} (cost per place)"
     assert packets.startswith("packets: ")
@@ -95,10 +100,10 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run):
     met = judged(synthetic_run, "tour", risk_after=1.0, mowing_risk=1.5, map_bound_kept=True)
     assert met.summary.map_bound_promised
     assert "This bound was met: the mission ended 33 % below it." in text_of(met)
-    assert "lawnmower bound 1.500: met" in headlines(met.summary, 30)[1]
+    assert "lawnmower bound 1.500: met" in headlines(met.summary, 30)[3]
     missed = judged(synthetic_run, "tour", risk_after=2.0, mowing_risk=1.6, map_bound_kept=False)
     assert "the mission ended 25 % above it. The bound is an expectation over all lakes" in text_of(missed)
-    assert "lawnmower bound 1.600: not met" in headlines(missed.summary, 30)[1]
+    assert "lawnmower bound 1.600: not met" in headlines(missed.summary, 30)[3]
 
 
 def cut(run, step):

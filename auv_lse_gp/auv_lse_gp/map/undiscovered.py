@@ -1,0 +1,257 @@
+"""The isobath that a survey may have missed: its expected length, and a 95 % upper limit.
+
+One prior is not enough for this: how much can hide between tracks depends on how rough the ground is. The result is
+therefore an average over *hypotheses*, priors of several length scales, weighted by the marginal likelihood of the
+soundings. The standard deviation is integrated out (inverse gamma, `Posterior.variance_scale`).
+
+- *Expected length:* the crossing intensity (`level_set/crossings.py`), summed over the cells that are not located.
+- *Upper limit:* the 95th percentile of the contour lengths of random draws from the averaged posterior there. Draws are
+  prior draws (random Fourier features) that are conditioned on the soundings (Matheron's rule): no covariance among
+  cells is needed. The seed is fixed, so the same soundings give the same limit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.crossings import crossing_intensity
+
+Array = NDArray[np.float64]
+
+#: Kernel of all hypotheses, and their length scales / `gp.length_scale_m`.
+KERNEL = "matern52"
+FACTORS = tuple(2.0 ** (k / 3.0) for k in range(-6, 5))
+#: Hypotheses of less weight are left out.
+LEAST_WEIGHT = 0.01
+#: Number of soundings that the log likelihood of all soundings counts as. Soundings along tracks are far from
+#: independent evidence for ground that has none.
+WORTH = 15.0
+#: Largest number of centers; of more, evenly many are left out.
+MAX_CENTERS = 1200
+#: Least expected length per area (m per m2) of ground that is listed: 1 m in a cell of 10 m.
+LEAST_DENSITY = 0.01
+#: Largest number of cells, or a few more.
+MAX_CELLS = 5000
+#: Draws for the upper limit, the waves that they are made of, and the limit's probability.
+DRAWS, WAVES, LIMIT_PROBABILITY = 200, 500, 0.95
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Hypothesis:
+    """A posterior of one length scale.
+
+    Attributes:
+        posterior: With the standard deviation of the prior, `gp.signal_std_m`.
+        weight: Its probability.
+    """
+
+    posterior: Posterior
+    weight: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Undiscovered:
+    """Isobath that is not located.
+
+    Attributes:
+        per_cell_m: Expected length in each cell (ny, nx); 0 where located, NaN outside the area.
+        expected_m: Their sum.
+        limit_m: Upper limit with probability `LIMIT_PROBABILITY`.
+        length_scale_m: Mean length scale of the hypotheses by weight.
+    """
+
+    grid: Grid
+    per_cell_m: Array
+    expected_m: float
+    limit_m: float
+    length_scale_m: float
+
+    def patches(self) -> list[tuple[float, float, float]]:
+        """North, east (m) and expected length (m) of each patch of ground that may hide isobath, the longest first.
+
+        A patch is connected cells with at least `LEAST_DENSITY` of expected length per area.
+        """
+        lengths = np.nan_to_num(self.per_cell_m)
+        labels, count = ndimage.label(lengths >= LEAST_DENSITY * self.grid.resolution_m**2, np.ones((3, 3)))
+        found = []
+        for number in range(1, count + 1):
+            rows, columns = np.nonzero(labels == number)
+            weights = lengths[rows, columns]
+            north = float(np.average(self.grid.north_m[rows], weights=weights))
+            east = float(np.average(self.grid.east_m[columns], weights=weights))
+            found.append((north, east, float(weights.sum())))
+        return sorted(found, key=lambda patch: -patch[2])
+
+
+def hypotheses(config: GpConfig, centers: Centers) -> list[Hypothesis]:
+    """Posteriors of several length scales that the soundings support, by decreasing weight."""
+    centers = _thinned(centers)
+    posteriors, logs = [], []
+    for factor in FACTORS:
+        prior = dataclasses.replace(
+            config,
+            kernel=KERNEL,
+            support_m=0.0,
+            local=False,
+            length_scale_m=factor * config.length_scale_m,
+            length_scale_2_m=factor * config.length_scale_2_m,
+        )
+        posterior = Posterior(prior)
+        posterior.extend(centers)
+        posteriors.append(posterior)
+        logs.append(_log_likelihood(posterior, config.std_soundings))
+    chances = np.array(logs) * min(1.0, WORTH / max(len(centers), 1))
+    weights = np.exp(chances - chances.max())
+    kept = weights / weights.sum() >= LEAST_WEIGHT
+    weights = np.where(kept, weights, 0.0) / weights[kept].sum()
+    order = np.argsort(-weights, kind="stable")
+    return [Hypothesis(posterior=posteriors[i], weight=float(weights[i])) for i in order if weights[i] > 0.0]
+
+
+def _thinned(centers: Centers) -> Centers:
+    if len(centers) <= MAX_CENTERS:
+        return centers
+    rows = np.linspace(0, len(centers) - 1, MAX_CENTERS).round().astype(int)
+    effect = centers.place_effect_m
+    return Centers(
+        centers.places_m[rows],
+        centers.depths_m[rows],
+        centers.noise_std_m[rows],
+        None if effect is None else effect[rows],
+    )
+
+
+def _log_likelihood(posterior: Posterior, worth: float) -> float:
+    """Log likelihood of the data up to a constant, with the variance's scale integrated out."""
+    n = posterior.data_rows
+    determinant = 2.0 * float(np.log(np.diag(posterior.factor.lower)[:n]).sum())
+    return -0.5 * determinant - 0.5 * (worth + n) * math.log(max(worth + n * posterior.residual_ratio, 1e-300))
+
+
+def undiscovered(
+    config: GpConfig, centers: Centers, level_m: float, grid: Grid, located: Callable[[Array], NDArray[np.bool_]]
+) -> Undiscovered:
+    """The isobath that is not located.
+
+    Args:
+        config: The prior.
+        centers: The soundings.
+        level_m: Depth of the isobath (m).
+        grid: The cells (`coarse_grid`).
+        located: Whether the isobath is located at places (P, 2): mask (P,).
+    """
+    cells = grid.places_m
+    missing = ~located(cells)
+    found = hypotheses(config, centers)
+    lengths = np.zeros(len(cells))
+    for hypothesis in found:
+        lengths[missing] += hypothesis.weight * expected_lengths(
+            hypothesis.posterior, cells[missing], level_m, grid.resolution_m
+        )
+    drawn = [
+        outside_m(grid, depth, level_m, located)
+        for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True)
+        for depth in draws(hypothesis.posterior, cells, count)
+    ]
+    expected, mean = float(lengths.sum()), float(np.mean(drawn))
+    # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
+    limit = expected * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean if mean > 0.0 else expected
+    return Undiscovered(
+        grid=grid,
+        per_cell_m=grid.fill(lengths),
+        expected_m=expected,
+        limit_m=limit,
+        length_scale_m=sum(h.weight * h.posterior.kernel.length_m for h in found),
+    )
+
+
+def coarse_grid(area: OperatingArea, finest_m: float) -> Grid:
+    """About `MAX_CELLS` cells over an area, of at least `finest_m`."""
+    south, north, west, east = area.extent_m
+    return area.grid(max(finest_m, math.ceil(math.sqrt((north - south) * (east - west) / MAX_CELLS))))
+
+
+def expected_lengths(posterior: Posterior, cells: Array, level_m: float, cell_m: float) -> Array:
+    """Expected length (m) of the isobath in cells (P, 2) of `cell_m`, shape (P,)."""
+    at = posterior.depth_and_slope(cells)
+    scale = posterior.variance_scale
+    scaled = dataclasses.replace(
+        at,
+        variance_m2=scale * at.variance_m2 + posterior.place_variance(posterior.kernel.scale(cells)),
+        covariance_m=scale * at.covariance_m,
+        slope_covariance=scale * at.slope_covariance,
+    )
+    return crossing_intensity(scaled, level_m) * cell_m**2
+
+
+def draws(posterior: Posterior, places_m: Array, count: int) -> Array:
+    """Random fields (count, P) from the posterior at places (P, 2); the same numbers at every call."""
+    rng = stream(0, "undiscovered", count)
+    kernel, centers, n = posterior.kernel, posterior.centers, posterior.data_rows
+    waves, shares = _waves(rng)
+    amplitudes = (
+        rng.standard_normal((2 * WAVES, count)) * np.sqrt(kernel.signal_variance_m2 * np.tile(shares, 2))[:, None]
+    )
+    worth = posterior.scale_worth + n
+    scale = np.sqrt(posterior.variance_scale * worth / rng.chisquare(worth, count)) if worth > n else np.ones(count)
+
+    def field(scaled: Array) -> Array:
+        phases = scaled @ waves.T
+        return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes * scale)
+
+    scaled = kernel.scale(places_m)
+    drawn = posterior.prior_mean(places_m)[:, None] + field(scaled)
+    if n:
+        data = kernel.scale(centers.places_m)
+        measured = posterior.prior_mean(centers.places_m)[:, None] + field(data)
+        measured += rng.standard_normal((n, count)) * scale * centers.noise_std_m[:, None]
+        if centers.place_effect_m is not None:
+            measured += centers.place_effect_m @ rng.standard_normal((centers.place_effect_m.shape[1], count))
+        off = posterior.factor.solve(centers.depths_m[:, None] - measured)
+        drawn += kernel.of_scaled(scaled, data) @ posterior.factor.solve_transposed(off, n)
+    return np.asarray(drawn.T)
+
+
+def _waves(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Wave vectors (W, 2) per scaled distance, and the share of the variance of each (W,).
+
+    The spectrum of a Matern 5/2 kernel in the plane is a t distribution with 5 degrees of freedom, so |k|^2 =
+    5 (u^(-2/5) - 1) for a uniform u. What lies between tracks is made of rare short waves: they are drawn more often,
+    u = v^3, each with less variance.
+    """
+    v = (np.arange(WAVES) + rng.random(WAVES)) / WAVES
+    length = np.sqrt(5.0 * (v ** (-6.0 / 5.0) - 1.0))
+    angle = (np.arange(WAVES) * 0.6180339887 + rng.random()) * 2.0 * math.pi  # any few neighbors cover all directions
+    shares = v * v
+    return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), shares / shares.sum()
+
+
+def outside_m(grid: Grid, depth_m: Array, level_m: float, located: Callable[[Array], NDArray[np.bool_]]) -> float:
+    """Length (m) of the contour of depths (P,) of the grid's cells that is not located."""
+    from contourpy import contour_generator
+
+    values = np.ma.masked_invalid(grid.fill(depth_m))
+    lines = contour_generator(x=grid.east_m, y=grid.north_m, z=values).lines(level_m)
+    starts = [line[:-1, ::-1] for line in lines]
+    ends = [line[1:, ::-1] for line in lines]
+    if not starts:
+        return 0.0
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    return float(np.hypot(*(end - start).T)[~located(0.5 * (start + end))].sum())
+
+
+def _shares(weights: list[float]) -> list[int]:
+    """`DRAWS` in whole numbers in proportion to weights."""
+    edges = np.round(DRAWS * np.cumsum(weights)).astype(int)
+    return [int(count) for count in np.diff(edges, prepend=0)]

@@ -1,0 +1,86 @@
+"""The isobath that a survey may have missed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_gp.inference.centers import NO_CENTERS, Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.map.undiscovered import coarse_grid, draws, hypotheses, undiscovered
+
+AREA = OperatingArea(AreaConfig(polygon_m=[0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]))
+CONFIG = GpConfig()
+
+
+def nowhere(places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.zeros(len(places), dtype=bool)
+
+
+def surveyed(length_scale_m: float, north_m: float = 300.0) -> Centers:
+    """Soundings every 10 m along tracks 40 m apart, up to `north_m`, of a field of this length scale about 15 m."""
+    north, east = np.meshgrid(np.arange(5.0, north_m, 10.0), np.arange(20.0, 300.0, 40.0), indexing="ij")
+    places = np.column_stack([north.ravel(), east.ravel()])
+    field = Posterior(dataclasses.replace(CONFIG, length_scale_m=length_scale_m, signal_std_m=4.0))
+    return Centers(places, draws(field, places, 3)[0], np.full(len(places), 0.3))
+
+
+@pytest.mark.parametrize("length_scale_m", [50.0, 120.0])
+def test_soundings_tell_the_length_scale(length_scale_m: float) -> None:
+    found = hypotheses(CONFIG, surveyed(length_scale_m))
+    mean = sum(h.weight * h.posterior.kernel.length_m for h in found)
+    assert sum(h.weight for h in found) == pytest.approx(1.0)
+    assert mean == pytest.approx(length_scale_m, rel=0.4)
+
+
+def test_without_soundings_every_length_scale_counts_the_same() -> None:
+    found = hypotheses(CONFIG, NO_CENTERS)
+    assert [h.weight for h in found] == pytest.approx([1.0 / 11.0] * 11)
+
+
+def test_rough_ground_hides_more_than_smooth_ground() -> None:
+    """And what is located, or measured, hides nothing."""
+    grid = coarse_grid(AREA, 10.0)
+    rough, smooth = (undiscovered(CONFIG, surveyed(s, 150.0), 15.0, grid, nowhere) for s in (40.0, 150.0))
+    assert rough.expected_m > 1.5 * smooth.expected_m
+    assert rough.limit_m > rough.expected_m
+    located = undiscovered(CONFIG, surveyed(40.0), 15.0, grid, lambda p: p[:, 0] < 250.0)
+    assert np.nansum(located.per_cell_m[grid.north_m < 250.0]) == 0.0
+    assert located.per_cell_m.sum() == pytest.approx(located.expected_m)
+    (north, _, length), *_ = rough.patches()
+    assert north > 150.0
+    assert 0.5 * rough.expected_m < length <= rough.expected_m
+    assert undiscovered(CONFIG, surveyed(40.0), 15.0, grid, lambda p: ~nowhere(p)).limit_m == 0.0
+
+
+def test_the_same_soundings_give_the_same_limit() -> None:
+    grid, data = coarse_grid(AREA, 10.0), surveyed(85.0, 150.0)
+    first, second = (undiscovered(CONFIG, data, 15.0, grid, nowhere) for _ in range(2))
+    assert first.limit_m == second.limit_m
+
+
+def test_draws_have_the_posteriors_mean_and_variance() -> None:
+    """Between tracks, where the short waves matter: 5 % is four standard errors of 400 draws over 60 places."""
+    posterior = Posterior(dataclasses.replace(CONFIG, std_soundings=0.0))
+    effect = np.random.default_rng(2).normal(0.0, 0.2, (210, 2))
+    data = surveyed(85.0)
+    posterior.extend(dataclasses.replace(data, place_effect_m=effect))
+    places = np.random.default_rng(3).uniform(10.0, 290.0, (60, 2))
+    mean, variance = posterior.moments(places)
+    drawn = draws(posterior, places, 400)
+    assert np.mean((drawn - mean) ** 2 / variance) == pytest.approx(1.0, abs=0.05)
+    assert np.abs(drawn.mean(axis=0) - mean).max() < 0.25 * np.sqrt(variance.max())
+
+
+def test_many_soundings_are_thinned_and_a_large_area_has_larger_cells() -> None:
+    grid = OperatingArea(AreaConfig(polygon_m=[0.0, 0.0, 2000.0, 0.0, 2000.0, 2000.0, 0.0, 2000.0]))
+    assert coarse_grid(grid, 5.0).inside.sum() < 5500
+    rng = np.random.default_rng(4)
+    many = Centers(rng.uniform(0.0, 2000.0, (1500, 2)), rng.normal(15.0, 3.0, 1500), np.full(1500, 0.3))
+    assert hypotheses(CONFIG, many)[0].posterior.data_rows == 1200
