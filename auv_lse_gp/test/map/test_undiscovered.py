@@ -53,9 +53,9 @@ def test_rough_ground_hides_more_than_smooth_ground() -> None:
     located = undiscovered(CONFIG, surveyed(40.0), 15.0, grid, lambda p: p[:, 0] < 250.0)
     assert np.nansum(located.per_cell_m[grid.north_m < 250.0]) == 0.0
     assert located.per_cell_m.sum() == pytest.approx(located.expected_m)
-    (north, _, length), *_ = rough.patches()
-    assert north > 150.0
-    assert 0.5 * rough.expected_m < length <= rough.expected_m
+    (north, _, length), *_ = located.patches()
+    assert north > 250.0
+    assert 0.0 < length <= located.expected_m
     assert undiscovered(CONFIG, surveyed(40.0), 15.0, grid, lambda p: ~nowhere(p)).limit_m == 0.0
 
 
