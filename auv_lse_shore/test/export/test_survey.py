@@ -94,6 +94,7 @@ def test_the_chart_in_utm_is_the_map_as_cloud_optimized_geotiff_and_bag(lake):
                 assert file.driver == "BAG"
                 assert file.descriptions == ("elevation", "uncertainty")
                 assert f'VERT_DATUM["{DATUM}"'.upper() in file.crs.to_wkt()  # rasterio passes capitals
+                assert 'AXIS["HEIGHT",UP]' in file.crs.to_wkt()
                 assert "0 TO 0.4 M ABOVE THE DATUM (LEVEL.CSV)" in file.tags(ns="xml:BAG")["xml:BAG"]
 
 

@@ -53,7 +53,7 @@ def _metadata(export: Export) -> dict[str, Any]:
     content = f"Gaussian process map of soundings by underwater vehicles. Uncertainty: 95 % ({EDITION})"
     provider = export.survey.provider
     return {
-        "VAR_VERT_WKT": f'VERT_CS["{datum}",VERT_DATUM["{datum}",2005],UNIT["metre",1]]',
+        "VAR_VERT_WKT": f'VERT_CS["{datum}",VERT_DATUM["{datum}",2005],UNIT["metre",1],AXIS["Height",UP]]',
         "VAR_ABSTRACT": f"{content}. {about}",
         "VAR_PROCESS_STEP_DESCRIPTION": "mapped by auv_lse, written by GDAL",
         **({"VAR_ORGANISATION_NAME": provider[0]} if provider else {}),
