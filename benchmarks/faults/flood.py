@@ -155,7 +155,7 @@ class _Link:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults flood`."""
     parser.add_argument(
-        "--rate", type=float, default=10_000.0, metavar="HZ", help="datagrams per second (default: %(default)g)"
+        "--datagrams", type=float, default=10_000.0, metavar="HZ", help="number per second (default: %(default)g)"
     )
     parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="of each flood (default: %(default)g)")
 
@@ -175,7 +175,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             sent = context.Value("q", 0)
             datagrams = _datagrams(kind, link.recorded, rng)
             attacker = context.Process(
-                target=_attacker, args=(link.udp_port, datagrams, options.rate, sent), daemon=True
+                target=_attacker, args=(link.udp_port, datagrams, options.datagrams, sent), daemon=True
             )
             attacker.start()
             while not sent.value:

@@ -202,6 +202,26 @@ def test_the_help_of_every_command_lists_its_exit_codes(script):
     assert [text for text in helps(parser_of(module_of(script))) if "Exit codes: 0" not in text] == []
 
 
+def options(parser):
+    """The options of a command and of its subcommands."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for own in action.choices.values():
+                yield from options(own)
+        elif action.option_strings:
+            yield action
+
+
+@pytest.mark.parametrize(
+    "script", sorted(p for p in (ROOT / "scripts").iterdir() if not p.suffix and module_of(p)), ids=lambda p: p.name
+)
+def test_a_flag_means_the_same_in_every_command(script):
+    meanings = {"--domain": r"N ROS domain", "--rate": r"X .*speed", "--out": r"(DIR|FILE) "}
+    for action in options(parser_of(module_of(script))):
+        for name in set(action.option_strings) & set(meanings):
+            assert re.match(meanings[name], f"{action.metavar} {action.help}"), (name, action.metavar, action.help)
+
+
 def test_every_generated_table_has_a_page_and_is_current():
     shown = [name for page in PAGES for name in block_names(page.read_text())]
     assert sorted(shown) == sorted(BLOCKS)
