@@ -256,6 +256,11 @@ class VehicleLink:
         return self._problem
 
     @property
+    def slow(self) -> str:
+        """Text on a vehicle that heads for its target without coming nearer; "" otherwise."""
+        return self._targets.slow
+
+    @property
     def refused_speed(self) -> str:
         """The result of DO_CHANGE_SPEED if the autopilot refused the last one."""
         return self._targets.refused_speed

@@ -2,7 +2,9 @@
 
 A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the place where it was
 ordered: a vehicle that stands or circles there obeys. A vehicle that does none of these for `IGNORED_S` ignores its
-target. A jump of the estimate, which GPS or a positioning system may cause, counts neither for nor against it.
+target. One that heads for its target without coming nearer, as in a strong head current, is reported as slow, and
+ignores its target only after `SLOW_S` more. A jump of the estimate, which GPS or a positioning system may cause, counts
+neither for nor against it.
 
 target                  there                               counts as following
 on a leg, GO_TO         within `acceptance_m`               coming nearer, turning
@@ -23,6 +25,8 @@ from auv_lse_mavlink.surfacing import AT_DEPTH_M
 
 #: A target, a stop or a mission that has been refused or ignored for this long (s) is reported.
 IGNORED_S = 5.0
+#: A vehicle whose heading is this close (rad) to the direction of its target may be slow for so long (s).
+HEADS_FOR_RAD, SLOW_S = math.radians(30.0), 30.0
 #: A vehicle that comes nearer by less than this (m) in that time does not follow.
 PROGRESS_M = 0.25
 #: A vehicle turns if its heading changes by half of what its turn radius allows in that time, or by this (rad).
@@ -41,6 +45,7 @@ class Obedience:
     Attributes:
         ignored_s: Time (s) for which the vehicle has not followed its target; 0 while it follows.
         problem: Text on what it does instead; "" while it follows or for less than `IGNORED_S`.
+        slow: Text on a vehicle that heads for its target and has not come nearer for `IGNORED_S`; "" otherwise.
     """
 
     def __init__(self, acceptance_m: float, turn_radius_m: float) -> None:
@@ -51,8 +56,9 @@ class Obedience:
     def excuse(self) -> None:
         """Restarts the check: there is no target, or the autopilot cannot follow it at present."""
         self.ignored_s = 0.0
-        self.problem = ""
+        self.problem = self.slow = ""
         self._target: Target | None = None
+        self._headed_s = math.nan  # when it last headed for its target without coming nearer, up to SLOW_S
         self._since_s = math.nan  # when it last followed its target,
         self._heading_rad = math.nan  # its heading then,
         self._turned_rad = (0.0, 0.0)  # how far it has turned since then to port and to starboard,
@@ -80,11 +86,18 @@ class Obedience:
         turns = not vertical and circles and self._has_turned(place)
         if there or turns or remains_m <= self._least_m - PROGRESS_M:
             self._follows(now_s, remains_m, place)
-        self.ignored_s = now_s - self._since_s
+        still_s = now_s - self._since_s
+        heads = not (vertical or stopped) and _heads_for(target, place)
+        if heads and still_s < SLOW_S:
+            self._headed_s = now_s
+        self.ignored_s = now_s - self._headed_s
+        is_slow = heads and still_s >= IGNORED_S
+        self.slow = f"no progress towards the target for {still_s:.0f} s: it heads there (head current?)" * is_slow
         self.problem = "" if self.ignored_s < IGNORED_S else self._describe(target, stopped, diving, place)
 
     def _follows(self, now_s: float, remains_m: float, place: AutopilotEstimate) -> None:
-        self._since_s, self._least_m = now_s, remains_m
+        self._since_s = self._headed_s = now_s
+        self._least_m = remains_m
         self._heading_rad, self._turned_rad = place.heading_rad, (0.0, 0.0)
 
     def _without_jump(self, place: AutopilotEstimate) -> AutopilotEstimate:
@@ -134,6 +147,11 @@ class Obedience:
                 "hold"
             )
         return f"the autopilot ignores its target {for_s}: {apart_m:.0f} m away and not coming nearer"
+
+
+def _heads_for(target: Target, place: AutopilotEstimate) -> bool:
+    bearing_rad = math.atan2(target.east_m - place.east_m, target.north_m - place.north_m)
+    return abs(float(wrap_pi(place.heading_rad - bearing_rad))) <= HEADS_FOR_RAD
 
 
 def _apart_m(target: Target, place: AutopilotEstimate) -> float:

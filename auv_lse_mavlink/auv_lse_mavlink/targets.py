@@ -177,6 +177,11 @@ class TargetSender:
             return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
         return (self._obedience.ignored_s if self._obedience.problem else 0.0), self._obedience.problem
 
+    @property
+    def slow(self) -> str:
+        """Text on a vehicle that heads for its target without coming nearer; "" otherwise."""
+        return "" if self._obedience.problem else self._obedience.slow
+
     def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
         """Compares an estimate with the current target; None: it cannot be compared now.
 

@@ -99,8 +99,8 @@ def held(**values):
 @pytest.mark.parametrize(
     ("how", "motion"),
     [
-        ("stands", {"speed": 0.0}),
-        ("stands in waves", {"speed": 0.02, "jitter_m": 0.05}),
+        ("stands", {"speed": 0.0, "yaw": 1.0}),
+        ("stands in waves", {"speed": 0.02, "jitter_m": 0.05, "yaw": 1.0}),
         ("goes elsewhere", {"speed": 1.5, "yaw": 2.0}),
         ("passes abeam", {"speed": 1.5, "yaw": math.pi / 2}),
     ],
@@ -123,6 +123,26 @@ def test_ignored_targets_are_a_warning_after_5_s_then_an_error(how, motion):
     assert vehicle.link.counts["disobeyed"] == 1
 
 
+@pytest.mark.parametrize("speed", [0.0, -0.3])
+def test_a_vehicle_that_heads_for_its_target_against_a_current_is_slow_at_first(speed):
+    vehicle = Vehicle().commanded().move(2.0)
+    vehicle.move(25.0, speed)
+    assert (vehicle.problem, vehicle.level) == ("", Level.WARN)
+    assert "no progress towards the target for" in link_health(vehicle.link, "").text
+    vehicle.move(15.0, speed)
+    assert "the autopilot ignores its target" in vehicle.problem
+    assert "no progress" not in link_health(vehicle.link, "").text
+    vehicle.move(10.0)
+    assert (vehicle.problem, vehicle.level) == ("", Level.OK)
+
+
+def test_slow_progress_is_no_disobedience():
+    vehicle = Vehicle().commanded().move(2.0)
+    for _ in range(100):
+        assert vehicle.move(1.0, 0.02).problem == ""
+    assert vehicle.level is Level.WARN
+
+
 @pytest.mark.parametrize("speed", [0.3, 1.5, 3.0])
 @pytest.mark.parametrize("radius_m", [2.0, 15.0, 40.0])
 def test_a_vehicle_that_turns_to_its_target_follows_it(speed, radius_m):
@@ -138,12 +158,14 @@ def test_a_vehicle_that_turns_to_its_target_follows_it(speed, radius_m):
 def test_a_jump_of_the_estimate_away_from_the_target_is_no_disobedience(speed, ignores):
     vehicle = Vehicle().commanded().move(4.0)
     vehicle.place[0] -= 30.0
+    vehicle.yaw = math.pi if ignores else 0.0
     problems = [vehicle.move(1.0, speed).problem for _ in range(20)]
     assert any(problems) == ignores, problems
 
 
 def test_a_jump_of_the_estimate_is_no_progress():
     vehicle = Vehicle().commanded().move(1.0)
+    vehicle.yaw = math.pi
     for _ in range(3):
         vehicle.place[0] += 30.0
         vehicle.move(2.0, 0.0)
@@ -268,7 +290,9 @@ def test_a_refused_speed_is_a_warning():
 
 
 def test_setting_the_host_clock_is_not_reported_as_disobedience():
-    vehicle = Vehicle().commanded().move(4.0, 0.0)
+    vehicle = Vehicle()
+    vehicle.yaw = math.pi
+    vehicle.commanded().move(4.0, 0.0)
     vehicle.now_s -= 3600.0
     vehicle.move(4.0, 0.0)
     assert vehicle.problem == ""
