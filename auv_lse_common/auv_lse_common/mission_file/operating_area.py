@@ -40,7 +40,7 @@ class Grid:
         return np.column_stack([self.north_m[rows], self.east_m[columns]])
 
     def fill(self, values: Array, outside: float = math.nan) -> Array:
-        """Values (P,) of the cells inside as an array (ny, nx), `outside` elsewhere."""
+        """Arranges values (P,) of the cells inside the area in an array (ny, nx); other cells get `outside`."""
         full = np.full(self.inside.shape, outside)
         full[self.inside] = values
         return full

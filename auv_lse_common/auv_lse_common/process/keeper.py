@@ -12,9 +12,9 @@ reported by `tick`. What follows depends on `restart`:
   nodes die with it, and all are started again.
 
 Watchdog: a node reports once a second that it serves its callbacks (`heartbeat`). One that was silent for `silent_s`
-although its process runs is killed, and so restarted. If the fork server does not report that death within `_DEATH_S`,
-it hangs itself, and is killed with its children. Silence is counted in the keeper's own ticks, so that a machine that
-was suspended kills nothing.
+although its process runs is killed and restarted. If the fork server does not report that death within `_DEATH_S`, the
+keeper kills the fork server and its children. Silence is counted in the keeper's own ticks, so that no node is killed
+after the computer was suspended.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Task:
     """A process to keep.
 
     Attributes:
-        name: Name for people and the log file, "auv2.gp_node".
+        name: Name in reports and of the log file, "auv2.gp_node".
         command: Returns the command line of the n-th start, n from 0: a recorder needs a new folder each time.
         last: Whether it is ended after the others, as a recorder is.
         node: The node, for the fork server; None: any other program.

@@ -42,7 +42,7 @@ class Process:
 
     @property
     def name(self) -> str:
-        """Name for people and log files: "auv1.gp_node", "sim_node"; "auv1" for several nodes."""
+        """Name in reports and of log files: "auv1.gp_node", "sim_node"; "auv1" for several nodes."""
         return (self.namespace.strip("/") + ("" if self.beside else f".{self.executable}")).strip(".")
 
     @property
@@ -98,7 +98,7 @@ def executable_path(process: Process) -> Path:
 def start(
     command: Sequence[str], log: Path, environment: Mapping[str, str], *, append: bool = False
 ) -> subprocess.Popen[bytes]:
-    """Starts a command whose output goes to a file; it ends with this process, even if that is killed.
+    """Starts a command that writes to a log file. The kernel kills it when this process ends, even by SIGKILL.
 
     Raises:
         OSError: if it cannot be started.

@@ -318,4 +318,4 @@ class SafetyWatch:
 
 
 def _frozen_text(what: str, value_m: float, sensor: FrozenSensor) -> str:
-    return f"{what} frozen at {value_m:g} m for {sensor.moved_m:.0f} m of way"
+    return f"{what} frozen at {value_m:g} m for {sensor.moved_m:.0f} m of travel"

@@ -257,7 +257,7 @@ def test_an_altimeter_that_hangs_while_the_vehicle_moves_counts_as_none() -> Non
     cruise(vehicle, 11.0, altitude_m=12.3)
     assert vehicle.watch.warnings == {}, "flat ground"
     cruise(vehicle, 2.0, altitude_m=12.3)
-    assert vehicle.watch.warnings == {"altimeter": "altitude frozen at 12.3 m for 12 m of way"}
+    assert vehicle.watch.warnings == {"altimeter": "altitude frozen at 12.3 m for 12 m of travel"}
     vehicle.wait(40.0)
     assert "no altitude for" in vehicle.watch.warnings["altimeter"], "then it fell silent"
     assert cruise(vehicle, 3.0).watch.warnings == {}
@@ -269,7 +269,7 @@ def test_a_depth_gauge_that_hangs_while_the_vehicle_moves_is_told() -> None:
     vehicle = cruise(Vehicle(), 20.0)
     assert cruise(vehicle, 49.0, depth_m=4.25).watch.warnings == {}
     cruise(vehicle, 4.0, depth_m=4.25)
-    assert vehicle.watch.warnings == {"depth gauge": "depth frozen at 4.25 m for 52 m of way"}
+    assert vehicle.watch.warnings == {"depth gauge": "depth frozen at 4.25 m for 52 m of travel"}
     assert cruise(vehicle, 1.0).watch.warnings == {}
     assert vehicle.run.limits == {}
     assert cruise(vehicle, 140.0, depth_m=0.0).watch.warnings == {}, "at the surface it is the same all the time"

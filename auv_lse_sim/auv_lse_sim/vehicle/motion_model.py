@@ -158,11 +158,13 @@ def _hold(m: Any, params: Any, current_north: float, current_east: float) -> Non
 
 
 @compiled
-def _wanted_depth(m: Any, keel: float, params: Any) -> float:
-    """The target depth (m) of a vehicle under way: its travel depth, or 0 while it surfaces.
+def _advance_surfacing(m: Any, keel: float, params: Any) -> float:
+    """Advances the surfacing cycle of a vehicle under way by one sub-step, in `m`.
+
+    Returns the target depth (m): the travel depth, or 0 while the vehicle surfaces.
 
     Args:
-        m: Its memory.
+        m: State of the vehicle; changed.
         keel: Its depth without the error of depth keeping (m).
         params: Parameters.
     """
@@ -187,7 +189,7 @@ def _keep_depth(m: Any, params: Any, normal: float) -> None:
     """One sub-step of depth keeping: the vehicle dives when it moves, and surfaces when it is due."""
     dt = params.dt
     keel = m.depth - (m.wobble if m.depth > 0.0 else 0.0)
-    wanted = _wanted_depth(m, keel, params) if m.mode != WAITING else 0.0
+    wanted = _advance_surfacing(m, keel, params) if m.mode != WAITING else 0.0
     decay = math.exp(-dt / params.wobble_time)
     m.wobble = decay * m.wobble + math.sqrt(1.0 - decay * decay) * params.wobble * normal
     step = params.climb_rate * dt
