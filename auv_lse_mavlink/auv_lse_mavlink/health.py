@@ -26,8 +26,6 @@ def link_health(link: VehicleLink, port_problem: str) -> Health:
     ignored_s, problem = link.problem
     if problem:
         found.append((Level.WARN if ignored_s < 2.0 * IGNORED_S else Level.ERROR, problem))
-    if link.slow:
-        found.append((Level.WARN, link.slow))
     if report.depth_problem:
         found.append((Level.WARN, report.depth_problem))
     if not link.placed:

@@ -246,7 +246,7 @@ class VehicleLink:
             mode_obeys=not modes or self.custom_mode in modes,
             battery=self._battery,
             leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
-            disobeys=self._problem[1],
+            disobeys=self._problem[1] if self._problem[0] else "",
             depth_problem=self.gauge.problem(self._now_s),
         )
 
@@ -254,11 +254,6 @@ class VehicleLink:
     def problem(self) -> tuple[float, str]:
         """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" if it follows them."""
         return self._problem
-
-    @property
-    def slow(self) -> str:
-        """Text on a vehicle that heads for its target without coming nearer; "" otherwise."""
-        return self._targets.slow
 
     @property
     def refused_speed(self) -> str:
@@ -325,14 +320,15 @@ class VehicleLink:
 
     def _judge(self) -> None:
         """Judges whether the autopilot carries out its targets; reports it when that changes."""
-        known = self._problem[1]
+        known_s, known = self._problem
         ready = self.placed and not self.report.problem
         if not ready or self._now_s - self._placed_s > self._config.stale_after_s:
             self._targets.watch(self._now_s, None)
         self._problem = self._targets.problem(self._now_s) if ready else (0.0, "")
-        if bool(known) != bool(self._problem[1]):
-            self.counts["disobeyed"] += not known
-            self._report_problem(self._problem[1] or f"over: {known}")
+        ignored_s, text = self._problem
+        if (bool(known), known_s > 0.0) != (bool(text), ignored_s > 0.0):
+            self.counts["disobeyed"] += ignored_s > 0.0
+            self._report_problem(text or f"over: {known}")
             self._events.append(self._autopilot_state())
 
     def _autopilot_state(self) -> AutopilotState:

@@ -171,16 +171,13 @@ class TargetSender:
         return bool(self._targets) and self._targets[-1].then is None and not self._targets[-1].at_surface
 
     def problem(self, now_s: float) -> tuple[float, str]:
-        """How long (s) the autopilot has refused or ignored its targets, and how; 0, "" for less than `IGNORED_S`."""
+        """How long (s) the autopilot has refused or ignored its targets, and how; (0, text) if it is slow, else (0, "")."""
         refused_s = now_s - self._unaccepted_s
         if refused_s >= IGNORED_S:
             return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
-        return (self._obedience.ignored_s if self._obedience.problem else 0.0), self._obedience.problem
-
-    @property
-    def slow(self) -> str:
-        """Text on a vehicle that heads for its target without coming nearer; "" otherwise."""
-        return "" if self._obedience.problem else self._obedience.slow
+        if self._obedience.problem:
+            return self._obedience.ignored_s, self._obedience.problem
+        return 0.0, self._obedience.slow
 
     def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
         """Compares an estimate with the current target; None: it cannot be compared now.
