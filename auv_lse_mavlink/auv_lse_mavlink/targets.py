@@ -171,7 +171,7 @@ class TargetSender:
         return bool(self._targets) and self._targets[-1].then is None and not self._targets[-1].at_surface
 
     def problem(self, now_s: float) -> tuple[float, str]:
-        """How long (s) the autopilot has refused or ignored its targets, and how; (0, text) if it is slow, else (0, "")."""
+        """How long (s) the autopilot has refused or ignored its targets, and how; (0, text) if it is only slow."""
         refused_s = now_s - self._unaccepted_s
         if refused_s >= IGNORED_S:
             return refused_s, f"the autopilot takes no mission for {refused_s:.0f} s: {self._refusal or 'no answer'}"
