@@ -47,11 +47,12 @@ METHODS = (
     "tour",
 )
 #: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip; plain
-#: search credited beyond the team mates' plans, and coordinated by Dec-MCTS.
+#: search credited beyond the team mates' plans, and coordinated by Dec-MCTS; tours that start from joint routes.
 VARIANTS: dict[str, dict[str, Any]] = {
     "covering": {"method": "lawnmower", "naive_paths": STRIPS},
     "plain_beyond": {"method": "plain", "credit": "beyond"},
     "dec_mcts": {"method": "plain", "coordination": "dec_mcts"},
+    "team_routes": {"method": "tour", "team_routes": True},
 }
 #: North and east span (m) of the areas, and their margin around the start (0, 0).
 AREAS = {"small": (400.0, 500.0, 20.0), "default": (600.0, 700.0, 50.0)}
@@ -201,9 +202,9 @@ def main(arguments: list[str] | None = None) -> None:
         "--methods",
         nargs="+",
         default=list(METHODS),
-        choices=METHODS,
+        choices=(*METHODS, "team_routes"),
         metavar="METHOD",
-        help=f"any of {', '.join(METHODS)} (default: all)",
+        help=f"any of {', '.join(METHODS)} (default: all of these), and team_routes",
     )
     parser.add_argument(
         "--vehicles", type=int, nargs="+", default=[1, 3], metavar="K", help="sizes of team (default: 1 3)"
