@@ -14,7 +14,7 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "fleet", "executor", "gp", "places", "planner", "comms")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms")
 
 
 def _number(value: Any) -> str:

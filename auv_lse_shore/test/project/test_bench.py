@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import os
 import re
 import sys
 import warnings
@@ -16,6 +17,7 @@ from pyarrow import Table, parquet
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import __main__ as bench
+from benchmarks import vehicle
 from benchmarks.command import end_with
 from benchmarks.rows import KEYS
 
@@ -65,6 +67,16 @@ def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"
     assert bench.main(["mission", "--smoke", "--json", str(file)]) == 0
     check(json.loads(file.read_text()))
+
+
+def test_memory_counts_the_pages_of_this_process_alone_and_by_share():
+    alone_mb, shares = vehicle.memory_mb([os.getpid()])
+    rss_mb = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    assert 0.0 < shares[os.getpid()] <= 1.1 * alone_mb
+    assert alone_mb == pytest.approx(rss_mb, rel=0.25), "one process: all its pages, files' too"
+    twice_mb, _ = vehicle.memory_mb([os.getpid(), os.getpid()])
+    assert twice_mb < 2.0 * alone_mb, "a file's pages count once"
+    assert vehicle.memory_mb([2**22]) == (0.0, {}), "it has ended"
 
 
 def test_gp_measures_its_choices_on_soundings_of_a_real_lake(survey):

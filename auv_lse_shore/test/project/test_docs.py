@@ -147,6 +147,14 @@ def test_nothing_outside_of_the_project_is_cited():
     assert not found, "\n".join(found)
 
 
+def test_every_own_type_has_a_reason_why_no_standard_one_fits():
+    section = (ROOT / "docs" / "reference" / "topics.md").read_text().partition("## Why own types\n")[2]
+    rows = re.findall(r"^\| (`.+`) \| (\w.+) \|$", section, re.MULTILINE)
+    named = [name for names, _ in rows for name in re.findall(r"`(\w+)`", names)]
+    interfaces = [*ROOT.glob("auv_lse_msgs/msg/*.msg"), *ROOT.glob("auv_lse_msgs/srv/*.srv")]
+    assert sorted(named) == sorted(path.stem for path in interfaces)
+
+
 def test_the_page_of_the_python_api_shows_every_example():
     """`test_examples.py` runs them."""
     page = (ROOT / "docs" / "reference" / "python-api.md").read_text()
