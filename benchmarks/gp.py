@@ -291,7 +291,7 @@ def rivals(arrays: dict[str, Any], sizes: Sizes) -> dict[str, dict[str, Any]]:
         file = Path(folder) / "data.npz"
         np.savez(file, **arrays)
         done = subprocess.run(
-            [str(RIVALS), str(Path(__file__).with_name("gp_rivals.py")), str(file)],
+            [str(RIVALS), str(Path(__file__).parent / "navigation" / "gp_rivals.py"), str(file)],
             env={**os.environ, **ONE_CORE},
             capture_output=True,
             text=True,

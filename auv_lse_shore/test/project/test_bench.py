@@ -97,7 +97,7 @@ def test_the_made_up_survey_can_be_sounded():
 
 
 def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
-    rivals = importlib.import_module("benchmarks.gp_rivals")
+    rivals = importlib.import_module("benchmarks.navigation.gp_rivals")
     gp = importlib.import_module("benchmarks.gp")
     places, depths = gp.made_up(30)
     scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
