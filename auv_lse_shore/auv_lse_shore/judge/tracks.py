@@ -12,7 +12,7 @@ from auv_lse_record.run_data import VehicleRun
 
 Array = NDArray[np.float64]
 
-#: Separation counts from this time (s) on: all vehicles start at one place, at their own depths.
+#: Separation counts from so long (s) after the start on: all vehicles start at one place, at their own depths.
 SEPARATION_FROM_S = 60.0
 
 
@@ -46,8 +46,8 @@ def least_separation(vehicles: list[VehicleRun]) -> float | None:
     tracks = [track(v) for v in vehicles if len(track(v))]
     if len(tracks) < 2:
         return None
-    end = min(t[-1, 0] for t in tracks)
-    times = np.arange(SEPARATION_FROM_S, end, 1.0)
+    begin, end = max(t[0, 0] for t in tracks), min(t[-1, 0] for t in tracks)
+    times = np.arange(begin + SEPARATION_FROM_S, end, 1.0)
     if len(times) == 0:
         return None
     at = [np.column_stack([np.interp(times, t[:, 0], t[:, c]) for c in (1, 2)]) for t in tracks]

@@ -22,3 +22,10 @@ def test_least_separation_after_the_start(synthetic_run):
     assert least_separation([a, b]) == pytest.approx(18.0)  # 0.3 m/s apart, from 60 s on
     assert least_separation([a]) is None
     assert least_separation(run.vehicles) > 50.0
+
+
+def test_separation_of_vehicles_whose_clocks_show_the_date() -> None:
+    times = 1.7e9 + np.arange(0.0, 200.0, 10.0)
+    tracks = [np.column_stack([times, np.zeros(20), np.full(20, east), np.zeros(20)]) for east in (0.0, 30.0)]
+    vehicles = [VehicleRun(vehicle=number, truth=truth) for number, truth in enumerate(tracks, 1)]
+    assert least_separation(vehicles) == pytest.approx(30.0)
