@@ -39,6 +39,12 @@ class Centers:
         kept = None if effect is None else effect[part]
         return Centers(self.places_m[part], self.depths_m[part], self.noise_std_m[part], kept)
 
+    def take(self, numbers: NDArray[np.int64]) -> Centers:
+        """The centers with these numbers, as copies."""
+        effect = self.place_effect_m
+        kept = None if effect is None else effect[numbers]
+        return Centers(self.places_m[numbers], self.depths_m[numbers], self.noise_std_m[numbers], kept)
+
     def joined(self, others: Centers) -> Centers:
         """These centers, then `others`."""
         return Centers(

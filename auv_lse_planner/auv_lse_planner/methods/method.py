@@ -24,13 +24,13 @@ from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.reward.anytime import AnytimeReward, Value, Weighting
+from auv_lse_planner.reward.anytime import AnytimeReward, Constant, Value, Weighting
 from auv_lse_planner.reward.fix import gain_of_fix
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.std_inflation import std_inflation
@@ -38,6 +38,21 @@ from auv_lse_planner.search.path_search import SearchProblem
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What follows the legs of a long mission that are planned in detail.
+
+    Attributes:
+        begin: Mission step at which it begins.
+        places_m: Places after each of its legs, (P, 2).
+        drop: Expected drop of the map's risk that belongs to it.
+    """
+
+    begin: int
+    places_m: Array
+    drop: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,29 +82,42 @@ class PlanningContext:
         return TeamRoutes(self.settings, self.space, self.rollout, self.map_grid)
 
     @cached_property
-    def map_points(self) -> CachedPoints:
-        """The posterior at `map_grid`."""
-        return CachedPoints(self.posterior, self.map_grid.places_m)
-
-    @cached_property
-    def coarse_points(self) -> CachedPoints:
-        """The posterior at `coarse_grid`."""
-        return CachedPoints(self.posterior, self.coarse_grid.places_m)
+    def window(self) -> GroundWindow:
+        """The part of the map that is planned with: all of it, or the ground near the next legs of a long mission."""
+        s = self.settings
+        return GroundWindow(self.posterior, s.gp, s.level_set, self.map_grid, self.coarse_grid)
 
     def assume_plans(self, situation: Situation) -> None:
         """Assumes that team mates without a received plan follow their routes or mow, from the first call on."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
-    def map_reward(self, situation: Situation) -> AnytimeReward:
-        """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order."""
+    def mates_ahead(self, situation: Situation) -> list[tuple[Array, Array]]:
+        """For each mate, times (P,) and places (P, 2) of the planned measurements near the window."""
+        ahead = self.team.in_time_order(situation.now_s + situation.planner.replan_lead_s)
+        near = [self.window.near(places) for _, places in ahead]
+        return [(legs[mask], places[mask]) for (legs, places), mask in zip(ahead, near, strict=True)]
+
+    def map_reward(self, situation: Situation, rest: Rest | None = None) -> AnytimeReward:
+        """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order.
+
+        Args:
+            rest: What follows the legs that are planned in detail; None: nothing.
+        """
         planner, steps = situation.planner, self.settings.mission.steps
+        mates, end, constant = self.mates_ahead(situation), steps, Constant()
+        if rest is not None:
+            end, constant = rest.begin, Constant(self.window.elsewhere_risk, rest.drop)
+            near = self.window.near(rest.places_m)
+            legs = (rest.begin - situation.step + 1.0 + np.flatnonzero(near)).astype(np.float64)
+            mates.append((legs, rest.places_m[near]))
         return AnytimeReward(
-            self.map_points,
+            self.window.fine,
             self.settings.level_set,
-            self.team.in_time_order(situation.now_s + planner.replan_lead_s),
-            Weighting(steps - situation.step, situation.step, steps, planner.anytime_weight),
-            self.coarse_points,
+            mates,
+            Weighting(end - situation.step, situation.step, steps, planner.anytime_weight),
+            self.window.coarse,
             std_inflation(self.posterior),
+            constant,
         )
 
     def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
@@ -230,12 +258,16 @@ class Method(Protocol):
         """Chooses the plan whose first leg is travelled next."""
         ...
 
+    def map_reward(self, situation: Situation) -> AnytimeReward:
+        """Reward of paths over the legs that are planned in detail: by default, all remaining ones."""
+        return self.context.map_reward(situation)
+
     def weigh_surfacing(self, situation: Situation, path: PlannedPath, legs: int) -> SurfacingValue:
         """Compares the gain of a fix after the leg just decided with its cost: the last `legs` legs of the path."""
         self.context.assume_plans(situation)
-        gain = gain_of_fix(self.context.map_points, self.context.settings.level_set)
-        reward = self.context.map_reward(situation)
-        places = self.context.map_places(path)
+        gain = gain_of_fix(self.context.window.fine, self.context.settings.level_set)
+        reward = self.map_reward(situation)
+        places = self.context.map_places(path)[: reward.legs]
         kept = places[: max(len(places) - legs, 0)]
         return SurfacingValue(gain, reward.value(places).expected_end - reward.value(kept).expected_end)
 

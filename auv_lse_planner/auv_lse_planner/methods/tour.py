@@ -19,14 +19,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
+from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
 from auv_lse_planner.paths.steering import LOOK_AHEAD
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.path_search import search_path
 from auv_lse_planner.search.uct import Actions
 
@@ -53,15 +56,19 @@ class Tour(Method):
         self._candidates = TourCandidates(context)
         self._optimized_at = -1
         self._seeds: list[Actions] = []
+        self._stages = Stages(context) if Stages.needed(context) else None
 
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
         s, context, last = situation, self.context, situation.last
         void = self._void(s)
         context.assume_plans(s)
-        reward = context.map_reward(s)
-        mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in reward.mates)])
-        due = last is None or bool(void) or self._interval_is_over(s)
+        if self._stages is not None:
+            s = replace(s, last=self._stages.last_plan(s))
+            last = s.last
+        reward = self.map_reward(s)
+        mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in context.mates_ahead(s))])
+        due = situation.last is None or bool(void) or self._interval_is_over(s)
         heads = self._heads(s, mates_m) if due and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None and not void:
@@ -70,7 +77,7 @@ class Tour(Method):
         found = Candidates()
         if due:
             floor = NO_FLOOR if reference is None else reference - self.budget
-            found = self._search(TourProblem(s, reward, floor), last, heads)
+            found = self._search(TourProblem(s, reward, floor, self._stages), last, heads)
             self._optimized_at = s.step
         if last is None:
             reference = found.floor
@@ -80,6 +87,8 @@ class Tour(Method):
         chosen = self._best(s, sound or every, mates_m)
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
+        if self._stages is not None:
+            self._stages.record(reward.risk_before - chosen.value.expected_end)
         if chosen is not incumbent:
             self._candidates.follow(chosen, s.step)
         return Choice(
@@ -98,6 +107,10 @@ class Tour(Method):
             deadline_hit=found.deadline_hit,
         )
 
+    def map_reward(self, situation: Situation) -> AnytimeReward:
+        """See `Method`."""
+        return self.context.map_reward(situation, None if self._stages is None else self._stages.rest())
+
     def spend(self, cost: float) -> float:
         """See `Method`."""
         self.budget = max(0.0, self.budget - cost)
@@ -107,6 +120,8 @@ class Tour(Method):
         """See `Method`."""
         self._optimized_at += legs
         self._candidates.shift(legs)
+        if self._stages is not None:
+            self._stages.shift(legs)
 
     def snapshot(self) -> dict[str, Any]:
         """See `Method`."""
@@ -115,6 +130,7 @@ class Tour(Method):
             "optimized_at": self._optimized_at,
             "seeds": [[int(a) for a in actions] for actions in self._seeds],
             "candidates": self._candidates.snapshot(),
+            "stages": None if self._stages is None else self._stages.snapshot(),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -122,6 +138,8 @@ class Tour(Method):
         self.budget, self._optimized_at = values["budget"], values["optimized_at"]
         self._seeds = [tuple(actions) for actions in values["seeds"]]
         self._candidates.restore(values["candidates"])
+        if self._stages is not None and values.get("stages") is not None:
+            self._stages.restore(values["stages"])
 
     def _void(self, s: Situation) -> str:
         """Reason why the last plan cannot be followed from here; "" if it can."""
@@ -144,6 +162,7 @@ class Tour(Method):
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
         """The best sequences of a tree search for the path reward, given the mates' places."""
         early = s.step < HEADS_FROM_SHARE * self.context.settings.mission.steps
+        early = early or (self._stages is not None and not self._stages.is_last)
         if early or not s.planner.tour_interval or s.out_of_time:
             return []
         problem = self.context.search_problem(s, self._seeds)

@@ -24,6 +24,7 @@ from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
+from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -62,11 +63,13 @@ class TourProblem:
 
     Attributes:
         floor: Lowest allowed expected end.
+        stages: The stages of a long mission; None: all remaining legs are planned in detail.
     """
 
     situation: Situation
     reward: AnytimeReward
     floor: float
+    stages: Stages | None = None
 
     @property
     def start(self) -> Array:
@@ -218,6 +221,9 @@ class TourCandidates:
         A path with too many actions for a packet is sent as a tour; its waypoints are moved instead.
         """
         s, legs, result = problem.situation, problem.reward.legs, Candidates()
+        if problem.stages is not None and not problem.stages.is_last:
+            self._bend_early(problem, path, ITERATIONS if s.planner.tour_interval else 0, SHARES_TRIED, result)
+            return result
         waypoints = self._waypoints_ahead(problem, path)
         if s.planner.tour_interval and legs <= MAX_EXPLICIT_ACTIONS:
             self._bend_early(problem, path, ITERATIONS, SHARES_TRIED, result)
@@ -278,11 +284,17 @@ class TourCandidates:
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
         spacing = length_m(line) / legs
-        found = self._search.bend(line, legs, reward.weighing(share), iterations, problem.situation.deadline)
+        staged = problem.stages is not None and not problem.stages.is_last
+        deadline = problem.situation.deadline
+        found = self._search.bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
         actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
         if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):
             actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs, around_shallows=True)
-        return self._candidate(problem.plan(actions), reward), found
+        candidate = self._candidate(problem.plan(actions), reward)
+        if problem.stages is not None and staged:
+            tour = problem.stages.tour(candidate.path.states[-1, 1:])
+            candidate = replace(candidate, plan=problem.plan(actions, tour=tour))
+        return candidate, found
 
     def _through(self, problem: TourProblem, waypoints_m: Array) -> Candidate:
         """The tour through waypoints; detours around shallow ground are explicit actions."""
@@ -323,4 +335,4 @@ class TourCandidates:
 
     def evaluated(self, plan: Plan, path: PlannedPath, reward: AnytimeReward) -> Candidate:
         """A plan and its path with their value."""
-        return Candidate(plan, path, reward.value(self._context.map_places(path)))
+        return Candidate(plan, path, reward.value(self._context.map_places(path)[: reward.legs]))

@@ -78,6 +78,19 @@ class Weighting:
 
 
 @dataclass(frozen=True, slots=True)
+class Constant:
+    """What the paths of a decision do not change: the ground elsewhere, and the rest of a long mission.
+
+    Attributes:
+        risk: Part of the risk before the first leg.
+        drop: Part of the drop of the risk at the mission's end.
+    """
+
+    risk: float = 0.0
+    drop: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class _Schedule:
     """Checkpoints and their weights; times are in legs from now.
 
@@ -130,6 +143,7 @@ class AnytimeReward:
         weighting: Weighting,
         coarse: CachedPoints | None = None,
         inflation: float = 1.0,
+        constant: Constant = Constant(),
     ) -> None:
         """Places planned on the posterior count as measured before the first leg.
 
@@ -140,7 +154,9 @@ class AnytimeReward:
                 their places (P, 2).
             coarse: Places at which the gradient is computed; None: those of `fine`.
             inflation: Factor on the posterior's standard deviations in `weighted`.
+            constant: Added to the risk before the first leg and to `expected_end`.
         """
+        self._constant_drop = constant.drop
         self.legs = weighting.legs
         self._fine, self._coarse = fine, coarse or fine
         self._level_set = replace(LevelSet.of(level_set), method="exact")
@@ -149,7 +165,7 @@ class AnytimeReward:
         checkpoints = -(-self.legs // CHECKPOINT_LEGS)
         self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), VALUE_RISK_SHARE, cache_inverse=False)
         self._rough: _Drop | None = None
-        self.risk_before = self._exact.risk_before
+        self.risk_before = self._exact.risk_before + constant.risk
 
     def weighing(self, share: float) -> AnytimeReward:
         """The same reward with a share of the anytime weight; with 0, early and late drops of risk count the same."""
@@ -181,7 +197,8 @@ class AnytimeReward:
         Raises:
             ValueError: for more legs than remain, or if the covariance of the places is not positive definite.
         """
-        return self._exact.value(*self._timed(places_m))
+        value = self._exact.value(*self._timed(places_m))
+        return replace(value, expected_end=value.expected_end + self._constant_drop)
 
     def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
         """A coarser `weighted` of a path over all remaining legs, and its exact gradient.

@@ -262,6 +262,8 @@ class TourSearch:
         reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None = None,
+        *,
+        fixed_end: bool = False,
     ) -> Found:
         """Bends a path: displaces it at equally spaced knots, with linear interpolation in between.
 
@@ -270,7 +272,7 @@ class TourSearch:
         Args:
             line_m: The path as a fine polyline with the same number of segments on each leg, shape (n + 1, 2).
             legs: Length of the path, in legs.
-            legs: Number of legs.
+            fixed_end: Whether the path's end stays where it is.
         """
         line = np.ascontiguousarray(line_m, dtype=float)
         each, every = (len(line) - 1) // legs, self.segment_legs(legs)
@@ -280,8 +282,10 @@ class TourSearch:
         share = np.minimum(at - left, 1.0)[:, None]
         length, unit = every * self._leg_m, self._leg_m
 
+        free = knots - 1 if fixed_end else knots
+
         def moves(x: Array) -> Array:
-            return np.concatenate([np.zeros((1, 2)), unit * x.reshape(knots, 2)])
+            return np.concatenate([np.zeros((1, 2)), unit * x.reshape(free, 2), np.zeros((knots - free, 2))])
 
         def corners(x: Array) -> Array:
             moved = moves(x)
@@ -294,9 +298,9 @@ class TourSearch:
             steps = np.diff(moves(x), axis=0) / length
             slope[1:] -= 2.0 * BEND_WEIGHT / length * steps
             slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
-            return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
+            return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1 : free + 1].ravel()
 
-        deformation = Deformation(np.zeros(2 * knots), corners, penalized, MIN_BEND_GAIN, None)
+        deformation = Deformation(np.zeros(2 * free), corners, penalized, MIN_BEND_GAIN, None)
         return self._maximize(deformation, length_m(line) / legs, legs, reward, iterations, deadline)
 
     def _maximize(

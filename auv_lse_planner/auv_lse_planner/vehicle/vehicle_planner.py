@@ -226,8 +226,8 @@ class VehiclePlanner:
     def decide(self, now_s: float, deadline: Callable[[], bool] | None = None) -> Decision:
         """Decides the next leg.
 
-        The first call searches the whole mission: about 1 s of processor time for 100 legs and 9 s for 300, and up to a
-        minute more to compile with numba where its cache is empty. Later calls improve the plan within 0.05 to 0.3 s.
+        The first call searches the whole mission, with up to 200 legs: about 1 s of processor time for 100 legs, and up
+        to a minute more to compile with numba where its cache is empty. Later calls take 0.05 to 0.3 s.
 
         Args:
             deadline: Returns whether to stop searching, such as `lambda: time.monotonic() > end_s`; the decision then
@@ -439,11 +439,13 @@ class VehiclePlanner:
         return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
 
     def _take_centers(self) -> None:
+        if self.planner.family_name != "tour":
+            self._context.window.release()
         centers, self._new_centers = self._new_centers, None
         if centers is None:
             return
         try:
-            self.posterior.follow(centers)
+            self._context.window.set_centers(centers)
             self._map_refused = ""
         except IllConditionedError as error:
             self._map_refused = f"map: {error}"
@@ -457,5 +459,7 @@ class VehiclePlanner:
             legs = max(self.planner.horizon, LOOK_AHEAD) + 2
             reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
             places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]
+        elif self._context.window.is_focused:
+            places = places[self._context.window.covers(places)]
         limit_m = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
         self.space.set_shallow(places, self.posterior.mean_m(places) < limit_m, self._shallow_grid.resolution_m)

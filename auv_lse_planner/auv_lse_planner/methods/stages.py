@@ -1,0 +1,179 @@
+"""Plans a long mission in stages: the next legs in detail, and the rest as a line that is followed later.
+
+At the start, the best naive path over the whole mission becomes the *line*. A stage covers the next `STAGE_LEGS` legs.
+It bends them as if they were a short mission, except that it ends on the line. Planning is limited to the ground near
+the stage (`ground_window.py`); the places of the line after it count as measured at its end. After `RENEW_LEGS` legs,
+the next stage begins: what is left of this one, and more of the line.
+
+The account of the bound continues. Let R be the risk of the map now, E the drop of risk expected until the mission's
+end, and E_s the drop that the stage computes for its ground. Then E = E_s + d, where d belongs to the rest of the
+mission. A new stage chooses d so that the expected end risk R - E of the last plan stays the same. In the last
+`RENEW_LEGS` legs d is 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS
+from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
+from auv_lse_gp.inference.cached_points import CachedPoints
+from auv_lse_planner.methods.method import Followed, PlanningContext, Rest, Situation
+from auv_lse_planner.paths.steering import LOOK_AHEAD, Steering
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
+
+Array = NDArray[np.float64]
+
+#: A longer mission is planned in stages.
+MAX_WHOLE_LEGS = 200
+#: Legs of a stage, and legs after which the next one begins. The last one is longer by up to as many legs.
+STAGE_LEGS, RENEW_LEGS = 150, 40
+#: Largest number of segments of the tour that stands for the rest in a packet, and their smallest length in legs.
+REST_SEGMENTS, REST_SEGMENT_LEGS = 30, 4
+#: Largest numbers of the map's cells and of a path's legs for which the naive paths are compared.
+COMPARED_CELLS, COMPARED_LEGS = 1500, 300
+
+
+class Stages:
+    """The stages of one vehicle's mission."""
+
+    def __init__(self, context: PlanningContext) -> None:
+        self._context = context
+        self._steering = Steering(context.space)
+        self._steps = context.settings.mission.steps
+        self._begin = self._end = 0  # steps at which the stage begins and ends
+        self._line_m = np.zeros((0, 2))  # places at the steps from `_line_step` on
+        self._line_step = 0
+        self._drop = 0.0
+        self._end_risk = math.nan  # expected at the mission's end, of the last choice
+
+    @staticmethod
+    def needed(context: PlanningContext) -> bool:
+        """Whether a mission is long enough to be planned in stages."""
+        return context.settings.mission.steps > MAX_WHOLE_LEGS
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the stage reaches the mission's end."""
+        return self._end >= self._steps
+
+    def rest(self) -> Rest:
+        """What follows the stage."""
+        first = max(self._end - self._line_step, 0)
+        return Rest(self._end, self._line_m[first + 1 : self._steps - self._line_step + 1], self._drop)
+
+    def record(self, end_risk: float) -> None:
+        """Records the risk that the chosen plan is expected to leave at the mission's end."""
+        self._end_risk = end_risk
+
+    def shift(self, legs: int) -> None:
+        """Delays the stage and the line by so many legs; what no longer fits into the mission is dropped."""
+        self._begin, self._end = self._begin + legs, min(self._end + legs, self._steps)
+        self._line_step += legs
+
+    def last_plan(self, s: Situation) -> Followed:
+        """The last plan, or the best naive path at the start; extended if a new stage begins."""
+        last = s.last
+        if last is not None and self._context.window.is_focused and s.step - self._begin < RENEW_LEGS:
+            return last
+        if last is not None:
+            return self._extended(s, last)
+        last, drop = self._best_naive(s)
+        self._line_m, self._line_step, self._end = last.path.states[:, 1:].copy(), s.step, s.step
+        extended = self._extended(s, last)
+        self._drop += drop  # `_extended` had nothing to continue
+        return extended
+
+    def tour(self, end_m: Array) -> Tour | None:
+        """The rest of the line as a tour from a place (2,); None if there is no rest."""
+        rest = self.rest().places_m
+        if not len(rest):
+            return None
+        leg_m = self._context.space.motion.leg_length_m
+        every = max(REST_SEGMENT_LEGS, math.ceil(len(rest) / REST_SEGMENTS))
+        corners = np.concatenate([np.reshape(end_m, (1, 2)), rest])
+        return Tour.through(corners, every, leg_m) if length_m(corners) > 0.0 else None
+
+    def snapshot(self) -> dict[str, Any]:
+        """The state, for a journal."""
+        line = self._line_m[max(self._end - self._line_step, 0) :]
+        return {
+            "end": self._end,
+            "drop": self._drop,
+            "end_risk": self._end_risk,
+            "line_step": self._line_step + len(self._line_m) - len(line),
+            "line": np.round(line, 2).tolist(),
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`; the next decision begins a stage."""
+        self._end, self._drop, self._end_risk = values["end"], values["drop"], values["end_risk"]
+        self._line_m, self._line_step = np.array(values["line"]).reshape(-1, 2), values["line_step"]
+
+    # ------------------------------------------------------------------ a new stage
+
+    def _extended(self, s: Situation, last: Followed) -> Followed:
+        """Begins a stage; the last plan, extended along the line to the stage's end."""
+        context, path, old_end = self._context, last.path, max(self._end, s.step)
+        self._begin, self._end = s.step, min(s.step + STAGE_LEGS, self._steps)
+        if self._steps - self._end < RENEW_LEGS:
+            self._end = self._steps
+        own = min(old_end - s.step, len(path))
+        actions, state = path.actions[:own], path.states[own]
+        line = np.concatenate([state[None, 1:], self._line(s.step + own + 1, self._end + LOOK_AHEAD)])
+        legs = self._end - s.step - own
+        if own == 0:
+            actions = path.actions[:legs]
+        elif legs > 0 and len(line) > 1:
+            spacing = length_m(line) / (len(line) - 1)
+            actions = np.concatenate([actions, self._steering.along(state, line, spacing, legs)])
+        start = path.states[0]
+        plan = Plan.at(s.step, start, tuple(int(a) for a in actions), NONE)
+        followed = context.rollout.follow(plan)
+        plan = replace(plan, tour=self.tour(followed.states[-1, 1:]))
+        context.window.focus(followed.places_m)
+        self._drop = 0.0
+        reward = context.map_reward(s, self.rest())
+        end = reward.value(context.map_places(followed)[: reward.legs]).expected_end
+        if math.isnan(self._end_risk):
+            self._drop = -end
+        elif self._steps - s.step > RENEW_LEGS:
+            self._drop = reward.risk_before - end - self._end_risk
+        return Followed(plan, followed)
+
+    def _line(self, begin: int, end: int) -> Array:
+        """Places of the line at the steps `begin` to `end` - 1, as far as it goes."""
+        return self._line_m[max(begin - self._line_step, 0) : max(end - self._line_step, 0)]
+
+    # ------------------------------------------------------------------ the start
+
+    def _best_naive(self, s: Situation) -> tuple[Followed, float]:
+        """The best naive path over the mission, and its expected drop of risk, from some of its legs and cells."""
+        context, number = self._context, self._context.vehicle - 1
+        legs = self._steps - s.step
+        every = math.ceil(legs / COMPARED_LEGS)
+        grid = context.map_grid
+        apart = math.ceil(math.sqrt(int(grid.inside.sum()) / COMPARED_CELLS))
+        chosen = np.zeros_like(grid.inside)
+        chosen[apart // 2 :: apart, apart // 2 :: apart] = True
+        cells = grid.places_m[chosen[grid.inside]]
+        points = CachedPoints(context.posterior, cells if len(cells) else grid.places_m)
+        mates = [(0.0 * ahead[::every], places[::every]) for ahead, places in context.mates_ahead(s)]
+        reward = AnytimeReward(points, context.settings.level_set, mates, Weighting(-(-legs // every), 0, legs))
+        best, best_drop = None, -math.inf
+        for naive in dict.fromkeys((FITTED[number % len(FITTED)], *COVERING, *LAWNMOWERS)):
+            plan = Plan.at(s.step, s.state, (), naive)
+            path = context.rollout.follow(plan)
+            drop = reward.value(path.leg_places_m[every // 2 :: every]).expected_end
+            if drop > best_drop:
+                best, best_drop = Followed(plan, path), drop
+            if s.out_of_time:
+                break
+        assert best is not None
+        return best, best_drop * int(grid.inside.sum()) / len(points.places_m)

@@ -1,0 +1,85 @@
+"""The window of a long mission against the dense posterior of the whole map."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.methods.ground_window import GroundWindow
+
+SIDE_M = 1500.0
+PATH_M = np.column_stack([np.linspace(300.0, 1000.0, 120), np.full(120, 700.0)])
+#: Largest relative error of the whole map's risk: cells far from all centers are updated late.
+RISK = 0.03
+
+
+def _lanes(seed):
+    """Centers along lanes with gaps."""
+    rng = np.random.default_rng(seed)
+    lanes, east = [], rng.uniform(20.0, 60.0)
+    while east < SIDE_M:
+        north = np.arange(rng.uniform(0.0, 400.0), SIDE_M * rng.uniform(0.5, 1.0), 22.0)
+        lanes.append(np.column_stack([north, east + 5.0 * np.sin(north / 50.0)]))
+        east += rng.uniform(50.0, 250.0)
+    places = np.concatenate(lanes)
+    depth = 15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0)
+    return Centers(places, depth + 0.3 * rng.normal(size=len(places)), np.full(len(places), 0.2))
+
+
+def _window(config):
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, SIDE_M, 0.0, SIDE_M, SIDE_M, 0.0, SIDE_M)))
+    grid = area.grid(20.0)
+    return GroundWindow(Posterior(config), config, LevelSetConfig(), grid, area.grid(30.0)), grid
+
+
+def _total_risk(window):
+    now = window.fine.current()
+    near = LevelSet.of(LevelSetConfig()).risk(now.mean_m, np.sqrt(now.data_var_m2)).sum()
+    return float(near) + window.elsewhere_risk
+
+
+@pytest.mark.parametrize(
+    ("prior", "mean", "std"),
+    [
+        ({}, 0.04, 0.005),
+        ({"kernel": "matern32"}, 0.04, 0.005),
+        ({"length_scale_2_m": 50.0, "rotation_deg": 30.0}, 0.04, 0.005),
+        ({"kernel": "squared_exponential"}, 0.15, 0.02),
+    ],
+    ids=["matern52", "matern32", "anisotropic", "squared_exponential"],
+)
+def test_window_is_close_to_the_dense_posterior(prior, mean, std):
+    """Tolerances: of the mean in standard deviations, and of the standard deviation, relative."""
+    config = GpConfig(**prior)
+    for seed in range(2):
+        data, dense = _lanes(seed), Posterior(config)
+        dense.follow(data)
+        window, grid = _window(config)
+        window.set_centers(data)
+        window.focus(PATH_M)
+        assert window.posterior.data_rows < 0.8 * len(data)
+        now, (mean_m, variance) = window.fine.current(), dense.moments(window.fine.places_m)
+        assert np.abs(now.mean_m - mean_m).max() < mean * np.sqrt(variance).max()
+        assert np.sqrt(now.data_var_m2 / variance).max() < 1.0 + std
+        everywhere, variance = dense.moments(grid.places_m)
+        whole = LevelSet.of(LevelSetConfig()).risk(everywhere, np.sqrt(variance)).sum()
+        assert _total_risk(window) == pytest.approx(whole, rel=RISK)
+
+
+def test_later_centers_elsewhere_count_at_the_next_focus():
+    window, grid = _window(GpConfig())
+    data = _lanes(1)
+    window.focus(PATH_M)
+    prior = window.elsewhere_risk
+    window.set_centers(data)
+    assert window.elsewhere_risk == prior
+    window.focus(PATH_M)
+    assert window.elsewhere_risk < 0.9 * prior
+    window.release()
+    assert window.posterior.data_rows == len(data)
+    assert len(window.fine.places_m) == len(grid.places_m)
