@@ -20,7 +20,8 @@ def _short_stages(monkeypatch):
 
 
 def _planner(steps=STEPS, method="tour"):
-    made = VehiclePlanner(1, settings({"method": method}, 1, steps, vehicle={"surfacings": 0}), np.random.default_rng(1))
+    parameters = settings({"method": method}, 1, steps, vehicle={"surfacings": 0})
+    made = VehiclePlanner(1, parameters, np.random.default_rng(1))
     v = made.settings.vehicle
     made.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
     return made
