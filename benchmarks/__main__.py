@@ -14,7 +14,9 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day")
+#: Modules of groups that are not named after them.
+MODULES = {"day": "planning.day"}
 
 
 def _number(value: Any) -> str:
@@ -66,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         console.print(f"measuring {group} ...", style="dim")
         try:
             lake = {"lake": options.lake} if group == "gp" else {}
-            rows = importlib.import_module(f"benchmarks.{group}").run(smoke=options.smoke, **lake)
+            rows = importlib.import_module(f"benchmarks.{MODULES.get(group, group)}").run(smoke=options.smoke, **lake)
         except Exception as error:  # one group's failure must not lose the others' figures
             console.print(f"bench {group} failed: {error!r}", style="red")
             failed = True

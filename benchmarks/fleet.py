@@ -38,7 +38,9 @@ class Flown:
     decisions_s: list[list[float]]
 
 
-def _timed(function: Callable[..., Any], times_s: list[float]) -> Callable[..., Any]:
+def timed(function: Callable[..., Any], times_s: list[float]) -> Callable[..., Any]:
+    """A function that also appends the processor time (s) of each of its calls to `times_s`."""
+
     def call(*arguments: Any) -> Any:
         began = time.process_time()
         try:
@@ -57,7 +59,7 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
 
     def watch(owner: object, name: str, part: str) -> None:
         times_s[part].append([])
-        setattr(owner, name, _timed(getattr(owner, name), times_s[part][-1]))
+        setattr(owner, name, timed(getattr(owner, name), times_s[part][-1]))
 
     watch(fleet.world, "tick", "world")
     for cores in fleet.cores:
