@@ -1,7 +1,7 @@
-"""A long mission under load: soundings at 50 Hz, and mates that babble. Memory and time are sampled.
+"""A long mission under load: soundings at 50 Hz, and team mates that send too much. Memory and time are sampled.
 
-The cores of one vehicle of a large team, as its nodes call them, in one process. Its mates are not simulated: a few of
-them send far more than their slots, packets that pass every check.
+One process runs the algorithms of one vehicle of a large team, as its nodes do. Its team mates are not simulated: a few
+of them send valid packets far more often than their slots allow.
 """
 
 from __future__ import annotations

@@ -4,21 +4,22 @@
     python -m benchmarks.planning.planner_bound --table bound.jsonl
 
 Missions differ in lake (synthetic lakes, and lakes drawn from the planner's own prior), number of vehicles (1 to 3)
-and packet loss (0 to 50 %); each is flown by `augmented`, with the incumbent rule and without, and by `tour`, whose
-account stands for the rule. Of `tour`'s team missions a quarter has a
-vehicle that starts late and a quarter one that falls silent. Per vehicle, with P_i = reward so far + Jbar at decision i
-(what is promised), g_i = Jbar less the value of continuing the last plan on the same data (what the choice brings),
-counted are missions in which
+and packet loss (0 to 50 %). Each is flown by `augmented`, with the incumbent rule and without, and by `tour`, which has
+a budget instead of the rule. In a quarter of the team missions of `tour` a vehicle starts late, and in another quarter
+one falls silent.
 
-- *expected*: the choices of some vehicle took value away, sum g_i < 0. A change of P that is not g comes from data,
-  whose effect is zero in expectation where the reward telescopes; so the expected end is P_0 + sum g_i.
+Let P_i = reward so far + Jbar at decision i, the expected reward of the mission, and g_i = Jbar minus the value of
+continuing the last plan on the same data, the gain by the choice. The table counts missions in which
+
+- *expected*: the choices of a vehicle lowered the expected reward, sum g_i < 0. Other changes of P come from new data;
+  their expectation is zero where the reward telescopes, so the expected end is P_0 + sum g_i.
 - *realized start*: the reward ends below P_0, the value of the plan at the start.
 - *realized maximum*: the reward ends below the running maximum of the time-varying bound.
 - *decisions*: share of decisions that violate the paper's condition Jbar_n >= Jbar_(n-m-1).
 
-With `tour` the start is what mowing is expected to bring, *expected* counts missions in which an account was negative,
-and *decisions* the decisions at which one was. A vehicle's own map lacks what it did not hear; the plans count the
-team's soundings, so the map of all of them is compared with the largest of the vehicles' starts, too.
+For `tour`, P_0 is the reward expected of mowing, *expected* counts missions in which a budget was negative, and
+*decisions* the decisions at which it was. A vehicle's own map lacks soundings that it did not receive, while plans
+count those of the whole team. Therefore the map of all soundings is compared with the largest P_0 of the vehicles, too.
 """
 
 from __future__ import annotations
