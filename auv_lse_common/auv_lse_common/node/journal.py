@@ -161,6 +161,11 @@ class Journal:
         finally:
             os.close(file)
 
+    def __del__(self) -> None:
+        """Closes the file."""
+        if hasattr(self, "_file"):
+            self.close()
+
     def close(self) -> None:
         """Closes the file."""
         if self._file >= 0:

@@ -30,6 +30,7 @@ import json
 import math
 import os
 import struct
+import weakref
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -79,7 +80,8 @@ class StateFile:
         self._path, self._file, self._sequence, self._text = path, -1, 0, b""
         self._start = start
         self._identity = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:16]
-        self._writer = LatestWriter(self._save)
+        save = weakref.WeakMethod(self._save)  # a strong reference would keep the file open after its last use
+        self._writer = LatestWriter(lambda text: None if (write := save()) is None else write(text))
         if path is None:
             return
         self._memory = _MemoryCopy(path) if start else None
@@ -138,6 +140,11 @@ class StateFile:
         if not self._writer.put(text, wait_s if is_copied else math.inf):
             return False
         return self._file >= 0
+
+    def __del__(self) -> None:
+        """Closes the file."""
+        if hasattr(self, "_file"):
+            self.close()
 
     def close(self) -> None:
         """Closes the file."""

@@ -321,3 +321,10 @@ def test_a_slow_disk_does_not_stop_the_caller(tmp_path: Path, memory: Path, monk
         copy.unlink()
     assert state_file.read_state(path) == {"number": 4}
     assert state.status == ""
+
+
+def test_a_dropped_state_file_is_closed(tmp_path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    for number in range(20):
+        StateFile(tmp_path / f"{number}.state", MISSION).write({"state": "running"})
+    assert len(os.listdir("/proc/self/fd")) <= before + 1

@@ -29,8 +29,8 @@ STEPS = 5
 
 #: Commands of other programs: their names alone are known here.
 FOREIGN = {
-    ".", "cat", "cd", "colcon", "cp", "dask", "export", "pip", "pre-commit", "rosdep", "sed", "source", "sudo",
-    "use_environment",
+    ".", "cat", "cd", "colcon", "cp", "dask", "docker", "export", "pip", "pre-commit", "rosdep", "sed", "source",
+    "sudo", "use_environment",
 }  # fmt: skip
 
 #: Commands that do more than parse before they parse: the module that parses.
