@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -50,6 +50,12 @@ def project_types() -> Any:
     """The types of ROS 2 Jazzy, and this project's if their definitions are found."""
     folder = message_folder()
     return types_of({} if folder is None else definitions([folder], "auv_lse_msgs"))
+
+
+def stamp_of(data: bytes) -> float:
+    """The stamp (s) in the header with which a serialized message begins (CDR)."""
+    order: Literal["little", "big"] = "little" if data[1:2] == b"\1" else "big"
+    return int.from_bytes(data[4:8], order, signed=True) + 1e-9 * int.from_bytes(data[8:12], order)
 
 
 def frame_of(data: bytes) -> str:

@@ -29,6 +29,7 @@ from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_record.bag_writer import RecorderError
 from auv_lse_record.guard import GuardedWriter
 from auv_lse_record.message_types import frame_of
+from auv_lse_record.ration import Ration
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.software import mission_text, version
@@ -57,8 +58,10 @@ class RecorderNode(BaseNode):
             self._bag = GuardedWriter(writer, folder, config.least_free_mb)
         except RecorderError as error:
             raise ParameterError(f"{self.where}: {error}") from error
+        self._ration = Ration(config.map_bytes_per_s)
         self._refused: set[str] = set()
         self._topics: set[str] = set()
+        self._written_ns = 0  # stamp of the last message
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
         self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
         self._write_text(SOFTWARE, version())
@@ -108,10 +111,17 @@ class RecorderNode(BaseNode):
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
         clock, found = self.get_clock(), find_topic(topic)
         with_dive = found is not None and found.topic.decode is not None
+        rationed = self._ration.concerns(found)
 
         def write(data: bytes) -> None:
-            if not with_dive or not self._is_strangers(found, data):
-                self._bag.write(topic, clock.now().nanoseconds, data)
+            if with_dive and self._is_strangers(found, data):
+                return
+            self._written_ns = clock.now().nanoseconds
+            if not rationed:
+                self._bag.write(topic, self._written_ns, data)
+                return
+            for name, kept in self._ration.take(topic, found, data):
+                self._bag.write(name, self._written_ns, kept)
 
         return write
 
@@ -157,7 +167,9 @@ class RecorderNode(BaseNode):
         self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick, dive=self.dive))
 
     def destroy_node(self) -> None:
-        """Closes the recording, then ends the node."""
+        """Records the last maps, closes the recording, then ends the node."""
+        for topic, data in self._ration.rest():
+            self._bag.write(topic, self._written_ns, data)
         self._bag.close()
         super().destroy_node()
 

@@ -343,6 +343,6 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     key.touch(0o600)
     key.write_text(secrets.token_hex(32))
     steps = max(4, int(options.kills * 9.0 / LEG_S) + 3)
-    more = {"packet.tag": "true", "packet.key_file": str(key), "packet.session": "kills"}
+    more = {"record.map_bytes_per_s": "0", "packet.tag": "true", "packet.key_file": str(key), "packet.session": "kills"}
     flight = fly(folder / "flight", steps, at_random(options.kills, options.seed), more, say)
     return table(flight, steps)

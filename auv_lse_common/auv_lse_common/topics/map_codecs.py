@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -57,6 +58,19 @@ def _resolution(north_m: NDArray[Any], east_m: NDArray[Any]) -> float:
     return float(axis[1] - axis[0])
 
 
+#: Steps to which a published depth and its error (m) are rounded. Digits beyond them are noise, which no compression
+#: shortens. Risk and probability are rounded to this share of the power of two above the layer's largest value.
+DEPTH_STEP_M = 1.0 / 128.0
+RISK_STEP = 1.0 / 512.0
+
+
+def steps_of(field: Any) -> dict[str, float]:
+    """The steps to which the layers of a map are rounded in messages, by name."""
+    largest = float(np.nanmax(field.risk, initial=0.0))
+    above = 2.0 ** math.ceil(math.log2(largest)) if largest > 0.0 else 1.0
+    return {"mean_m": DEPTH_STEP_M, "std_m": DEPTH_STEP_M, "risk": RISK_STEP * above, "p_safe": RISK_STEP}
+
+
 def encode_field(report: FieldReport, vehicle: int) -> Fields:
     """LevelSetField."""
     return {
@@ -68,7 +82,7 @@ def encode_field(report: FieldReport, vehicle: int) -> Fields:
         "columns": len(report.east_m),
         "level_m": report.level_m,
         "variance_scale": report.variance_scale,
-        **{name: getattr(report, name).ravel() for name in ("mean_m", "std_m", "risk", "p_safe")},
+        **{name: step * np.round(getattr(report, name).ravel() / step) for name, step in steps_of(report).items()},
     }
 
 

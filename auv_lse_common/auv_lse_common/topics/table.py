@@ -64,6 +64,8 @@ class Topic:
         readers: The nodes of the stack that read it, except the recorder; "a|b" as above.
         delivery: See `Delivery`.
         recorded: Whether the recorder subscribes to it from the start.
+        ration: Share of `record.map_bytes_per_s` that is recorded of it; 0: every message is recorded.
+        recorded_with: A rationed topic of the same vehicle; it is recorded at the stamps of that topic only.
         command: Whether hardware acts on it, so that a replay leaves it out.
         phase: Lockstep: the phase after which its writer announces the number of published messages.
         tick_count: Lockstep: the field of LockstepTick with that number, if the simulator writes the topic.
@@ -81,6 +83,8 @@ class Topic:
     readers: tuple[str, ...] = ()
     delivery: Delivery = "every"
     recorded: bool = True
+    ration: float = 0.0
+    recorded_with: str = ""
     command: bool = False
     phase: str = ""
     tick_count: str = ""
@@ -161,6 +165,7 @@ _ROWS = (
         name="kernel_centers", kind="auv_lse_msgs/msg/KernelCenters", about="the whole map as kernel centers",
         writer="gp_node", readers=("planner_node",), delivery="latched", phase="gp", awaited_by=("planner",),
         total=lambda message: int(message.revision) + 1,  # revisions count from 0
+        recorded_with="field",
         encode=map_codecs.encode_centers, decode=map_codecs.decode_centers,
     ),
     Topic(
@@ -170,15 +175,16 @@ _ROWS = (
     ),
     Topic(
         name="field", kind="auv_lse_msgs/msg/LevelSetField", about="the map on a grid: depth, error, risk",
-        writer="gp_node", delivery="latched", encode=map_codecs.encode_field, decode=map_codecs.decode_field,
+        writer="gp_node", delivery="latched", ration=1.0,
+        encode=map_codecs.encode_field, decode=map_codecs.decode_field,
     ),
     Topic(
         name="risk_map", kind="nav_msgs/msg/OccupancyGrid", about="risk in percent of the largest, for viewers",
-        writer="gp_node", delivery="latched", encode=map_codecs.encode_risk_map,
+        writer="gp_node", delivery="latched", recorded_with="field", encode=map_codecs.encode_risk_map,
     ),
     Topic(
         name="isobath", kind="visualization_msgs/msg/Marker", about="isobath and edges of its band, for viewers",
-        writer="gp_node", encode=map_codecs.encode_isobath,
+        writer="gp_node", recorded_with="field", encode=map_codecs.encode_isobath,
     ),
     Topic(
         name="plan", kind="auv_lse_msgs/msg/Plan", about="the vehicle's plan to the end of its mission",
@@ -187,7 +193,7 @@ _ROWS = (
     ),
     Topic(
         name="path", kind="nav_msgs/msg/Path", about="the plan as poses, for viewers", writer="planner_node",
-        encode=plan_codecs.encode_path,
+        ration=0.035, encode=plan_codecs.encode_path,
     ),
     Topic(
         name="waypoint", kind="auv_lse_msgs/msg/Waypoint", about="the next leg to travel", writer="planner_node",

@@ -89,6 +89,13 @@ def recompute_decisions(
     return _Recomputer(inputs, settings, lockstep, tolerance).run(show)
 
 
+def _has_every_map(inputs: VehicleInputs) -> bool:
+    """Whether the kernel centers of every map from which the planner decided are recorded."""
+    revisions = {report.revision for _, report in inputs.centers}
+    used = {decision.taken.map_revision for decision in inputs.decisions if decision.taken is not None}
+    return bool(revisions) and used <= revisions
+
+
 class _Recomputer:
     """One vehicle's planner with its recorded inputs."""
 
@@ -99,11 +106,13 @@ class _Recomputer:
         self._intake = PlannerIntake(self._planner)
         self._parameters = parameters_for(settings.to_patterns(), f"/auv{number}/planner_node")
         self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
-        # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on.
-        self._map = None if inputs.centers else RecomputedMap(inputs, own, settings.places_in_force(number), lockstep)
+        # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on;
+        # one with record.map_bytes_per_s has the centers of a few decisions only.
+        places = settings.places_in_force(number)
+        self._map = None if _has_every_map(inputs) else RecomputedMap(inputs, own, places, lockstep)
         self._plans = Pending(inputs.plans or _plans_heard(inputs, settings))
         self._odometry, self._corrected = Pending(inputs.odometry), Pending(inputs.corrected)
-        self._centers, self._tuned = Pending(inputs.centers), Pending(inputs.tuned)
+        self._centers, self._tuned = Pending(inputs.centers if self._map is None else []), Pending(inputs.tuned)
         self._revision = -1
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
@@ -148,19 +157,19 @@ class _Recomputer:
                 self._planner.odometry(*entry)
             self._intake.set_odometry(*entry)
         if self._map is not None:
-            self._take_map(self._map, now_s)
+            self._take_map(self._map, now_s, None if taken is None else taken.map_revision)
         for found in self._centers.take(
             is_due if taken is None else lambda received_s, found: found.revision <= taken.map_revision
         ):
             centers = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
             self._intake.set_centers(centers, found.revision)
 
-    def _take_map(self, own: RecomputedMap, now_s: float) -> None:
-        own.advance(now_s)
+    def _take_map(self, own: RecomputedMap, now_s: float, revision: int | None) -> None:
+        own.advance(now_s, revision)
         if own.map.revision != self._revision:
             self._revision = own.map.revision
             self._intake.set_centers(own.map.centers, self._revision)
-        if own.place is not None:
+        if own.place is not None and not self._inputs.corrected:
             self._intake.set_corrected(own.place.stamp_s, own.place.north_m, own.place.east_m)
 
     def _tune(self, changed: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.topics.map_codecs import steps_of
 from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.intake import MapIntake
@@ -142,7 +143,7 @@ def recompute_map(
         settings: The current parameters.
         places: Parameters of the position correction.
         lockstep: Whether the mission flew in lockstep.
-        tolerance: Relative difference that is ignored, in addition to the rounding of the published float32.
+        tolerance: Relative difference that is ignored, in addition to the rounding of published maps.
         show: Called with the share done, 0 to 1.
     """
     again, rows = RecomputedMap(inputs, settings, places, lockstep), []
@@ -203,10 +204,12 @@ def _compared(
         )  # fmt: skip
     largest, differs = {}, counts[0] != counts[1] or bool(note)
     at = (np.nan, np.nan)
+    steps = steps_of(field)
     for name in ("mean_m", "std_m", "risk"):
         now, then = getattr(field, name).astype(np.float32), getattr(published, name)
         apart = np.where(np.isnan(now) & np.isnan(then), 0.0, np.abs(now.astype(float) - then.astype(float)))
         apart[np.isnan(apart)] = np.inf
+        apart = np.maximum(apart - 0.5 * steps[name], 0.0)  # published maps are rounded
         allowed = (tolerance + np.finfo(np.float32).eps) * np.nanmax(np.abs(then), initial=1.0)
         largest[name] = float(apart.max())
         differs |= largest[name] > allowed

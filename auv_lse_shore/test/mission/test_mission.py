@@ -137,7 +137,7 @@ def test_two_independent_readers_find_every_packet_whole_and_in_its_slot(
     for k in (1, 2, 3):
         assert counts[f"/auv{k}/odometry"] == counts[f"/truth/auv{k}/odometry"] == ticks, "nothing is lost on the way"
         assert counts[f"/auv{k}/plan"] == counts[f"/auv{k}/waypoint"] == STEPS
-        assert counts[f"/auv{k}/kernel_centers"] > 5
+        assert counts[f"/auv{k}/kernel_centers"] >= counts[f"/auv{k}/field"] > 1, "with each map"
         assert counts[f"/auv{k}/risk_map"] > 1
 
 

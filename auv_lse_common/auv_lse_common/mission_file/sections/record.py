@@ -15,6 +15,13 @@ class RecordConfig:
     flush_s: float = parameter(
         1.0, unit="s", above=0.0, help="longest part of the recording that is lost if the recorder is killed"
     )
+    map_bytes_per_s: float = parameter(
+        14000.0,
+        unit="B/s",
+        low=0.0,
+        help="bytes of maps recorded each second, for each vehicle, before compression; 0: every map. "
+        "Only with 0 are the decisions of a paced mission recomputed from the planner's own maps",
+    )
     least_free_mb: float = parameter(
         200.0, unit="MB", low=0.0, help="recording stops when the disk has less free space; the mission continues"
     )

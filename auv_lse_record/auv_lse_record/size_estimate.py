@@ -1,0 +1,72 @@
+"""Estimates the size of a recording before the mission.
+
+The constants come from the default mission, compressed (docs/evidence/runtime.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+from auv_lse_common.mission_file.sections.record import RecordConfig
+
+#: A recording begins with the definitions of its messages (MB).
+START_MB = 0.15
+#: What a vehicle records each second beside maps: positions, soundings, packets, plans, health, and the index (B).
+BASE_BYTES_PER_S = 700.0
+#: A published map with its isobath and kernel centers, for each cell (B), and the share that compression leaves.
+MAP_BYTES_PER_CELL = 22.0
+MAP_COMPRESSED = 0.29
+#: With record.map_bytes_per_s = 0 every change of the kernel centers is recorded: bytes each second for each second of
+#: the mission, of a center, and their compression.
+CENTERS_BYTES_PER_S2, CENTER_BYTES, CENTERS_COMPRESSED = 10.0, 36.0, 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeEstimate:
+    """Expected size of recordings (MB): of one vehicle, and of a simulated mission of all vehicles."""
+
+    vehicle_mb: float
+    mission_mb: float
+
+
+def estimate_size(
+    mission: MissionConfig, motion: MotionConfig, area: AreaConfig, gp: GpConfig, record: RecordConfig, speed_mps: float
+) -> SizeEstimate:
+    """The expected size of a mission's recording, within about a factor of 1.5.
+
+    Args:
+        mission: Number of legs and vehicles.
+        motion: Length of a leg.
+        area: Size of the map.
+        gp: Resolution of the map, and how often it is published.
+        record: How much of the maps is recorded.
+        speed_mps: Speed of the vehicles.
+    """
+    duration_s = mission.steps * math.radians(motion.theta_max_deg) * motion.turn_radius_m / speed_mps
+    extent_m = np.ptp(np.reshape(area.polygon_m, (-1, 2)), axis=0)
+    map_bytes = MAP_BYTES_PER_CELL * float(np.prod(np.ceil(extent_m / gp.map_resolution_m)))
+    rate, centers = map_bytes / gp.publish_period_s, 0.0
+    if record.map_bytes_per_s > 0.0:
+        rate = min(rate, record.map_bytes_per_s)
+    else:
+        centers = CENTERS_COMPRESSED * min(CENTERS_BYTES_PER_S2 * duration_s, CENTER_BYTES * gp.max_centers)
+    each_s = BASE_BYTES_PER_S + MAP_COMPRESSED * rate + centers
+    vehicle_mb = 1e-6 * (each_s * duration_s + 2.0 * MAP_COMPRESSED * map_bytes)
+    return SizeEstimate(vehicle_mb=START_MB + vehicle_mb, mission_mb=START_MB + mission.vehicles * vehicle_mb)
+
+
+def lack_of_space(needed_mb: float, free_mb: float, least_free_mb: float) -> str:
+    """What is wrong if a disk does not have the room for a recording; "" if it does."""
+    room_mb = max(free_mb - least_free_mb, 0.0)
+    if needed_mb <= room_mb:
+        return ""
+    return (
+        f"record.folder: got {room_mb:.0f} MB of free space beyond record.least_free_mb = {least_free_mb:g} MB; "
+        f"expected about {needed_mb:.0f} MB for the recording. Free space, or lower record.map_bytes_per_s"
+    )
