@@ -17,8 +17,11 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
-from auv_lse_common.mission_file.sections.mission import MissionConfig
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.record import RecordConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.process.dive import dive_of, is_simulation, sender_of, vehicle_of
@@ -27,11 +30,12 @@ from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_record.bag_writer import RecorderError
-from auv_lse_record.guard import GuardedWriter
+from auv_lse_record.guard import GuardedWriter, free_mb
 from auv_lse_record.message_types import frame_of
 from auv_lse_record.ration import Ration
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_record.rosbag2_writer import make_writer
+from auv_lse_record.size_estimate import estimate_size, lack_of_space
 from auv_lse_record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
@@ -74,7 +78,24 @@ class RecorderNode(BaseNode):
         self._reported = False
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
         self.create_timer(_SPACE_PERIOD_S, self._check_space)
-        self.get_logger().info(f"recording to {config.folder}")
+        self._log_size(config, mission)
+
+    def _log_size(self, config: RecordConfig, mission: MissionConfig) -> None:
+        """Logs the expected size, with a warning if the disk lacks the room."""
+        motion, area, gp, vehicle = (
+            section(kind, self.parameters, name, self.where)
+            for name, kind in (
+                ("motion", MotionConfig),
+                ("area", AreaConfig),
+                ("gp", GpConfig),
+                ("vehicle", VehicleConfig),
+            )
+        )
+        size = estimate_size(mission, motion, area, gp, config, vehicle.speed_mps)
+        expected_mb = size.vehicle_mb if vehicle_of(self.dive) else size.mission_mb
+        self.get_logger().info(f"recording to {config.folder}, about {expected_mb:.0f} MB")
+        if lack := lack_of_space(expected_mb, free_mb(Path(config.folder)), config.least_free_mb):
+            self.get_logger().warning(lack)
 
     def _write_text(self, topic: str, text: str) -> None:
         """Writes a text about the whole recording, which no node publishes."""

@@ -14,14 +14,16 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.record import RecordConfig
+from auv_lse_common.mission_file.settings import Settings
 
 #: A recording begins with the definitions of its messages (MB).
 START_MB = 0.15
 #: What a vehicle records each second beside maps: positions, soundings, packets, plans, health, and the index (B).
 BASE_BYTES_PER_S = 700.0
-#: A published map with its isobath and kernel centers, for each cell (B), and the share that compression leaves.
+#: A published map with its isobath and kernel centers, for each cell (B), and the shares that compression leaves of
+#: cells without and with a sounding within a length scale.
 MAP_BYTES_PER_CELL = 22.0
-MAP_COMPRESSED = 0.29
+BLANK_COMPRESSED, SOUNDED_COMPRESSED = 0.04, 0.34
 #: With record.map_bytes_per_s = 0 every change of the kernel centers is recorded: bytes each second for each second of
 #: the mission, of a center, and their compression.
 CENTERS_BYTES_PER_S2, CENTER_BYTES, CENTERS_COMPRESSED = 10.0, 36.0, 0.4
@@ -48,7 +50,8 @@ def estimate_size(
         record: How much of the maps is recorded.
         speed_mps: Speed of the vehicles.
     """
-    duration_s = mission.steps * math.radians(motion.theta_max_deg) * motion.turn_radius_m / speed_mps
+    path_m = mission.steps * math.radians(motion.theta_max_deg) * motion.turn_radius_m
+    duration_s = path_m / speed_mps
     extent_m = np.ptp(np.reshape(area.polygon_m, (-1, 2)), axis=0)
     map_bytes = MAP_BYTES_PER_CELL * float(np.prod(np.ceil(extent_m / gp.map_resolution_m)))
     rate, centers = map_bytes / gp.publish_period_s, 0.0
@@ -56,9 +59,22 @@ def estimate_size(
         rate = min(rate, record.map_bytes_per_s)
     else:
         centers = CENTERS_COMPRESSED * min(CENTERS_BYTES_PER_S2 * duration_s, CENTER_BYTES * gp.max_centers)
-    each_s = BASE_BYTES_PER_S + MAP_COMPRESSED * rate + centers
-    vehicle_mb = 1e-6 * (each_s * duration_s + 2.0 * MAP_COMPRESSED * map_bytes)
+    most = (
+        mission.vehicles * path_m * 2.0 * gp.length_scale_m / float(np.prod(extent_m))
+    )  # 1: the end has no blank cell
+    sounded = 0.5 * most if most < 1.0 else 1.0 - 0.5 / most  # in the mean over the mission
+    compressed = BLANK_COMPRESSED + sounded * (SOUNDED_COMPRESSED - BLANK_COMPRESSED)
+    each_s = BASE_BYTES_PER_S + compressed * rate + centers
+    vehicle_mb = 1e-6 * (each_s * duration_s + 2.0 * compressed * map_bytes)
     return SizeEstimate(vehicle_mb=START_MB + vehicle_mb, mission_mb=START_MB + mission.vehicles * vehicle_mb)
+
+
+def size_of(settings: Settings) -> SizeEstimate:
+    """As `estimate_size`, from a whole mission file; the first vehicle's sections count for all."""
+    own = settings.vehicles[0]
+    return estimate_size(
+        settings.mission, settings.motion, settings.area, own.gp, settings.record, own.vehicle.speed_mps
+    )
 
 
 def lack_of_space(needed_mb: float, free_mb: float, least_free_mb: float) -> str:

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
-from auv_lse_shore.check.machine import check_files, check_machine
+from auv_lse_shore.check.machine import check_files, check_machine, check_recording
 from auv_lse_shore.check.mission_file import check_file
 from auv_lse_shore.check.places import places_notes
 from auv_lse_shore.check.schema import schema_text, template_text
@@ -26,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/check",
         description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
-        "mission's duration, coverage and packet content. Draws the mission on a map. Starts nothing.",
+        "mission's duration, coverage, packet content and recording. Draws the mission on a map. Starts nothing.",
         epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
     )
     p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files to check")
@@ -94,6 +94,7 @@ def check(
     check_files(settings, number, findings)
     settings = check_geometry(settings, findings)
     check_timing(settings, findings)
+    check_recording(settings, number, findings)
     if number is not None:
         simulated = "sim" in read_parameter_file(path).get("/**", {})
         check_machine(settings, number, simulated, findings)

@@ -10,6 +10,8 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.missing_packages import COMMANDS, is_installed
 from auv_lse_comms.settings import check_send_duration
+from auv_lse_record.guard import free_mb
+from auv_lse_record.size_estimate import lack_of_space, size_of
 from auv_lse_shore.check.findings import Findings
 
 
@@ -66,6 +68,27 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
         )
     if not settings.record.folder and findings.usable("record.folder"):
         findings.warning("record.folder: got ''; expected a folder, or the dive is not recorded")
+
+
+def check_recording(settings: Settings, number: int | None, findings: Findings) -> None:
+    """Estimates the size of the recording, and checks the disk of this machine if it is that of a vehicle.
+
+    Args:
+        settings: The mission.
+        number: The vehicle of this machine; None: the disk is not checked.
+        findings: Takes what is found.
+    """
+    if not findings.usable("mission", "motion", "area", "gp", "record", "vehicle.speed_mps"):
+        return
+    size = size_of(settings)
+    findings.note(
+        f"recording: about {size.vehicle_mb:.0f} MB on each vehicle, {size.mission_mb:.0f} MB of a simulated mission"
+    )
+    if number is not None and settings.record.folder:
+        folder = Path(settings.record.folder).absolute()
+        there = next(path for path in (folder, *folder.parents) if path.exists())
+        if lack := lack_of_space(size.vehicle_mb, free_mb(there), settings.record.least_free_mb):
+            findings.error(lack)
 
 
 def _check_modem(settings: Settings, number: int, findings: Findings) -> None:

@@ -31,10 +31,12 @@ from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
+from auv_lse_record.guard import free_mb
+from auv_lse_record.size_estimate import lack_of_space, size_of
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.conductor import MissionError, conduct
 from auv_lse_shore.mission.options import overrides_of, parser
-from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
+from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
@@ -77,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.for_vehicles is not None:
         _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/guide/bench-to-water.md)")
         return 0
-    _say(console, f"run folder: {folder}")
+    _say(console, f"run folder: {folder}; the recording takes about {recording_mb(settings):.0f} MB")
     vehicles, together = settings.mission.vehicles, settings.sim.lockstep
     processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
     with ExitStack() as beside:
@@ -102,10 +104,17 @@ def write_mission(settings: Settings, folder: Path, options: argparse.Namespace,
     """Writes the complete mission.yaml; it places the recording and emulated hardware in the run folder, too."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
+    if record and (lack := lack_of_space(recording_mb(settings), free_mb(folder), settings.record.least_free_mb)):
+        raise RunFolderError(lack)
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
     settings = settings.with_overrides(hardware)
     (folder / "mission.yaml").write_text(settings.to_parameter_file())
     return settings
+
+
+def recording_mb(settings: Settings) -> float:
+    """Expected size of the recording (MB)."""
+    return size_of(settings).mission_mb
 
 
 def fly(

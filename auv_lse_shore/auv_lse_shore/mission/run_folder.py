@@ -39,13 +39,16 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
 
 @contextlib.contextmanager
 def removed_on_error(folder: Path) -> Iterator[None]:
-    """A context for writing the first files of a run: if a file cannot be written, the folder is removed.
+    """A context for writing the first files of a run: if it fails, the folder is removed.
 
     Raises:
-        RunFolderError: if a file cannot be written.
+        RunFolderError: if a file cannot be written, or the disk lacks room for the recording.
     """
     try:
         yield
+    except RunFolderError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise RunFolderError(f"--out {folder}: cannot be written: {error.strerror or error}") from error

@@ -305,3 +305,17 @@ def test_the_schema_accepts_what_the_loader_accepts_and_refuses_what_it_refuses(
         assert found(write(tmp_path, **section), "error")
     assert not accepts(root, {"/auv1/**": {"ros__parameters": {"mission": {"steps": 5}}}}, root), "for all alike"
     assert schema() == root
+
+
+def test_the_recordings_size_is_estimated_and_the_vehicles_disk_is_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mission.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    record: {folder: bag}\n")
+    monkeypatch.setattr("auv_lse_shore.check.machine.free_mb", lambda folder: 203.0)
+    assert ("note", "recording: about 7 MB on each vehicle, 21 MB of a simulated mission") in check(path).rows
+    assert not any("record.folder" in text for _, text in check(path).rows), "another machine's disk"
+    assert any(
+        level == "error" and text.startswith("record.folder: got 3 MB of free space beyond")
+        for level, text in check(path, "auv1").rows
+    )

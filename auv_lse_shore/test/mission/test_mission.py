@@ -28,6 +28,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
 from auv_lse_record.run_reader import read_run
+from auv_lse_record.size_estimate import size_of
 from auv_lse_shore.mission import mission as mission_module
 from auv_lse_shore.mission.mission import main
 from auv_lse_shore.replay.__main__ import main as replay
@@ -139,6 +140,16 @@ def test_two_independent_readers_find_every_packet_whole_and_in_its_slot(
         assert counts[f"/auv{k}/plan"] == counts[f"/auv{k}/waypoint"] == STEPS
         assert counts[f"/auv{k}/kernel_centers"] >= counts[f"/auv{k}/field"] > 1, "with each map"
         assert counts[f"/auv{k}/risk_map"] > 1
+
+
+def test_the_recording_is_as_large_as_it_was_estimated(
+    mission: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    folder, done = mission
+    expected_mb = size_of(Settings.load(folder / "mission.yaml")).mission_mb
+    mb = sum(file.stat().st_size for file in (folder / "bag").iterdir()) / 1e6
+    assert expected_mb / 1.5 <= mb <= 1.5 * expected_mb
+    assert f"the recording takes about {expected_mb:.0f} MB" in done.stdout
 
 
 def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
