@@ -212,8 +212,8 @@ class VehicleLink:
 
     @property
     def quiet(self) -> bool:
-        """Whether depth has its zero and no immediate answer of the autopilot is pending: a lockstep tick may end."""
-        return self.state is LinkState.UP and self.gauge.is_ready and self._targets.settled
+        """Whether origin and zero of depth are known and no answer is pending: a lockstep tick may end."""
+        return self.state is LinkState.UP and self.placed and self.gauge.is_ready and self._targets.settled
 
     @property
     def targets(self) -> tuple[Target, ...]:

@@ -128,6 +128,18 @@ def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
     assert (odometry.north_m, odometry.east_m) == pytest.approx((1.0, 2.0))
 
 
+def test_a_tick_does_not_end_before_the_origin_is_known():
+    """Otherwise the first tick's position would be discarded, and a mission in lockstep would wait for it forever."""
+    pilot = Autopilot()
+    pilot.link.gauge.restore(101325.0)
+    pilot.beat()
+    assert pilot.link.state is LinkState.UP
+    assert pilot.link.gauge.is_ready
+    assert not pilot.link.quiet
+    pilot.say_origin()
+    assert pilot.link.quiet
+
+
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
 def test_before_the_origin_is_known_neither_odometry_nor_targets_pass(mode):
     pilot = Autopilot(own_origin=None, mode=mode)
