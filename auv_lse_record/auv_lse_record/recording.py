@@ -7,7 +7,7 @@ Jazzy and of this project.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -168,8 +168,14 @@ class Recording:
         except Exception as error:  # as above
             raise self._broken(error) from error
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+    def messages(
+        self, topics: Collection[str], wanted: Callable[[str, bytes], bool] | None = None
+    ) -> Iterator[tuple[str, int, Any]]:
         """The messages of some topics, by their full names, in the order of their stamps.
+
+        Args:
+            topics: Full names.
+            wanted: Chooses among their serialized messages; the others are not decoded. None: all.
 
         Yields:
             Topic, stamp (ns), message.
@@ -178,6 +184,8 @@ class Recording:
             RecordingError: where the recording is damaged.
         """
         for topic, stamp_ns, data in self.raw([name for name in self.topics if name in topics]):
+            if wanted is not None and not wanted(topic, data):
+                continue
             try:
                 message = self._reader.deserialize(data, self.topics[topic].kind)
             except Exception as error:  # as above

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import secrets
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 NODES = ("gp_node", "safety_node", "planner_node", "modem_node")
 #: A restarted node has to report within this time (s), a restarted computer within the other.
 BACK_S, BOOTED_S = 10.0, 40.0
+#: Area (m^2) for each leg of the default mission.
+LEG_AREA_M2 = 1400.0
 _TDMA = {"slot_s": 1.5, "guard_s": 0.05, "send_duration_s": 0.5, "max_range_m": 300.0}
 _TAG_BYTES, _SESSION = 8, "faults"
 
@@ -43,8 +46,16 @@ class DiveBed:
         self._folder, self._domain, self._key = folder, domain, key
         self._dives = 0
 
-    def dive(self, after_reboot: str = "surface") -> None:
+    def dive(
+        self, after_reboot: str = "surface", steps: int = 500, speed_mps: float = 10.0, method: str = "plain"
+    ) -> None:
         """Begins a new dive, and waits until the vehicle is under way.
+
+        Args:
+            after_reboot: As `safety.after_reboot`.
+            steps: Legs of the mission; the area has room for them.
+            speed_mps: Speed of the vehicle.
+            method: Planning method.
 
         Raises:
             RuntimeError: if it does not get under way.
@@ -53,11 +64,12 @@ class DiveBed:
         self._dives += 1
         self.out = self._folder / f"dive{self._dives}"
         self.out.mkdir(parents=True)
+        half_m = max(400.0, 0.5 * math.sqrt(steps * LEG_AREA_M2))
         sections = {
-            "mission": {"vehicles": 2, "steps": 500, "seed": 7},
-            "area": {"polygon_m": [-400.0, -400.0, 400.0, -400.0, 400.0, 400.0, -400.0, 400.0]},
-            "planner": {"method": "plain", "iterations": 10, "replan_lead_s": 0.5},
-            "vehicle": {"depth_m": 3.0, "speed_mps": 10.0, "start": "at_once"},
+            "mission": {"vehicles": 2, "steps": steps, "seed": 7},
+            "area": {"polygon_m": [-half_m, -half_m, half_m, -half_m, half_m, half_m, -half_m, half_m]},
+            "planner": {"method": method, "iterations": 10, "replan_lead_s": 0.5},
+            "vehicle": {"depth_m": 3.0, "speed_mps": speed_mps, "start": "at_once"},
             "safety": {"after_reboot": after_reboot, "patience_s": 1.0},
             "tdma": _TDMA,
             "packet": {"tag": True, "key_file": str(self._key), "tag_bytes": _TAG_BYTES, "session": _SESSION},

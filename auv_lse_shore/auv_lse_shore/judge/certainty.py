@@ -109,11 +109,15 @@ def classify(lines: Sequence[Array], field: DepthField, prior: DepthField, sound
         prior: The same map before the first sounding.
         soundings: Where soundings were taken: north, east, position error per axis (m; NaN: unknown), shape (S, 3).
     """
-    pieces = []
-    for line in lines:
-        places = _densified(line)
-        known = evidence(places, field, prior, soundings)
-        ranks = _without_short_stretches(_rank(known.std_m, known.informed), places)
+    dense = [_densified(line) for line in lines]
+    if not dense:
+        return []
+    known = evidence(np.concatenate(dense), field, prior, soundings)  # of all lines at once: the map is prepared once
+    std_m, ranks_alone = known.std_m, _rank(known.std_m, known.informed)
+    pieces, first = [], 0
+    for places in dense:
+        own = slice(first, first + len(places))
+        ranks = _without_short_stretches(ranks_alone[own], places)
         edges = np.flatnonzero(np.diff(ranks)) + 1
         for start, stop in zip([0, *edges], [*edges, len(places)], strict=True):
             stretch = slice(start, min(stop + 1, len(places)))  # to the first place of the next: no gaps
@@ -122,10 +126,11 @@ def classify(lines: Sequence[Array], field: DepthField, prior: DepthField, sound
                 Piece(
                     line=places[stretch],
                     kind=kind,
-                    reason="" if kind == FOUND else _reason(known, slice(start, stop)),
-                    std_m=known.std_m[stretch],
+                    reason="" if kind == FOUND else _reason(known, slice(first + start, first + stop)),
+                    std_m=std_m[own][stretch],
                 )
             )
+        first = own.stop
     return [piece for piece in pieces if len(piece.line) > 1]
 
 
@@ -236,8 +241,7 @@ def _densified(line: Array) -> Array:
         return line
     steps = steps[steps > 0.0]
     counts = np.maximum(1, np.ceil(steps / SPACING_M)).astype(int)
-    pieces = [
-        start + (end - start) * (np.arange(count) / count)[:, None]
-        for start, end, count in zip(line[:-1], line[1:], counts, strict=True)
-    ]
-    return np.concatenate([*pieces, line[-1:]])
+    steps_before = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (steps_before / np.repeat(counts, counts))[:, None]
+    start, end = np.repeat(line[:-1], counts, axis=0), np.repeat(line[1:], counts, axis=0)
+    return np.concatenate([start + (end - start) * share, line[-1:]])

@@ -137,3 +137,9 @@ def test_the_distance_of_the_line_found_is_that_of_its_errors():
     # half with 1 m, half with 3 m: P(|N(0, 1)| < d) + P(|N(0, 3)| < d) = 1.9
     assert certainty.found_within_m([piece(FOUND, 1.0), piece(FOUND, 3.0)]) == pytest.approx(4.935, rel=1e-3)
     assert np.isnan(certainty.found_within_m([piece(LIKELY, 2.0)]))
+
+
+def test_a_line_is_densified_evenly_with_all_its_corners() -> None:
+    line = np.array([[0.0, 0.0], [0.0, 12.0], [0.0, 12.0], [3.0, 12.0], [3.0, 22.0]])
+    expected = [[0, 0], [0, 4], [0, 8], [0, 12], [3, 12], [3, 17], [3, 22]]
+    assert certainty._densified(line).tolist() == expected

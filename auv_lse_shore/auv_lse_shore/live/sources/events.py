@@ -32,6 +32,7 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
 from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_record.message_types import stamp_of
 from auv_lse_shore.judge.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
@@ -92,6 +93,17 @@ class MissionEvents:
         self.last_s[topic] = stamp_s
         assert found.topic.decode is not None
         return self.HANDLERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
+
+    def wants(self, topic: str, data: bytes) -> bool:
+        """Whether a serialized message (CDR) can have events: saves decoding positions that the page leaves out."""
+        found = find_topic(topic)
+        if found is None or found.topic.name not in ("odometry", TRUTH_TOPIC.name, "sounding"):
+            return True
+        if found.topic.name != TRUTH_TOPIC.name and not self._map_of(found.vehicle).stopped:
+            return True
+        key = "truth" if found.topic is TRUTH_TOPIC else "pose"
+        stamp_s = round(stamp_of(data), 3)
+        return found.topic.name != "sounding" and self._is_due(f"{key} {found.vehicle}", stamp_s, _TRACK_S)
 
     def _is_due(self, key: str, stamp_s: float, period_s: float) -> bool:
         """Whether the last event of `key` is at least `period_s` of mission time away."""

@@ -63,7 +63,7 @@ class RecordingFollower:
             RecordingError: if the recording is broken.
         """
         count, waiting = 0, []
-        for topic, message in self._file.messages(self._topics):
+        for topic, message in self._file.messages(self._topics, self._events.wants):
             waiting += self._events.take(topic, message)
             count += 1
             if count % _BATCH == 0:

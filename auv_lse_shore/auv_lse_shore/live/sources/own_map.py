@@ -15,7 +15,11 @@ _PATIENCE_S = 5.0
 
 
 class OwnMap:
-    """Waits briefly for the vehicle's own map, then computes it as `gp_node` would."""
+    """Waits briefly for the vehicle's own map, then computes it as `gp_node` would.
+
+    Attributes:
+        stopped: Whether the vehicle publishes its own map.
+    """
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
         """Starts without soundings."""
@@ -25,11 +29,11 @@ class OwnMap:
         self._waiting: list[tuple[int, ArrayLike]] = []  # the vehicle they come from, 0 for its own soundings
         self._first_s = math.inf
         self._made_s = -math.inf
-        self._stopped = False
+        self.stopped = False
 
     def stop(self) -> None:
         """Stops computing: the vehicle publishes its own map."""
-        self._stopped = True
+        self.stopped = True
         self._waiting.clear()
 
     def add_soundings(self, rows: ArrayLike) -> None:
@@ -41,14 +45,14 @@ class OwnMap:
         self._add(source, rows)
 
     def _add(self, source: int, rows: ArrayLike) -> None:
-        if not self._stopped:
+        if not self.stopped:
             self._waiting.append((source, rows))
 
     def field(self, now_s: float) -> DepthField | None:
         """The map, if one is due at `now_s` and the vehicle publishes none."""
         self._first_s = min(self._first_s, now_s)
         period_s = self._settings.gp.publish_period_s
-        if self._stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:
+        if self.stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:
             return None
         self._made_s = now_s
         if self._map is None:

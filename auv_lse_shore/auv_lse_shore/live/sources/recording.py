@@ -7,16 +7,21 @@ at its end, is not needed, and neither is `metadata.yaml`.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
-from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError
+from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError
+
+#: Whether a message of a topic, serialized (CDR), is wanted; None: every message.
+Wanted = Callable[[str, bytes], bool] | None
 
 _MAGIC = b"\x89MCAP0\r\n"
+#: Head of a record: opcode, length; head of a message: channel, number, times (ns) of its writing and publication.
+_HEAD, _MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
 
 
@@ -39,8 +44,12 @@ class RecordingFile:
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, tuple[str, str]] = {}
 
-    def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+    def messages(self, topics: frozenset[str], wanted: Wanted = None) -> Iterator[tuple[str, Any]]:
         """The messages of some topics that have been written since the last call: topic and message.
+
+        Args:
+            topics: Full names.
+            wanted: Chooses among their messages; the others are not decoded.
 
         Raises:
             RecordingError: if the file cannot be read, is no MCAP file, or holds a message that cannot be decoded.
@@ -48,7 +57,9 @@ class RecordingFile:
         try:
             with self.path.open("rb") as file:
                 for opcode, content in self._records(file):
-                    yield from self._contents(opcode, content, topics)
+                    for topic, kind, data in self._contents(opcode, content, topics):
+                        if wanted is None or wanted(topic, data):
+                            yield topic, self._types.deserialize_cdr(data, kind)
         except RecordingError:
             raise
         except OSError as error:
@@ -67,7 +78,7 @@ class RecordingFile:
             self._offset = len(_MAGIC)
         file.seek(self._offset)
         while not self.complete and len(head := file.read(9)) == 9:
-            opcode, length = struct.unpack("<BQ", head)
+            opcode, length = _HEAD.unpack(head)
             content = file.read(length)
             if len(content) < length:
                 return
@@ -75,30 +86,28 @@ class RecordingFile:
             self.complete = opcode == _DATA_END
             yield opcode, content
 
-    def _contents(self, opcode: int, content: bytes, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+    def _contents(self, opcode: int, content: bytes, topics: frozenset[str]) -> Iterator[tuple[str, str, bytes]]:
+        """Topic, type and bytes of the messages in a record."""
         from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Chunk, Message, Schema
-        from mcap.stream_reader import breakup_chunk
+        from mcap.records import Channel, Chunk, Schema
+        from mcap.stream_reader import get_chunk_data_stream
 
-        stream = ReadDataStream(BytesIO(content))
         if opcode == _CHUNK:
-            records: list[Any] = breakup_chunk(Chunk.read(stream))
+            stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))))
+            records, at = stream.read(size), 0
+            while at < len(records):
+                inner, length = _HEAD.unpack_from(records, at)
+                at += _HEAD.size + length
+                yield from self._contents(inner, records[at - length : at], topics)
         elif opcode == _SCHEMA:
-            records = [Schema.read(stream)]
+            schema = Schema.read(ReadDataStream(BytesIO(content)))
+            self._schemas[schema.id] = schema
         elif opcode == _CHANNEL:
-            records = [Channel.read(stream)]
+            self._add_channel(Channel.read(ReadDataStream(BytesIO(content))), topics)
         elif opcode == _MESSAGE:
-            records = [Message.read(stream, len(content))]
-        else:
-            return
-        for record in records:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._add_channel(record, topics)
-            elif isinstance(record, Message) and record.channel_id in self._channels:
-                topic, kind = self._channels[record.channel_id]
-                yield topic, self._types.deserialize_cdr(record.data, kind)
+            number, _, _, _ = _MESSAGE_HEAD.unpack_from(content)
+            if number in self._channels:
+                yield *self._channels[number], content[_MESSAGE_HEAD.size :]
 
     def _add_channel(self, channel: Any, topics: frozenset[str]) -> None:
         if channel.id in self._channels or channel.topic not in topics:
@@ -129,8 +138,8 @@ class WholeRecording:
         self.path = path
         self.complete = False
 
-    def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
-        """The messages of some topics: topic and message; none at the second call.
+    def messages(self, topics: frozenset[str], wanted: Wanted = None) -> Iterator[tuple[str, Any]]:
+        """The messages of some topics: topic and message; none at the second call. `wanted` as in `RecordingFile`.
 
         Raises:
             RecordingError: if it cannot be read.
@@ -138,13 +147,15 @@ class WholeRecording:
         if not self.complete:
             self.complete = True
             with Recording(self.path) as recording:
-                for topic, _, message in recording.messages(topics):
+                for topic, _, message in recording.messages(topics, wanted):
                     yield topic, message
 
 
 def open_recording(path: Path) -> RecordingFile | WholeRecording:
     """The reader for a path that `recording_in` returned."""
-    return RecordingFile(path) if path.suffix == ".mcap" else WholeRecording(path)
+    files = [path] if path.is_file() else [file for file in path.iterdir() if file.suffix in STORAGES]
+    alone = len(files) == 1 and files[0].suffix == ".mcap"
+    return RecordingFile(files[0]) if alone else WholeRecording(path)
 
 
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
