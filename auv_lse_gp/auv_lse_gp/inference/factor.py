@@ -95,7 +95,7 @@ class Factor:
                 "gp.noise_std_m or gp.min_spacing_m."
             )
         self._buffer[old:new, :old] = rows
-        self._buffer[old:new, old:new] = np.tril(corner)
+        self._buffer[old:new, old:new] = corner
         self.size = new
         self._contiguous = self._inverse = None
 

@@ -17,6 +17,7 @@ from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.tiled_posterior import TiledMoments
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.merging import MERGE_WINDOW
 from auv_lse_gp.map.online import Counts, OnlineGp, Outcome
@@ -99,7 +100,9 @@ class DepthMap:
         self.grid = area.grid(gp_config.map_resolution_m, "gp.map_resolution_m")
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
-        self._moments = CachedMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
+        self._provisional = MERGE_WINDOW if gp_config.merge else 0
+        self._moments = CachedMoments(self.gp.posterior, self._places_m, self._provisional)
+        self._tiled: TiledMoments | None = None  # once the map is tiled
         self._field: DepthField | None = None
 
     @property
@@ -182,8 +185,7 @@ class DepthMap:
         """The posterior on the grid."""
         revision = self.gp.revision
         if self._field is None or self._field.revision != revision:
-            mean, variance, place_variance = self._predict()
-            scale = self.gp.posterior.variance_scale
+            mean, variance, place_variance, scale = self._predict()
             std = np.sqrt(scale * variance + place_variance)
             self._field = DepthField(
                 grid=self.grid,
@@ -210,14 +212,20 @@ class DepthMap:
             band_probability=BAND_PROBABILITY,
         )
 
-    def _predict(self) -> tuple[Array, Array, Array]:
-        """Mean, variance with the prior's scale, and the variance that uncertain positions add; (P,) each."""
-        posterior = self.gp.posterior  # updates it
-        if not self.gp.config.local or self.gp.kernel.compact:
-            return self._moments.update()
-        mean, std = self.gp.predict(self._places_m)
-        place_variance = posterior.place_variance(self.gp.kernel.scale(self._places_m))
-        return mean, np.maximum(std**2 - place_variance, 0.0), place_variance
+    def _predict(self) -> tuple[Array, Array, Array, float]:
+        """Mean, variance with the prior's scale, variance that uncertain positions add, (P,) each; variance scale."""
+        gp = self.gp
+        if gp.is_tiled and not gp.config.local:
+            tiled = gp.tiled  # up to date
+            self._tiled = self._tiled or TiledMoments(tiled, self._places_m, self._provisional)
+            moments = self._tiled.update()
+            return *moments, self._moments.posterior.scale_of(len(gp), self._tiled.residual_squares)
+        posterior = gp.posterior  # updates it
+        if not gp.config.local or gp.kernel.compact:
+            return *self._moments.update(), posterior.variance_scale
+        mean, std = gp.predict(self._places_m)
+        place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
+        return mean, np.maximum(std**2 - place_variance, 0.0), place_variance, posterior.variance_scale
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

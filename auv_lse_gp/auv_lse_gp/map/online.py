@@ -22,6 +22,7 @@ from auv_lse_gp.inference.centers import Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.map.consistency import blocks_of, noise_of_samples
 from auv_lse_gp.map.gate import SoundingError, check_sounding, plausible, within_gate
 from auv_lse_gp.map.merging import MAX_MERGED, MERGE_WINDOW, MergedCenter
@@ -30,6 +31,8 @@ from auv_lse_gp.map.spacing import SpacingIndex
 Array = NDArray[np.float64]
 
 _EPSILON = float(np.finfo(float).eps)
+#: A map of more centers is computed tile by tile.
+MAX_DENSE = 1000
 
 
 class Outcome(enum.Enum):
@@ -78,6 +81,8 @@ class OnlineGp:
         self._posterior = Posterior(config, mean)
         self.kernel, self.prior_mean = self._posterior.kernel, self._posterior.prior_mean
         self._warn_of_short_support()
+        self._tiled = TiledPosterior(self._posterior)
+        self._tiled_revision = -1
         self._table = CenterTable()
         self._outdated = False  # whether the posterior lacks changes of the table
         self._index = SpacingIndex(config.min_spacing_m)
@@ -115,7 +120,7 @@ class OnlineGp:
             raise
         row = np.array([[north_m, east_m, depth_m]], dtype=float)
         if self.config.outlier_sigmas > 0.0 and len(self):
-            mean, variance = self._posterior.moments(row[:, :2])  # without pending merges
+            mean, variance = (self.tiled if self.is_tiled else self._posterior).moments(row[:, :2])  # no pending merges
             if not within_gate(self.config, row[:, 2], mean, variance, self.config.outlier_sigmas)[0]:
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
@@ -188,7 +193,8 @@ class OnlineGp:
 
     def _noise_of(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> Array:
         """Standard deviations (n,) of the noise with which soundings (n, 3) are consistent with map and each other."""
-        posterior, places = self._posterior, soundings[:, :2]
+        places = soundings[:, :2]
+        posterior = self.tiled.near(places) if self.is_tiled else self._posterior
         at = posterior.at(places)
         covariance = posterior.covariance(at, at)
         np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
@@ -238,8 +244,7 @@ class OnlineGp:
 
     def _fits(self, soundings: Array, sigmas: float) -> NDArray[np.bool_]:
         """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map."""
-        self._sync()
-        mean, variance = self._posterior.moments(soundings[:, :2])
+        mean, variance = (self.tiled if self.is_tiled else self.posterior).moments(soundings[:, :2])
         return within_gate(self.config, soundings[:, 2], mean, variance, sigmas)
 
     def clear(self) -> None:
@@ -282,7 +287,7 @@ class OnlineGp:
     @property
     def centers(self) -> Centers:
         """A copy of the kernel centers."""
-        if self._always_factorizable(len(self)):
+        if self.is_tiled or self._always_factorizable(len(self)):
             self._apply_merges()
         else:
             self._sync()
@@ -291,12 +296,36 @@ class OnlineGp:
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior given all centers; it follows later soundings. To plan places, use `Posterior.with_planned`."""
+        """The posterior given all centers; it follows later soundings. To plan places, use `Posterior.with_planned`.
+
+        Of n centers it takes O(n^2) memory and time. Where that matters, use `tiled` if `is_tiled`.
+        """
         self._sync()
         return self._posterior
 
+    @property
+    def is_tiled(self) -> bool:
+        """Whether the map has more centers than `MAX_DENSE`."""
+        return len(self) > MAX_DENSE
+
+    @property
+    def tiled(self) -> TiledPosterior:
+        """The posterior tile by tile; the next sounding changes it."""
+        if self._tiled_revision != self.revision:
+            self._apply_merges()
+            self._tiled.follow(self._current_centers)
+            self._tiled_revision = self.revision
+        return self._tiled
+
+    def slopes(self) -> Array:
+        """Slope (n, 2) of the mean depth at the centers, metres per metre north and east."""
+        return self.tiled.slopes() if self.is_tiled else self.posterior.slopes(self.centers.places_m)
+
     def predict(self, places_m: ArrayLike) -> tuple[Array, Array]:
         """Mean and standard deviation (P,), (P,) of the depth (without noise) at places (P, 2)."""
+        if self.is_tiled and not self.config.local:
+            mean, variance = self.tiled.moments(places_m)
+            return mean, np.sqrt(variance)
         self._sync()
         if self.config.local and not self.kernel.compact:
             mean, variance = predict_locally(self._posterior.blank(), self._table.centers, places_m)
@@ -335,17 +364,21 @@ class OnlineGp:
             return
         n = len(self)
         can_wait = self._always_factorizable(n + len(centers))
-        if not can_wait:
+        if not can_wait and not self.is_tiled:
             self._sync()
         self._table.append(centers)
         self._outdated = True
+        self.revision += len(centers)
         if not can_wait:
             try:
-                self._sync()
+                if self.is_tiled:
+                    self.tiled.near(centers.places_m)
+                else:
+                    self._sync()
             except IllConditionedError:
                 self._table.truncate(n)
+                self.revision += 1
                 raise
-        self.revision += len(centers)
 
     def _apply_merges(self) -> None:
         """Moves the centers with newly merged soundings."""

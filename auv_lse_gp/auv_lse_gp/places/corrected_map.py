@@ -84,7 +84,7 @@ class CorrectedMap:
         gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
         if not len(seeds):
             return None
-        rows = self.log.derivatives(correction, gp.posterior.slopes(gp.centers.places_m), seeds)
+        rows = self.log.derivatives(correction, gp.slopes(), seeds)
         root = np.linalg.cholesky(correction.covariance)
         spread, fixed = rows @ root, correction.fix_sensitivity(vehicle) @ root
         left = spread @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)

@@ -28,7 +28,8 @@ Array = NDArray[np.float64]
 
 #: Unknowns of a vehicle without its knots: offset north and east, heading bias, its two harmonics, scale.
 STATIC = 6
-#: Maximum number of knots per vehicle; longer missions space them farther apart.
+#: Maximum number of knots per vehicle; longer missions space them twice, four times... as far apart. Spacings that grew
+#: with each correction would move all positions each time.
 MAX_KNOTS = 24
 _J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -52,8 +53,10 @@ class VehicleErrorModel:
         self._start_m = track.start_m
         lasted = max(track.end_s - track.start_s, 0.0)
         walks = config.heading_walk_deg_rth > 0.0 or config.place_walk_m_rts > 0.0
-        self.knots = min(math.ceil(lasted / config.knot_s), MAX_KNOTS) if walks else 0
-        self._span_s = max(config.knot_s, lasted / self.knots) if self.knots else config.knot_s
+        self._span_s = config.knot_s
+        while lasted > MAX_KNOTS * self._span_s:
+            self._span_s *= 2.0
+        self.knots = math.ceil(lasted / self._span_s) if walks else 0
         self._knots_s = track.start_s + self._span_s * np.arange(self.knots)
         self.block = slice(begin, begin + STATIC + 3 * self.knots)
         self._earlier_distance_m = earlier_distance_m

@@ -5,6 +5,7 @@ The kernel centers are unsuitable: their minimum spacing drops soundings where t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ Array = NDArray[np.float64]
 SEGMENT_M = 10.0
 #: Approximate maximum number of segments; longer tracks get longer segments.
 MAX_SEGMENTS = 400
+#: Largest length of a segment (m). Over longer ones, the mean depth is not the depth at the mean place. Of still longer
+#: tracks, every second, fourth... segment is kept: the ground between them is correlated.
+MAX_SEGMENT_M = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,9 @@ def segment_track(
     other = np.diff(rows[:, 0]) != 0.0
     distance = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
     length = max(SEGMENT_M, float(distance[-1]) / most)
+    stride = 1
+    if length > MAX_SEGMENT_M:
+        stride, length = 2 ** math.ceil(math.log2(length / MAX_SEGMENT_M)), MAX_SEGMENT_M
     begins = np.concatenate([[0.0], np.where(other, distance[1:], 0.0)])
     segment = np.floor((distance - np.maximum.accumulate(begins)) / length)
     # A segment also ends where another vehicle's soundings begin, and at a gap longer than its length.
@@ -68,4 +75,6 @@ def segment_track(
     number = np.concatenate([[0], np.cumsum(ends)])
     count = np.bincount(number)
     means = [np.bincount(number, rows[:, c]) / count for c in range(5)]
+    kept = segment[np.concatenate([[True], np.diff(number) > 0])] % stride == 0.0
+    means = [mean[kept] for mean in means]
     return TrackSegments(np.rint(means[0]).astype(np.int64), means[1], np.column_stack(means[2:4]), means[4])

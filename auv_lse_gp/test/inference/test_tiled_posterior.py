@@ -1,0 +1,125 @@
+"""The tiled posterior against the dense one, over random surveys, kernels and sizes."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
+
+#: Tolerances of mean (in standard deviations) and standard deviation (relative), for all but the smoothest kernel.
+MEAN, STD = 0.02, 0.002
+
+
+def lanes(seed, side_m=1500.0, widest_m=250.0):
+    """Centers along lanes with gaps, in order of time, with uncertain places."""
+    rng = np.random.default_rng(seed)
+    found, east = [], rng.uniform(20.0, 60.0)
+    while east < side_m:
+        north = np.arange(rng.uniform(0.0, 0.3 * side_m), side_m * rng.uniform(0.5, 1.0), 22.0)
+        found.append(np.column_stack([north, east + 5.0 * np.sin(north / 50.0)]))
+        east += rng.uniform(30.0, widest_m)
+    places = np.concatenate(found)
+    depth = 15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0)
+    effect = np.column_stack([0.3 * np.sin(places[:, 0] / 200.0), 0.2 * np.cos(places[:, 1] / 300.0)])
+    return Centers(places, depth + 0.3 * rng.normal(size=len(places)), np.full(len(places), 0.2), effect)
+
+
+def both(config, data):
+    dense = Posterior(config)
+    dense.follow(data)
+    tiled = TiledPosterior(Posterior(config))
+    tiled.follow(data)
+    return dense, tiled
+
+
+@pytest.mark.parametrize(
+    ("prior", "mean", "std"),
+    [
+        ({}, MEAN, STD),
+        ({"kernel": "matern32"}, MEAN, STD),
+        ({"length_scale_2_m": 50.0, "rotation_deg": 30.0}, MEAN, STD),
+        ({"kernel": "wendland_c2"}, MEAN, STD),
+        ({"kernel": "squared_exponential"}, 0.2, 0.01),
+    ],
+    ids=["matern52", "matern32", "anisotropic", "wendland", "squared_exponential"],
+)
+@pytest.mark.parametrize(("seed", "side_m", "widest_m"), [(0, 1500.0, 250.0), (1, 1500.0, 90.0)])
+def test_tiled_is_close_to_dense(prior, mean, std, seed, side_m, widest_m):
+    """Tolerances: of the mean in standard deviations of the place, and of the standard deviation, relative."""
+    dense, tiled = both(GpConfig(**prior), lanes(seed, side_m, widest_m))
+    places = np.random.default_rng(seed).uniform(0.0, side_m, (300, 2))
+    (dense_m, dense_m2), (tiled_m, tiled_m2) = dense.moments(places), tiled.moments(places)
+    assert np.abs(tiled_m - dense_m).max() < mean * np.sqrt(dense_m2).max()
+    ratio = np.sqrt(tiled_m2 / dense_m2)
+    assert ratio.max() < 1.0 + std
+    assert ratio.min() > 1.0 - std
+    assert np.sqrt(((tiled_m - dense_m) ** 2 / dense_m2).mean()) < 0.25 * mean
+
+
+def test_tiled_is_close_to_dense_at_3000_centers():
+    """The same tolerances; slopes within 8 % of the steepest (1 % on average), and the variance scale within 1 %."""
+    data = lanes(2, 2600.0, 100.0)
+    assert len(data) > 2900
+    dense, tiled = both(GpConfig(), data)
+    places = np.random.default_rng(2).uniform(0.0, 2600.0, (300, 2))
+    (dense_m, dense_m2), (tiled_m, tiled_m2) = dense.moments(places), tiled.moments(places)
+    assert np.abs((tiled_m - dense_m) / np.sqrt(dense_m2)).max() < MEAN
+    assert np.abs(np.sqrt(tiled_m2 / dense_m2) - 1.0).max() < STD
+    slopes, expected = tiled.slopes(), dense.slopes(data.places_m)
+    assert np.abs(slopes - expected).max() < 0.08 * np.abs(expected).max()
+    assert np.abs(slopes - expected).mean() < 0.01 * np.abs(expected).max()
+    moments = TiledMoments(tiled, places)
+    moments.update()
+    scale = dense.scale_of(len(data), moments.residual_squares)
+    assert scale == pytest.approx(dense.variance_scale, rel=0.01)
+
+
+def test_updates_equal_a_new_start():
+    config, data = GpConfig(), lanes(3)
+    places = np.random.default_rng(3).uniform(0.0, 1500.0, (200, 2))
+    tiled = TiledPosterior(Posterior(config))
+    moments = TiledMoments(tiled, places, provisional=4)
+    for size in range(len(data) // 2, len(data) + 1, 25):
+        moved = data.slice(0, size).take(np.arange(size))
+        moved.places_m[-3:] += 0.5 * np.sin(size)  # as merging does
+        tiled.follow(moved)
+        updated = moments.update()
+        tiled.slopes()
+    anew = TiledPosterior(Posterior(config))
+    anew.follow(moved)
+    for found, expected in zip(updated, TiledMoments(anew, places).update(), strict=True):
+        assert np.allclose(found, expected, rtol=1e-7, atol=1e-7)
+    assert np.array_equal(tiled.slopes(), anew.slopes())
+
+
+def test_only_tiles_near_a_change_are_recomputed(monkeypatch):
+    tiled = TiledPosterior(Posterior(GpConfig(length_scale_m=40.0)))
+    data = lanes(4)
+    moments = TiledMoments(tiled, data.places_m)
+    computed = []
+    compute = TiledMoments._compute
+
+    def counted(self, corner, tile, data_of_tile):
+        computed.append(corner)
+        compute(self, corner, tile, data_of_tile)
+
+    monkeypatch.setattr(TiledMoments, "_compute", counted)
+    tiled.follow(data.slice(0, len(data) - 1))
+    moments.update()
+    everywhere = len(computed)
+    moments.update()
+    assert len(computed) == everywhere
+    tiled.follow(data)
+    moments.update()
+    assert 0 < len(computed) - everywhere <= 49
+    assert everywhere > 100
+    small = Centers(data.places_m, data.depths_m, data.noise_std_m, 1.01 * data.place_effect_m)
+    tiled.follow(small)
+    before = len(computed)
+    moments.update()
+    assert len(computed) == before
+    tiled.follow(Centers(data.places_m, data.depths_m, data.noise_std_m, 1.1 * data.place_effect_m))
+    moments.update()
+    assert len(computed) - before == everywhere

@@ -1,0 +1,78 @@
+"""Places in missions of hours: a bounded problem, close to the one with all knots and all segments."""
+
+import numpy as np
+import pytest
+from places_helpers import Ground, sail, smoother_of, surface, terrain_of
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_gp.places import error_model
+from auv_lse_gp.places.error_model import MAX_KNOTS, VehicleErrorModel
+from auv_lse_gp.places.terrain_matching import Terrain
+from auv_lse_gp.places.track import OwnTrack
+from auv_lse_gp.places.track_segments import MAX_SEGMENT_M, MAX_SEGMENTS, segment_track
+
+CONFIG = PlacesConfig()
+
+
+def _segments(length_m, most=MAX_SEGMENTS):
+    along = np.arange(0.0, length_m, 2.0)
+    raw = np.column_stack([along, np.zeros_like(along)])
+    return segment_track(np.ones(len(along), dtype=np.int64), along, raw, along, most)
+
+
+def _track(lasts_s):
+    track = OwnTrack()
+    for time_s in np.arange(0.0, lasts_s + 1.0, 10.0).tolist():
+        track.add(time_s, 1.5 * time_s, 0.0)
+    return track
+
+
+@pytest.mark.parametrize("length_m", [11_000.0, 13_000.0, 30_000.0, 80_000.0])
+def test_long_track_has_few_short_segments(length_m):
+    segments = _segments(length_m)
+    assert 0.45 * MAX_SEGMENTS <= len(segments) <= MAX_SEGMENTS + 1
+    gaps = np.diff(segments.raw_m[:-1, 0])
+    assert gaps.max() - gaps.min() < 5.0
+
+
+def test_segments_of_a_long_track_stay_as_it_grows():
+    before, after = _segments(25_000.0), _segments(25_900.0)
+    assert np.array_equal(before.raw_m[:-1], after.raw_m[: len(before) - 1])
+    assert before.raw_m[0, 0] <= 0.5 * MAX_SEGMENT_M
+
+
+def test_knots_of_a_long_mission_stay_as_it_goes_on():
+    limit_s = MAX_KNOTS * CONFIG.knot_s
+    for lasted_s in (1.2 * limit_s, 3.9 * limit_s):
+        older, newer = (VehicleErrorModel(_track(s), 0, CONFIG) for s in (lasted_s, lasted_s + 30.0))
+        assert older.knots <= newer.knots <= MAX_KNOTS
+        theta = np.random.default_rng(1).standard_normal(older.block.stop)
+        kept = newer.warm_start(theta, older)
+        assert sorted(kept[kept != 0.0]) == sorted(theta)
+
+
+def test_long_mission_is_close_to_all_knots_and_segments(monkeypatch):
+    """Tolerance: the error (root mean square) is at most 1.3 times that with all of them."""
+    rng, gp = np.random.default_rng(5), GpConfig()
+    sailed = sail(rng, CONFIG, legs=640, box_m=900.0)
+    for at_s in range(1200, len(sailed.times), 3600):
+        surface(rng, sailed, at_s)
+    terrain = terrain_of(rng, [sailed], 0, Ground(rng, gp), gp)
+    depths = Ground(np.random.default_rng(6), gp).depth_m(sailed.true)
+    vehicles = np.ones(len(depths), dtype=np.int64)
+
+    def places(most):
+        segments = segment_track(vehicles, sailed.times, sailed.raw, depths, most)
+        full = Terrain(segments, terrain.kernel, terrain.prior_mean, terrain.noise_std_m)
+        correction = smoother_of(CONFIG, [sailed], 0, []).smooth(full)
+        return correction.places(1, sailed.times, sailed.raw), len(segments), correction.model.size
+
+    bounded, segments, unknowns = places(MAX_SEGMENTS)
+    monkeypatch.setattr(error_model, "MAX_KNOTS", 1000)
+    dense, all_segments, all_unknowns = places(10_000)
+    assert segments < 0.5 * all_segments
+    assert unknowns < 0.5 * all_unknowns
+    error, all_error = (np.sqrt(((found - sailed.true) ** 2).sum(axis=1).mean()) for found in (bounded, dense))
+    assert all_error < 2.0
+    assert error < 1.3 * all_error
