@@ -58,11 +58,7 @@ class GpNode(VehicleNode):
         self.listen("team/navigation", self._intake.add_navigation)
         self.listen("team/samples", self._on_samples)
         self.phase("gp", self.step, lambda: (self._revisions, self._places))
-        for kind, *values in self.journal.records:
-            if kind == "step":
-                waiting, now_s = values
-                self._intake.put_back(waiting)
-                self._intake.step(now_s)
+        self._intake.restore(self.journal.records)
         self.begin()
 
     def _on_samples(self, samples: Soundings) -> None:
@@ -72,10 +68,8 @@ class GpNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Applies new inputs and publishes changes."""
         began = time.perf_counter()
-        waiting = self._intake.waiting() if self.journal.kept else {}
-        taken = self._intake.step(now_s)
-        if waiting:  # written afterwards, so that inputs that crash the map are not repeated at every start
-            self.journal.write("step", waiting, now_s)
+        write = self.journal.write if self.journal.kept else None
+        taken = self._intake.step(now_s) if write is None else self._intake.step_in_journal(now_s, write)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(_centers_report(now_s, self._map))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -15,7 +15,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.position_corrector import PositionCorrector
+from auv_lse_gp.places.position_corrector import Checkpoint, PositionCorrector
 
 
 class MapIntake:
@@ -79,6 +79,31 @@ class MapIntake:
         self._tracks += [DeadReckoning(**values) for values in waiting.get("tracks", ())]
         self._fixes += [Fix(**values) for values in waiting.get("fixes", ())]
         self._mates += [MateNavigation(**values) for values in waiting.get("mates", ())]
+
+    def step_in_journal(self, now_s: float, write: Callable[..., None]) -> bool:
+        """As `step`, then writes its inputs with `write`, and a checkpoint if there is one.
+
+        They are written afterwards, so that inputs that crash the map are not repeated at every start.
+        """
+        waiting = self.waiting()
+        taken = self.step(now_s)
+        if waiting:
+            write("step", waiting, now_s)
+            if self.corrector is not None and self.corrector.checkpoint is not None:
+                write("checkpoint", dataclasses.asdict(self.corrector.checkpoint))
+        return taken
+
+    def restore(self, records: Sequence[Sequence[Any]]) -> None:
+        """Repeats the steps of a journal. What comes before the last checkpoint is only logged."""
+        found = [values[0] for kind, *values in records if kind == "checkpoint"]
+        if found and self.corrector is not None:
+            self.corrector.skip_to(Checkpoint(**found[-1]))
+        for kind, *values in records:
+            if kind == "step":
+                self.put_back(values[0])
+                self.step(values[1])
+        if self.corrector is not None:
+            self.corrector.end_skip()
 
     def step(self, now_s: float) -> bool:
         """Updates the map: own soundings by stamp, then samples by stamp and source.

@@ -22,12 +22,14 @@ class CorrectedMap:
 
     Attributes:
         own: Vehicles whose soundings are the map's own; those of other vehicles are samples, which must fit.
+        paused: Whether soundings are only logged. The map lacks them until `rebuild`.
     """
 
     def __init__(self, depth_map: DepthMap, own: set[int]) -> None:
         self.map = depth_map
         self.log = SoundingLog()
         self.own = own
+        self.paused = False
         self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
         self._seeds: list[int] = []  # number in the log of the first sounding of each center
 
@@ -36,6 +38,8 @@ class CorrectedMap:
         ordered = soundings.in_order()
         self._packets += [self._packets[-1] if self._packets else 0] * len(ordered)
         places = self.log.add(vehicle, ordered, correction)
+        if self.paused:
+            return
         outcomes = self.map.add_soundings(np.column_stack([ordered.stamp_s, places, ordered.depth_m]))
         self._remember(outcomes, np.arange(len(self.log) - len(ordered), len(self.log)))
 
@@ -43,6 +47,8 @@ class CorrectedMap:
         """Takes a mate's samples; those without a time (NaN) stay at their estimated positions."""
         self._packets += [self._packets[-1] + 1 if self._packets else 0] * len(samples)
         places = self.log.add(vehicle, samples, correction)
+        if self.paused:
+            return
         outcomes = self.map.add_samples(np.column_stack([places, samples.depth_m]), vehicle)
         self._remember(outcomes, np.arange(len(self.log) - len(samples), len(self.log)))
 
@@ -53,6 +59,7 @@ class CorrectedMap:
 
     def rebuild(self, places_m: Array) -> None:
         """Rebuilds the map at positions (n, 2): own soundings by time, then each mate's samples in order of arrival."""
+        self.paused = False
         self.log.set_mapped(places_m)
         self._seeds.clear()
         self.map.clear()

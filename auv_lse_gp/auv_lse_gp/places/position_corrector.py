@@ -24,6 +24,28 @@ from auv_lse_gp.places.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
+#: A tiled map is rebuilt after this many corrections without a rebuild, so that a restart repeats no more of them.
+MAX_REPEATED = 20
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """A rebuild of the map, from which a restart continues; JSON values.
+
+    Attributes:
+        now_s: Time of the rebuild.
+        before_s: Time of the correction before it; None if it was the first.
+        theta: The unknowns of that correction.
+        rebuilds: Number of rebuilds so far.
+        revision: Revision of the map.
+    """
+
+    now_s: float
+    before_s: float | None
+    theta: list[float] | None
+    rebuilds: int
+    revision: int
+
 
 def corrector_for(vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> PositionCorrector | None:
     """The corrector of a vehicle's map; None if `places.correct` is off."""
@@ -36,6 +58,7 @@ class PositionCorrector:
     Attributes:
         correction: The latest correction; None before the first.
         rebuilds: Number of rebuilds of the map.
+        checkpoint: Set if the last step rebuilt the map; a restart needs the last one, see `skip_to`.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> None:
@@ -45,6 +68,10 @@ class PositionCorrector:
         self.smoother = PositionSmoother(vehicle, config)
         self.correction: Correction | None = None
         self.rebuilds = 0
+        self.checkpoint: Checkpoint | None = None
+        self._skipped_to: Checkpoint | None = None
+        self._corrected_s: float | None = None
+        self._repeated = 0  # corrections since the last rebuild
         self._raw: DeadReckoning | None = None
         self._period = 0
 
@@ -92,22 +119,52 @@ class PositionCorrector:
         )
         self.corrected_map.add_samples(source, timed, self.correction)
 
+    def skip_to(self, checkpoint: Checkpoint) -> None:
+        """Prepares for repeated inputs: up to a checkpoint, they are only logged and nothing is estimated."""
+        self._skipped_to, self.corrected_map.paused = checkpoint, True
+
+    def end_skip(self) -> None:
+        """Rebuilds the map of the repeated inputs."""
+        if self._skipped_to is not None:
+            checkpoint, self._skipped_to = self._skipped_to, None
+            self.correct(rebuild=True)
+            self.rebuilds, self.corrected_map.map.gp.revision = checkpoint.rebuilds, checkpoint.revision
+
     def step(self, now_s: float) -> bool:
         """Corrects positions if a new interval has begun; returns whether it did."""
+        self.checkpoint = None
         period = math.floor(now_s / self.config.interval_s + 1e-9)
         if period == self._period:
             return False
         self._period = period
+        skipped = self._skipped_to
+        if skipped is not None and now_s < skipped.now_s:
+            if skipped.theta is not None and now_s == skipped.before_s:
+                self.smoother.resume(skipped.theta)
+            return True
+        before_s, theta, rebuilds = self._corrected_s, self.smoother.theta, self.rebuilds
+        self._corrected_s = now_s
+        if skipped is not None:
+            self.end_skip()
+            return True
         self.correct()
+        if self.rebuilds > rebuilds:
+            revision = self.corrected_map.map.gp.revision
+            self.checkpoint = Checkpoint(
+                now_s=now_s, before_s=before_s, theta=theta, rebuilds=self.rebuilds, revision=revision
+            )
         return True
 
-    def correct(self) -> None:
-        """Estimates all positions and updates the map."""
+    def correct(self, rebuild: bool = False) -> None:
+        """Estimates all positions and updates the map; `rebuild`: even if no sounding has moved far."""
         gp = self.corrected_map.map.gp
         terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)
         places = self.log.corrected_m(self.correction)
-        if self.corrected_map.moved_m(places) > self.config.moved_m:
+        self._repeated += 1
+        overdue = gp.is_tiled and self._repeated >= MAX_REPEATED
+        if rebuild or overdue or self.corrected_map.moved_m(places) > self.config.moved_m:
             self.corrected_map.rebuild(places)
             self.rebuilds += 1
+            self._repeated = 0
         self.corrected_map.set_uncertainty(self.correction, self.vehicle)

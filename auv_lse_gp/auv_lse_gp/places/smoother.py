@@ -229,12 +229,26 @@ class PositionSmoother:
             terrain: Depths along the tracks; ignored if None or with `places.terrain: false`.
         """
         fixes = [row for number in self._surfacings for row in self.fixes(number)]
-        model = TeamErrorModel(self.config, self.tracks, {self.vehicle}, self._earlier_distance_m)
+        model = self._model()
         correction = smooth_team(
             model, fixes, _even(self.ranges, MAX_RANGES), stamp_s=self._now_s, terrain=terrain, last=self._last
         )
         self._last = correction.model, correction.theta
         return correction
+
+    @property
+    def theta(self) -> list[float] | None:
+        """The unknowns of the last estimate, from which the next one starts; None before the first."""
+        return None if self._last is None else self._last[1].tolist()
+
+    def resume(self, theta: list[float]) -> None:
+        """Starts the next estimate from `theta`, which the estimate from the present data had."""
+        model = self._model()
+        if len(theta) == model.size:
+            self._last = model, np.array(theta)
+
+    def _model(self) -> TeamErrorModel:
+        return TeamErrorModel(self.config, self.tracks, {self.vehicle}, self._earlier_distance_m)
 
 
 def smooth_team(

@@ -15,6 +15,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.journal import Journal
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, ModemFeatures
+from auv_lse_gp.intake import MapIntake
 from auv_lse_sim.engine.fleet import Fleet, VehicleCores
 from auv_lse_sim.ground.ground_source import ground_of
 
@@ -40,19 +41,8 @@ class Journalled(Fleet):
         """Reads the journals into the cores, and has the cores write them."""
         gp, planner, modem = (Journal(self._folder / f"{name}.journal", {}) for name in ("gp", "planner", "modem"))
         to_map = cores._to_map
-        for _, waiting, now_s in gp.records:
-            to_map.put_back(waiting)
-            to_map.step(now_s)
-        step = to_map.step
-
-        def step_and_write(now_s: float) -> bool:
-            waiting = to_map.waiting()
-            taken = step(now_s)
-            if waiting:
-                gp.write("step", waiting, now_s)
-            return taken
-
-        to_map.step = step_and_write
+        to_map.restore(gp.records)
+        self._journal_steps(to_map, gp)
         for kind, *values in planner.records:
             if kind == "heard":
                 cores.planner.receive_plan(values[0], values[1], Plan.from_mapping(values[2]))
@@ -73,6 +63,17 @@ class Journalled(Fleet):
         cores.planner.receive_plan, cores.planner.decide = hear_and_write, decide_and_write
         cores.bridge.recall(modem.records)
         cores.bridge.remember = modem.write
+
+    def _journal_steps(self, to_map: MapIntake, journal: Journal) -> None:
+        step, step_in_journal = to_map.step, to_map.step_in_journal
+
+        def step_and_write(now_s: float) -> bool:
+            to_map.step = step
+            taken = step_in_journal(now_s, journal.write)
+            to_map.step = step_and_write
+            return taken
+
+        to_map.step = step_and_write
 
     def restart(self) -> None:
         """The first vehicle's processes die between two ticks, and come back."""

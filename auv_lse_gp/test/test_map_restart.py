@@ -1,0 +1,96 @@
+"""A map started again from its journal: the same state, without repeating all corrections."""
+
+import json
+
+import numpy as np
+import pytest
+from places_helpers import Ground, messages, sail, surface
+
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.map import online
+from auv_lse_gp.places.position_corrector import PositionCorrector
+from auv_lse_gp.places.smoother import PositionSmoother
+
+AREA = OperatingArea(AreaConfig(polygon_m=(-400.0, -400.0, 400.0, -400.0, 400.0, 400.0, -400.0, 400.0), raster_m=20.0))
+CONFIG = PlacesConfig(correct=True, heading_std_deg=2.0)
+
+
+def _intake():
+    depth_map = DepthMap(GpConfig(map_resolution_m=20.0), LevelSet(), AREA)
+    return MapIntake(depth_map, PositionCorrector(1, CONFIG, depth_map))
+
+
+def _mission(legs):
+    """An intake after a mission, with its journal."""
+    rng, gp = np.random.default_rng(4), GpConfig()
+    team = [sail(rng, CONFIG, legs) for _ in range(2)]
+    surface(rng, team[0], 12 * legs)
+    ground, heard = Ground(rng, gp), messages(rng, team, 0)
+    intake, journal = _intake(), []
+
+    def write(*record):
+        journal.append(json.loads(json.dumps(record)))
+
+    own, depths = team[0], ground.depth_m(team[0].true)
+    for i, (time_s, (north, east), heading) in enumerate(zip(own.times, own.raw, own.headings, strict=True)):
+        place = DeadReckoning(stamp_s=time_s, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0)
+        intake.add_dead_reckoning(place)
+        intake.add_soundings([(time_s, north, east, depths[i], north, east)])
+        for fix in own.fixes:
+            if fix.stamp_s == time_s:
+                intake.add_fix(fix)
+        for navigation, samples in heard:
+            if navigation.sent_s == time_s:
+                intake.add_navigation(navigation)
+                found = np.column_stack([samples, ground.depth_m(samples)])
+                intake.add_samples(time_s, navigation.source, found)
+        intake.step_in_journal(float(time_s), write)
+    return intake, journal
+
+
+def _assert_same(one, other):
+    assert np.array_equal(one.corrector.correction.theta, other.corrector.correction.theta)
+    assert one.corrector.place == other.corrector.place
+    assert one.corrector.rebuilds == other.corrector.rebuilds
+    assert one.map.revision == other.map.revision
+    assert one.map.counts == other.map.counts
+    assert one.map.team == other.map.team
+    assert np.array_equal(one.corrector.log.mapped_m, other.corrector.log.mapped_m)
+    for name in ("places_m", "depths_m", "noise_std_m", "place_effect_m"):
+        assert getattr(one.map.centers, name) == pytest.approx(getattr(other.map.centers, name), abs=1e-5)
+
+
+@pytest.mark.parametrize("most_dense", [1000, 20], ids=["dense", "tiled"])
+def test_map_started_again_continues_from_its_last_checkpoint(monkeypatch, most_dense):
+    monkeypatch.setattr(online, "MAX_DENSE", most_dense)
+    intake, journal = _mission(legs=50)
+    checkpoints = [i for i, record in enumerate(journal) if record[0] == "checkpoint"]
+    assert len(checkpoints) > 1
+    estimates = []
+    smooth = PositionSmoother.smooth
+
+    def counted(self, terrain=None):
+        estimates.append(1)
+        return smooth(self, terrain)
+
+    monkeypatch.setattr(PositionSmoother, "smooth", counted)
+    again = _intake()
+    again.restore(journal)
+    _assert_same(again, intake)
+    ended_s, checkpoint_s = journal[-1][-1], journal[checkpoints[-1]][1]["now_s"]
+    assert len(estimates) == 1 + (ended_s - checkpoint_s) // CONFIG.interval_s < 0.7 * ended_s // CONFIG.interval_s
+
+
+def test_journal_that_ends_at_a_checkpoint_or_lacks_its_step_is_read(monkeypatch):
+    intake, journal = _mission(legs=20)
+    last = max(i for i, record in enumerate(journal) if record[0] == "checkpoint")
+    for records in (journal[: last + 1], journal[: last - 1] + journal[last : last + 1]):
+        again = _intake()
+        again.restore(records)
+        assert again.corrector.rebuilds == journal[last][1]["rebuilds"]
+        assert len(again.map.gp) > 5
+        assert np.isfinite(again.map.field().mean_m[AREA.grid(20.0).inside]).all()
+    assert intake.corrector.rebuilds >= journal[last][1]["rebuilds"]
