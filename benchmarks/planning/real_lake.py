@@ -1,9 +1,12 @@
-"""Windows of a real lake in the whole simulator: navigation, packets, corrected places (docs/evidence/planner.md).
+"""Real and concave lakes in the whole simulator: navigation, packets, corrected places (docs/evidence/planner.md).
 
     python -m benchmarks.planning.real_lake FILE
+    python -m benchmarks.planning.real_lake FILE --whole
 
-FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each window is mown and flown by `tour`,
-with places as booked and corrected.
+FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each of its windows is mown and flown by
+`tour`, with places as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are flown
+by several methods. The recipe of the made-up lakes was fixed before any was flown: `MADE_UP` with seeds 1 and 2, a
+drowned valley whose banks rise to land, with six side valleys and three islands.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import itertools
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,6 +33,48 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "tour, places as booked": {"places.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
     "lawnmower": {"planner.method": "lawnmower"},
 }
+#: Methods flown on whole lakes.
+METHODS: dict[str, dict[str, Any]] = {
+    "tour": {},
+    "tour from joint routes": {"planner.team_routes": True},
+    "lawnmower": {"planner.method": "lawnmower"},
+    "plain": {"planner.method": "plain"},
+}
+#: The recipe of the made-up lakes.
+MADE_UP: dict[str, Any] = {
+    "sim.lake.terrace_m": 0.0,
+    "sim.lake.steepness": 3.0,
+    "sim.lake.inlets": 6,
+    "sim.lake.islands": 3,
+    "sim.lake.north_m": 400.0,
+    "sim.lake.east_m": 450.0,
+    "sim.lake.height_m": 900.0,
+    "sim.lake.width_m": 1000.0,
+    "area.polygon_m": [-50.0, -50.0, 850.0, -50.0, 850.0, 950.0, -50.0, 950.0],
+}
+
+
+def whole(file: Path, teams: Sequence[int], seeds: int, steps: int, out: Path | None) -> None:
+    """Flies whole lakes by `METHODS` and prints a table for each team and lake, and for all lakes together."""
+    grounds = {file.stem: {"sim.bathymetry.file": str(file.resolve()), "gp.map_resolution_m": 10.0}}
+    grounds |= {f"made up {k}": {**MADE_UP, "sim.lake.seed": k} for k in (1, 2)}
+    groups: dict[str, dict[int, Row]] = {}
+    for seed, vehicles, (ground, (number, lake)), (name, method) in itertools.product(
+        range(1, seeds + 1), teams, zip(grounds, enumerate(grounds.values()), strict=True), METHODS.items()
+    ):
+        if vehicles == 1 and "planner.team_routes" in method:
+            continue
+        mission = {"mission.seed": seed, "mission.vehicles": vehicles, "mission.steps": steps}
+        settings = Settings.load(None, {**mission, **lake, **method})
+        found = dataclasses.asdict(simulate_and_evaluate(settings.to_patterns(), ground, 2).summary)
+        where = f"{vehicles} vehicle{'s' * (vehicles > 1)}"
+        groups.setdefault(f"{where}: {name}", {})[100 * number + seed] = found
+        groups.setdefault(f"{where}, {ground}: {name}", {})[seed] = found
+        print(f"{where}, {ground}, seed {seed}: {name}: {found['risk_after']:.3f}", file=sys.stderr, flush=True)
+        if out:
+            with out.open("a") as lines:
+                lines.write(json.dumps({"ground": ground, "vehicles": vehicles, "name": name, **found}) + "\n")
+    print("\n".join([*means(groups), "", *pairs(groups)]))
 
 
 def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps: int) -> Row:
@@ -57,7 +103,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
+    parser.add_argument("--whole", action="store_true", help="whole lakes: this one and two made-up ones")
+    parser.add_argument("--seeds", type=int, default=2, help="with --whole: missions on each lake (default: 2)")
+    parser.add_argument("--out", type=Path, help="with --whole: append each mission's summary as a JSON line")
     options = parser.parse_args(arguments)
+    if options.whole:
+        whole(options.file, options.vehicles, options.seeds, options.steps, options.out)
+        return 0
     found = spread_windows(options.file, "small", options.windows)
     if not found:
         print(f"{options.file}: no window of 400 m x 500 m is known well enough and 20 to 80 % deep", file=sys.stderr)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.compiled import USE_NUMBA
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.cached_points import CachedPoints
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 
 #: Numbers of nodes that are tried, relative to the one whose spacing is that of lanes over the whole area.
 NODES = (0.7, 0.85, 1.0, 1.15, 1.3)
+#: Of a single vehicle: smallest and largest number, and how many are tried.
+ALONE_NODES = (0.7, 1.35, 14)
 #: Most nodes; with more, the routes would take too long to compute.
 MAX_NODES = 400
 
@@ -69,15 +72,32 @@ class TeamRoutes:
         if usual > MAX_NODES:
             return []
         ground = Ground(self._space)
-        posterior = self._points.posterior
-        places_m = np.asarray(0.01 * ground.places_cm, dtype=np.float64)
-        std_m = np.sqrt(posterior.kernel.variance(posterior.kernel.scale(places_m)))
-        weights = LevelSet.of(self._settings.level_set).risk(posterior.prior_mean(places_m), std_m)
+        weights = self._weights(ground)
         counts = sorted({max(vehicles, round(share * usual)) for share in NODES})
         found = [routes_m(ground, self._start[1:], weights, vehicles, legs_m, count) for count in counts]
         ends = [self.expected_end([self._path(line).leg_places_m for line in lines]) for lines in found]
         best = int(np.argmax(np.round(ends, 6)))  # rounded: alike on all machines
         return found[best] if ends[best] > self.lanes_end else []
+
+    def alone_m(self, start_m: Array, legs: int) -> list[Array]:
+        """Routes of a single vehicle over different numbers of nodes, each a polyline (n + 1, 2) of `legs` legs.
+
+        Empty for a team, with too many nodes, and without compiled code, which would take minutes.
+        """
+        length_m, area_m2 = legs * self._space.motion.leg_length_m, free_area_m2(self._space)
+        if self._settings.mission.vehicles > 1 or not USE_NUMBA or not area_m2 or length_m**2 > MAX_NODES * area_m2:
+            return []
+        ground = Ground(self._space)
+        weights, usual = self._weights(ground), length_m**2 / area_m2
+        counts = sorted({max(2, round(share * usual)) for share in np.linspace(*ALONE_NODES)})
+        return [routes_m(ground, start_m, weights, 1, length_m, count)[0] for count in counts]
+
+    def _weights(self, ground: Ground) -> Array:
+        """Prior risk at the ground's places."""
+        posterior = self._points.posterior
+        places_m = np.asarray(0.01 * ground.places_cm, dtype=np.float64)
+        std_m = np.sqrt(posterior.kernel.variance(posterior.kernel.scale(places_m)))
+        return np.asarray(LevelSet.of(self._settings.level_set).risk(posterior.prior_mean(places_m), std_m))
 
     def plan(self, vehicle: int) -> Plan:
         """The route of a vehicle (from 1), as explicit actions from the start."""

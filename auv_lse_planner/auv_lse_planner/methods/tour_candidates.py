@@ -42,6 +42,9 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
+#: Bends of each start for the mission's end, iterations of each, and bends of the best one with so many places per leg.
+START_BENDS, START_BEND_ITERATIONS = 4, 40
+FINEST_BENDS, FINEST_PLACES = 2, 4
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
 #: mission's start tries all. Later decisions try `SHARES_TRIED` of them, beginning near the last allowed one, because
 #: the budget changes little between decisions.
@@ -116,6 +119,7 @@ class TourCandidates:
         self._steering = Steering(context.space)
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
         self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
+        self._finest = TourSearch(context.space, FINEST_PLACES)
         self._earliness = 0  # index into `WEIGHT_SHARES` to try first
         self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
@@ -141,10 +145,10 @@ class TourCandidates:
     # ------------------------------------------------------------------ at the mission's start
 
     def at_start(self, problem: TourProblem) -> Candidates:
-        """Candidates for the mission's start; their floor is the best expected end of the naive paths."""
+        """Candidates for the mission's start; their floor is the expected end of the lanes of `planner.floor`."""
         s, reward = problem.situation, problem.reward
         naive = self._naive(problem)
-        result = Candidates(naive, max(c.value.expected_end for c in naive), 0, s.out_of_time)
+        result = Candidates(naive, self._floor(problem, naive), 0, s.out_of_time)
         if result.deadline_hit:
             return result
         starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
@@ -153,6 +157,7 @@ class TourCandidates:
         for found in self._optimized(starts, routed, reward.weighing(0.0), s):
             result.add(self._through(problem, found.waypoints_m), found)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
+            self._bend_starts(problem, result)
             path = max(result.plans, key=lambda c: c.value.expected_end).path
             limited = replace(problem, floor=result.floor)
             self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
@@ -169,6 +174,52 @@ class TourCandidates:
             actions = self._steering.along(problem.start, line_m, self._space.motion.leg_length_m, legs)
             result.plans.append(self._candidate(problem.plan(actions), problem.reward))
         return [self._finer.resampled(line_m, legs)]
+
+    def _bend_starts(self, problem: TourProblem, result: Candidates) -> None:
+        """Bends every optimized tour and every route of one vehicle for the mission's end, several times."""
+        s, legs = problem.situation, problem.reward.legs
+        aim, paths = problem.reward.weighing(0.0), [c.path for c in result.plans if c.waypoints_m is not None]
+        lines_m = self._context.routes.alone_m(s.state[1:], legs)
+        for line_m in lines_m:
+            found = self._finer.improve(self._finer.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
+            paths.append(self._through(problem, found.waypoints_m).path)
+            if s.out_of_time:
+                break
+        if not lines_m:
+            return
+        ends = []
+        for path in paths:
+            ends.append(self._bent_often(problem, path, self._search, START_BENDS, result))
+            if result.deadline_hit:
+                return
+        best = max(ends, key=lambda c: c.value.expected_end)
+        self._bent_often(problem, best.path, self._finest, FINEST_BENDS, result)
+
+    def _bent_often(
+        self, problem: TourProblem, path: PlannedPath, search: TourSearch, times: int, result: Candidates
+    ) -> Candidate:
+        """A path bent for the mission's end, each time from the last result; the best one, added to the candidates."""
+        best: Candidate | None = None
+        for _ in range(times):
+            bent, found = self._bent(problem, path, 0.0, START_BEND_ITERATIONS, search)
+            result.gradients += found.evaluations
+            result.deadline_hit = found.deadline_hit
+            path = bent.path
+            if best is None or bent.value.expected_end > best.value.expected_end:
+                best = bent
+            if found.deadline_hit:
+                break
+        assert best is not None
+        result.plans.append(best)
+        return best
+
+    def _floor(self, problem: TourProblem, naive: Sequence[Candidate]) -> float:
+        """Expected end of this vehicle's covering strip, or of the best naive path."""
+        if problem.situation.planner.floor == "lanes":
+            return max(c.value.expected_end for c in naive)
+        strip = problem.plan((), STRIPS[(self._context.vehicle - 1) % len(STRIPS)])
+        known = [c for c in naive if c.plan == strip]
+        return (known or [self._candidate(strip, problem.reward)])[0].value.expected_end
 
     @property
     def _vehicles(self) -> int:
@@ -278,7 +329,9 @@ class TourCandidates:
 
     # ------------------------------------------------------------------ single candidates
 
-    def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:
+    def _bent(
+        self, problem: TourProblem, path: PlannedPath, share: float, iterations: int, search: TourSearch | None = None
+    ) -> tuple[Candidate, Found]:
         """A path displaced to increase its value, as explicit actions that preserve its narrow turns."""
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
@@ -286,7 +339,7 @@ class TourCandidates:
         spacing = length_m(line) / legs
         staged = problem.stages is not None and not problem.stages.is_last
         deadline = problem.situation.deadline
-        found = self._search.bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
+        found = (search or self._search).bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
         actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
         if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):
             actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs, around_shallows=True)
