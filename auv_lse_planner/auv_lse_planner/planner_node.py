@@ -41,6 +41,8 @@ from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 _DIAGNOSTICS_PERIOD_S = 10.0
 #: The mission's end is reported again after this time (s), until the mission's state confirms it.
 _END_PERIOD_S = 1.0
+#: The first decision searches this many times as long as the deadline: no vehicle is under way yet.
+_FIRST_DEADLINES = 2.5
 _TUNABLE = (
     "method",
     "iterations",
@@ -147,7 +149,7 @@ class PlannerNode(VehicleNode):
 
     def _deadline(self) -> Callable[[], bool] | None:
         """The deadline of a decision, by wall clock; None in lockstep, where runs must not depend on the machine."""
-        limit_s = self._planner.planner.deadline_s
+        limit_s = self._planner.planner.deadline_s * (1.0 if self._planner.decided else _FIRST_DEADLINES)
         if self.lockstep or limit_s <= 0.0:
             return None
         until = time.monotonic() + limit_s

@@ -1,8 +1,9 @@
 """New plans of the method `tour`.
 
 At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from this vehicle's
-route (`team_routes.py`) and from several boustrophedons. The route and the naive paths are candidates too. The best
-path is then bent: displaced to increase its value.
+route (`team_routes.py`) and from several boustrophedons. The route and the naive paths are candidates too. A single
+vehicle also optimizes and bends many routes over the whole ground. The best path is then bent: displaced to increase
+its value.
 
 Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
 segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
@@ -157,7 +158,8 @@ class TourCandidates:
         for found in self._optimized(starts, routed, reward.weighing(0.0), s):
             result.add(self._through(problem, found.waypoints_m), found)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
-            self._bend_starts(problem, result)
+            self._bend_alone(problem, result)
+        if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             path = max(result.plans, key=lambda c: c.value.expected_end).path
             limited = replace(problem, floor=result.floor)
             self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
@@ -175,43 +177,37 @@ class TourCandidates:
             result.plans.append(self._candidate(problem.plan(actions), problem.reward))
         return [self._finer.resampled(line_m, legs)]
 
-    def _bend_starts(self, problem: TourProblem, result: Candidates) -> None:
-        """Bends every optimized tour and every route of one vehicle for the mission's end, several times."""
-        s, legs = problem.situation, problem.reward.legs
-        aim, paths = problem.reward.weighing(0.0), [c.path for c in result.plans if c.waypoints_m is not None]
+    def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
+        """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times each."""
+        s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
         lines_m = self._context.routes.alone_m(s.state[1:], legs)
-        for line_m in lines_m:
+        starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
+        bent = []
+        for line_m in [*starts, *lines_m]:
             found = self._finer.improve(self._finer.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
-            paths.append(self._through(problem, found.waypoints_m).path)
-            if s.out_of_time:
-                break
-        if not lines_m:
-            return
-        ends = []
-        for path in paths:
-            ends.append(self._bent_often(problem, path, self._search, START_BENDS, result))
+            path = self._through(problem, found.waypoints_m).path
+            bent.append(self._bent_often(problem, path, self._search, START_BENDS, result))
             if result.deadline_hit:
                 return
-        best = max(ends, key=lambda c: c.value.expected_end)
-        self._bent_often(problem, best.path, self._finest, FINEST_BENDS, result)
+        if bent:
+            best = max(bent, key=lambda c: c.value.expected_end)
+            self._bent_often(problem, best.path, self._finest, FINEST_BENDS, result)
 
     def _bent_often(
         self, problem: TourProblem, path: PlannedPath, search: TourSearch, times: int, result: Candidates
     ) -> Candidate:
-        """A path bent for the mission's end, each time from the last result; the best one, added to the candidates."""
-        best: Candidate | None = None
+        """The best of several bends for the mission's end, each of the one before; adds it to the candidates."""
+        bent = []
         for _ in range(times):
-            bent, found = self._bent(problem, path, 0.0, START_BEND_ITERATIONS, search)
+            candidate, found = self._bent_by(search, problem, path, 0.0, START_BEND_ITERATIONS)
+            bent.append(candidate)
+            path = candidate.path
             result.gradients += found.evaluations
             result.deadline_hit = found.deadline_hit
-            path = bent.path
-            if best is None or bent.value.expected_end > best.value.expected_end:
-                best = bent
             if found.deadline_hit:
                 break
-        assert best is not None
-        result.plans.append(best)
-        return best
+        result.plans.append(max(bent, key=lambda c: c.value.expected_end))
+        return result.plans[-1]
 
     def _floor(self, problem: TourProblem, naive: Sequence[Candidate]) -> float:
         """Expected end of this vehicle's covering strip, or of the best naive path."""
@@ -329,17 +325,20 @@ class TourCandidates:
 
     # ------------------------------------------------------------------ single candidates
 
-    def _bent(
-        self, problem: TourProblem, path: PlannedPath, share: float, iterations: int, search: TourSearch | None = None
-    ) -> tuple[Candidate, Found]:
+    def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:
         """A path displaced to increase its value, as explicit actions that preserve its narrow turns."""
+        return self._bent_by(self._search, problem, path, share, iterations)
+
+    def _bent_by(
+        self, search: TourSearch, problem: TourProblem, path: PlannedPath, share: float, iterations: int
+    ) -> tuple[Candidate, Found]:
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
         spacing = length_m(line) / legs
         staged = problem.stages is not None and not problem.stages.is_last
         deadline = problem.situation.deadline
-        found = (search or self._search).bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
+        found = search.bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
         actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
         if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):
             actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs, around_shallows=True)

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from planner_helpers import centers, settings
 
-from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_common.support.compiled import USE_NUMBA
+from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.methods.method import Followed, Situation
+from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.methods.tour_candidates import (
     NO_FLOOR,
     SHARES_TRIED,
@@ -70,6 +72,39 @@ def test_budget_grows_by_each_choices_gain_and_the_bound_starts_with_the_lawnmow
         assert after.lower_bound == pytest.approx(after.expected_total - after.budget)
     assert records[0].lower_bound <= records[0].expected_total
     assert any(not r.incumbent_kept for r in records[1:])
+
+
+@pytest.mark.parametrize("vehicle", [1, 2])
+def test_the_floor_is_the_expected_end_of_the_strips_or_of_the_best_naive_path(vehicle):
+    first = {}
+    for floor in ("lanes", "strips"):
+        planner = _planner(vehicle, 2, 40, planner={"floor": floor})
+        first[floor] = _travel(planner, 1)[0].bound
+        strip = planner.rollout.path(0, np.zeros(3), (), STRIPS[vehicle - 1])
+        context = planner._context
+        situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=np.zeros(3))
+        covered = context.map_reward(situation).value(context.map_places(strip)).expected_end
+        promised = first[floor].lower_bound
+        assert promised >= covered - 1e-9
+        if floor == "strips":
+            assert promised == pytest.approx(covered)
+    assert first["strips"].lower_bound < first["lanes"].lower_bound
+
+
+def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
+    if not USE_NUMBA:
+        pytest.skip("routes of a single vehicle need compiled code")
+    found = {}
+    for searched in (False, True):
+        planner = _planner(steps=30, planner={"anytime_weight": 0.0, "own_share": 0.0})
+        if not searched:
+            monkeypatch.setattr(TeamRoutes, "alone_m", lambda *_: [])
+        else:
+            monkeypatch.undo()
+        found[searched] = _travel(planner, 1)[0].bound.expected_end
+    assert found[True] > 1.005 * found[False]
+    team = _planner(1, 2, 40)
+    assert team._context.routes.alone_m(np.zeros(2), 40) == []
 
 
 def test_tour_without_new_data_is_kept():

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -24,6 +24,11 @@ Array = NDArray[np.float64]
 
 #: Number of map places, or a few more, over which each vehicle's lawnmower is chosen.
 CHOICE_PLACES = 300
+
+
+def covers_strips(planner: PlannerConfig) -> bool:
+    """Whether the method's bound is that of the covering strips."""
+    return planner.floor == "strips" and planner.family.bound_of == "map"
 
 
 def risk_if_measured(posterior: Posterior, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
@@ -62,8 +67,9 @@ def lawnmower_map_risk(
 ) -> float:
     """Map risk over `map_m` (P, 2) expected after a lawnmower mission of all vehicles.
 
-    The lesser of two: every vehicle follows the lanes fitted to its own strip, or each in turn takes the lawnmower that
-    is best given those before it.
+    With a method whose floor is that of the covering strips, every vehicle covers its own strip. Otherwise the lesser
+    of two: every vehicle follows the lanes fitted to its own strip, or each in turn takes the lawnmower that is best
+    given those before it.
     """
     level_set = LevelSet.of(settings[0].level_set)
     fitted = in_turn = OnlineGp(settings[0].gp).posterior
@@ -72,6 +78,11 @@ def lawnmower_map_risk(
     def expected(posterior: Posterior, places: Array) -> float:
         return float(risk_if_measured(posterior, level_set, places)[1].mean())
 
+    if covers_strips(settings[0].planner):
+        covered = fitted
+        for start in _starts(run, settings, paths):
+            covered = covered.with_planned(start.naive(STRIPS[(start.vehicle - 1) % len(STRIPS)]))
+        return expected(covered, map_m)
     for start in _starts(run, settings, paths):
         candidates = [in_turn.with_planned(start.naive(naive_path)) for naive_path in MOWING]
         in_turn = min(candidates, key=lambda posterior: expected(posterior, some))

@@ -12,6 +12,7 @@ from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
+from auv_lse_shore.judge.lawnmower import covers_strips
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.report.map_marks import degrees
 from auv_lse_shore.report.page import number
@@ -237,7 +238,8 @@ def _bound(e: Evaluation) -> str:
             f"reach {_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete "
             "missions only."
         )
-    bound = f"A lawnmower mission of the same length was expected to reach {_three(s.mowing_risk)}"
+    lanes = " with lanes that just cover each vehicle's strip" if covers_strips(first.planner) else ""
+    bound = f"A lawnmower mission of the same length{lanes} was expected to reach {_three(s.mowing_risk)}"
     if not s.map_bound_promised:
         return f"{text} {bound}; this mission ended {beside} that. The method {s.method} guarantees no such bound."
     if s.map_bound_kept:

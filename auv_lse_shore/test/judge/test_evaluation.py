@@ -81,6 +81,16 @@ def test_the_papers_bounds_are_judged_for_its_methods_alone(synthetic_run):
     assert s.lower_bound is s.bound_kept is s.path_bound_start is s.path_bound_max is s.path_bound_kept is None
 
 
+def test_the_bound_of_covering_strips_is_weaker_and_only_that_of_methods_that_promise_it(synthetic_run):
+    risks = {}
+    for method, floor in (("tour", "lanes"), ("tour", "strips"), ("augmented", "strips")):
+        run = synthetic_run(steps=12)
+        run.parameters["/**"]["planner"] = {"method": method, "floor": floor}
+        risks[method, floor] = evaluate(run).summary.mowing_risk
+    assert risks["tour", "lanes"] < risks["tour", "strips"]
+    assert risks["augmented", "strips"] == risks["tour", "lanes"]
+
+
 def test_what_mates_brought_is_the_difference_to_working_alone(evaluation):
     s = evaluation.summary
     assert all(own < alone < s.risk_before for own, alone in zip(s.local_risk, s.alone_risk, strict=True))

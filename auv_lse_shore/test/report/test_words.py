@@ -105,6 +105,13 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run):
     assert "the mission ended 25 % above it. The bound is an expectation over all lakes" in text_of(missed)
     assert "lawnmower bound 1.600: not met" in headlines(missed.summary, 30)[3]
 
+    run = synthetic_run(steps=6)
+    run.parameters["/**"]["planner"] = {"method": "tour", "floor": "strips"}
+    covering = evaluate(run)
+    covering.summary = met.summary
+    assert "with lanes that just cover each vehicle's strip was expected to reach" in text_of(covering)
+    assert "with lanes that just cover" not in text_of(met)
+
 
 def cut(run, step):
     """A mission as its recording would hold it, had it been interrupted at a step."""

@@ -96,8 +96,8 @@ class PlannerConfig:
     floor: str = parameter(
         "lanes",
         choices=("strips", "lanes"),
-        help="method tour: lanes whose expected end it promises to reach: those that just cover each vehicle's strip "
-        "(strips), or the best naive path (lanes), which leaves less for early coverage",
+        help="method tour: the promised end is that expected of lanes that just cover each vehicle's strip (strips), "
+        "or of the best naive path (lanes), which is lower and leaves less for early coverage",
     )
     team_routes: bool = parameter(
         False,
@@ -119,7 +119,8 @@ class PlannerConfig:
         2.0,
         unit="s",
         low=0.0,
-        help="wall-clock limit for a decision, which then returns the best plan so far; 0: none; ignored in lockstep",
+        help="wall-clock limit for a decision, which then returns the best plan so far; the first may take 2.5 times "
+        "as long; 0: none; ignored in lockstep",
     )
     replan_lead_s: float = parameter(
         4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
