@@ -96,8 +96,7 @@ class PlannerConfig:
     floor: str = parameter(
         "lanes",
         choices=("strips", "lanes"),
-        help="method tour: the promised end is that expected of lanes that just cover each vehicle's strip (strips), "
-        "or of the best naive path (lanes), which is lower and leaves less for early coverage",
+        help="method tour: whose expected end it promises: covering strips', or the best naive path's (lanes)",
     )
     team_routes: bool = parameter(
         False,
@@ -119,8 +118,8 @@ class PlannerConfig:
         2.0,
         unit="s",
         low=0.0,
-        help="wall-clock limit for a decision, which then returns the best plan so far; the first may take 2.5 times "
-        "as long; 0: none; ignored in lockstep",
+        help="wall-clock limit for a decision, which then returns the best plan so far; 2.5 times as "
+        "long for the first; 0: none; ignored in lockstep",
     )
     replan_lead_s: float = parameter(
         4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
