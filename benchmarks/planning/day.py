@@ -1,7 +1,8 @@
 """A working day: processor time of a leg, by part, in missions of up to thousands of legs, in the fleet engine.
 
 The area grows with the legs of all vehicles, so that coverage is that of the default mission. A mission's cost of a leg
-is that of its last quarter, where the map is largest. Long missions take minutes.
+is that of its last quarter, where the map is largest. Long missions take minutes. A Raspberry Pi 4 is taken to have a
+third of this core's speed; nothing is measured on one.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections import defaultdict
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_record.size_estimate import size_of
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.fleet import SEED, timed
@@ -26,6 +29,10 @@ AREA_M2 = 600.0 * 700.0 / 300.0
 PARTS = ("planner", "map", "places", "packets", "world")
 #: Goals: milliseconds of an idle core, and the cost of a leg relative to that of the shortest mission.
 MEAN_MS, LONGEST_MS, FIRST_MS, GROWTH = 100.0, 500.0, 5000.0, 1.3
+
+
+#: A Raspberry Pi 4 needs so many times this core's time.
+PI_SLOWER = 3.0
 
 
 def square(legs: int, vehicles: int) -> dict[str, Any]:
@@ -98,19 +105,48 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
         row(f"{size}: discarded soundings", sum(counts), goal="0", holds=not any(counts)),
         row(f"{size}: largest memory of the process so far, all vehicles", memory_mb, "MB"),
     ]
-    return rows, cost_s
+    recording = size_of(settings)
+    rows.append(row(f"{size}: recording, estimated", recording.mission_mb, "MB", goal="<= 400 MB for 3,600 legs",
+                    holds=recording.mission_mb <= 400.0 * max(1.0, legs * vehicles / 3600.0)))  # fmt: skip
+    return rows + _raspberry_pi(size, settings, cost_s, max(later, default=0.0)), cost_s
+
+
+def _raspberry_pi(size: str, settings: Settings, cost_s: float, longest_s: float) -> list[Row]:
+    """What one vehicle of the mission would need of a core of a Raspberry Pi 4, beside its nodes' own work."""
+    own = settings.vehicles[0]
+    leg_s = MotionTable(settings.motion).leg_length_m / own.vehicle.speed_mps
+    share, lead_s = PI_SLOWER * cost_s / leg_s, own.planner.replan_lead_s
+    decision_s = PI_SLOWER * longest_s
+    return [
+        row(f"{size}: Raspberry Pi 4, share of a core late in the mission", 100.0 * share, "%",
+            goal="<= 50 %", holds=share <= 0.5),
+        row(f"{size}: Raspberry Pi 4, longest decision after the first", decision_s, "s",
+            goal=f"<= planner.replan_lead_s = {lead_s:g} s", holds=decision_s <= lead_s),
+    ]  # fmt: skip
+
+
+def _growths(rows: list[Row], shortest: list[Row]) -> list[Row]:
+    """How many times the shortest mission's leg a leg costs late in this one, for each part."""
+    late = [each for each in rows if each["name"].endswith(", a leg in the last quarter")]
+    early = [each for each in shortest if each["name"].endswith(", a leg in the last quarter")]
+    return [
+        row(f"{one['name']}: growth", one["value"] / base["value"], "times")
+        for one, base in zip(late, early, strict=True)
+        if base["value"] > 0.0 and one is not base
+    ]
 
 
 def run(*, smoke: bool = False) -> list[Row]:
     """All rows; `smoke`: one mission of a few legs."""
     rows: list[Row] = []
     shortest: dict[int, float] = {}
+    first_rows: dict[int, list[Row]] = {}
     mission(*SMOKE[0])  # what is compiled or loaded at first use
     for legs, vehicles in SMOKE if smoke else FULL:
         found, cost_s = mission(legs, vehicles)
         base_s = shortest.setdefault(vehicles, cost_s)
         growth = cost_s / base_s
-        rows += found
+        rows += [*found, *_growths(found, first_rows.setdefault(vehicles, found))]
         rows.append(
             row(
                 f"{legs} legs, {vehicles} vehicle{'s' if vehicles > 1 else ''}: a leg in the last quarter",
