@@ -167,6 +167,25 @@ def test_nothing_is_cut_off_sideways(browser, width, height):
     browser.size(1366, 768)
 
 
+def test_dots_on_one_another_are_drawn_once(browser):
+    """The work of a frame is bounded by the screen, not by the mission's samples."""
+    at(browser, 200.0)
+    added = browser.ask(
+        """(() => {
+          const { store, map } = liveView, list = store.list("samples", map.vehicle), places = Array(20000).fill(500);
+          const event = { kind: "samples", vehicle: map.vehicle, source: 2, t: 150, places };
+          map.draw(200);
+          const before = map.dotCount;
+          store.insert(event);
+          map.draw(200);
+          list.splice(list.indexOf(event), 1);
+          return [before, map.dotCount - before];
+        })()"""
+    )
+    assert added[0] > 5, "others are there"
+    assert added[1] <= 1
+
+
 def test_text_is_legible_in_both_themes(browser):
     def luminance(color):
         parts = [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]

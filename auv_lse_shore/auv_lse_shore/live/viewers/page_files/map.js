@@ -233,28 +233,40 @@ export class MapView {
     }
   }
 
+  // Dots of each vehicle in one path. A dot that others of its vehicle cover is left out: long missions have thousands.
   drawSamples(c, p, t) {
+    const dots = new Map(), taken = new Set(), { width, height } = this.size();
     for (const { t: stamp, source, places } of this.store.list("samples", this.vehicle)) {
       if (stamp > t) break;
-      c.fillStyle = vehicleColor(source);
-      c.strokeStyle = "#ffffff";
-      c.lineWidth = 0.9;
+      if (!dots.has(source)) dots.set(source, new Path2D());
       for (let i = 0; i < places.length; i += 2) {
-        c.beginPath();
-        c.arc(p.x(places[i + 1] * DM), p.y(places[i] * DM), 2.6, 0, 7);
-        c.fill();
-        c.stroke();
+        const x = p.x(places[i + 1] * DM), y = p.y(places[i] * DM), place = ((x >> 1) * 8192 + (y >> 1)) * 32 + source;
+        if (x < 0 || y < 0 || x > width || y > height || taken.has(place)) continue;
+        taken.add(place);
+        dots.get(source).moveTo(x + 2.6, y);
+        dots.get(source).arc(x, y, 2.6, 0, 7);
       }
     }
+    c.strokeStyle = "#ffffff";
+    c.lineWidth = 0.9;
+    for (const [source, path] of dots) {
+      c.fillStyle = vehicleColor(source);
+      c.fill(path);
+      c.stroke(path);
+    }
+    this.dotCount = taken.size;
   }
 
   drawTrack(c, p, vehicle, t) {
     const now = this.store.pose(vehicle, t), color = vehicleColor(vehicle);
     const line = (list, last) => {
       c.beginPath();
+      let [x, y] = [Infinity, Infinity];
       for (const place of list) {
         if (place.t > t) break;
-        c.lineTo(p.x(place.east), p.y(place.north));
+        const nextX = p.x(place.east), nextY = p.y(place.north);
+        if (Math.abs(nextX - x) + Math.abs(nextY - y) < 1) continue; // less than a pixel
+        c.lineTo((x = nextX), (y = nextY));
       }
       if (last) c.lineTo(p.x(last.east), p.y(last.north));
     };
