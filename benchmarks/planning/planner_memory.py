@@ -1,4 +1,4 @@
-"""Memory of a planner by the number of kernel centers, up to `gp.max_centers`, and whether it grows beyond.
+"""Memory of a planner by the number of kernel centers of a short mission, and whether it grows beyond.
 
     python -m benchmarks.planning.planner_memory
 
@@ -37,11 +37,11 @@ def private_mb() -> float:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0, or 1 if a full map made again takes ever more memory."""
     p = argparse.ArgumentParser(prog="python -m benchmarks.planning.planner_memory", description=__doc__)
-    p.add_argument("--most", type=int, metavar="N", help="centers at most (default: gp.max_centers)")
+    p.add_argument("--most", type=int, metavar="N", default=3000, help="centers at most (default: %(default)s)")
     options = p.parse_args(arguments)
     settings = Settings.load(None, {"mission.vehicles": 2})
     own = settings.planner_settings(1)
-    most = options.most or own.gp.max_centers
+    most = options.most
     planner = VehiclePlanner(1, own, stream(7, "planner", 1))
     intake = PlannerIntake(planner)
     rng = np.random.default_rng(1)

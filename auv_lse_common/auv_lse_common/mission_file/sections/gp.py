@@ -70,7 +70,7 @@ class GpConfig:
         help="The same for team mates' samples, against this vehicle's map; 0: no gate.",
     )
     max_centers: int = parameter(
-        20000,
+        12000,
         low=1,
         help="Maximum number of kernel centers; at most half from samples. Further centers are discarded and reported.",
     )
