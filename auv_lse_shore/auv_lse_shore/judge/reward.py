@@ -38,6 +38,9 @@ Array = NDArray[np.float64]
 #: Number of parts of the mission after each of which map risk is computed.
 RISK_EVERY = 12
 
+#: Largest number of steps at which the whole-path reward is computed. Its cost of a step grows with the steps before.
+WHOLE_STEPS = 100
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curves:
@@ -46,7 +49,8 @@ class Curves:
     Attributes:
         stepwise: Realized stepwise reward so far, shape (n + 1,).
         bound: Stepwise reward so far + naive part of Jbar; NaN without naive part or where not computed, (n + 1,).
-        whole: Whole-path reward of the places visited so far, given the data so far, shape (n + 1,).
+        whole: Whole-path reward of the places visited so far, given the data so far, shape (n + 1,);
+            in missions of more than `WHOLE_STEPS` legs linear between computed steps.
         whole_bound: Whole-path reward expected if the current plans are carried out; NaN where not computed, (n + 1,).
         naive_value: Whole-path reward expected of a lawnmower mission before the first leg.
         per_vehicle: Stepwise reward of each vehicle's legs, shape (K, n).
@@ -166,8 +170,9 @@ def reward_curves(
     """
     steps, paths = run.steps, [PlannedPaths(s, area) for s in settings]
     replay = _Replay(run, settings, paths)
-    stepwise, whole = np.zeros(steps + 1), np.zeros(steps + 1)
-    bound, whole_bound, risk, expected_risk = (np.full(steps + 1, np.nan) for _ in range(4))
+    stepwise = np.zeros(steps + 1)
+    bound, whole_bound, risk, expected_risk, whole = (np.full(steps + 1, np.nan) for _ in range(5))
+    whole_at = set(np.linspace(0, steps, min(WHOLE_STEPS, steps) + 1).round().astype(int).tolist())
     per_vehicle = np.zeros((len(run.vehicles), steps))
     averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
     augmented = any(d.plan.naive_path != NONE for v in run.vehicles for d in v.decisions)
@@ -184,7 +189,11 @@ def reward_curves(
         drop, owner = replay.travel(step)
         per_vehicle[:, step] = np.bincount(owner, drop, minlength=len(paths))
         stepwise[step + 1] = stepwise[step] + drop.sum()
-        whole[step + 1] = replay.whole()
+        if step + 1 in whole_at:
+            whole[step + 1] = replay.whole()
+    whole[0] = 0.0
+    known = np.flatnonzero(np.isfinite(whole))
+    whole = np.interp(np.arange(steps + 1), known, whole[known])
     bound[steps] = stepwise[steps] if augmented else np.nan
     whole_bound[steps] = whole[steps]
     return Curves(

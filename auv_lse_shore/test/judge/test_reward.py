@@ -8,6 +8,7 @@ from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_shore.judge import reward
 from auv_lse_shore.judge.planned_paths import PlannedPaths, leg_times
 from auv_lse_shore.judge.reward import reward_curves, running_maximum
 from auv_lse_shore.judge.team_map import mission_settings
@@ -193,3 +194,17 @@ def test_credited_places_lie_on_the_flown_tracks(method):
         assert len(ends) == 12
         off = cKDTree(vehicle.odometry[:, 1:3]).query(ends)[0]
         assert off.max() < 1.5  # a second at 1.5 m/s lies between two odometry messages
+
+
+def test_a_long_missions_path_reward_is_computed_at_a_bounded_number_of_steps(synthetic_run, monkeypatch):
+    run = synthetic_run(steps=9, drift_mps=0.0)
+    settings, area = settings_of(run)
+    every = reward_curves(run, settings, area)
+    calls, whole = [], reward._Replay.whole
+    monkeypatch.setattr(reward, "WHOLE_STEPS", 3)
+    monkeypatch.setattr(reward._Replay, "whole", lambda replay: calls.append(0) or whole(replay))
+    some = reward_curves(run, settings, area)
+    assert len(calls) == 3
+    assert some.whole[[0, 3, 6, 9]].tolist() == every.whole[[0, 3, 6, 9]].tolist()
+    assert some.whole[4] == pytest.approx((2.0 * every.whole[3] + every.whole[6]) / 3.0)
+    assert some.stepwise.tolist() == every.stepwise.tolist()
