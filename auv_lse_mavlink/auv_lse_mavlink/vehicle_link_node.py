@@ -9,6 +9,7 @@ import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during th
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.transforms_node import TransformPublisher
 from auv_lse_common.topics.records import GeodeticPosition, RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.mission_run import Stop
@@ -54,6 +55,7 @@ class VehicleLinkNode(DriverNode):
         self._odometry = self.publisher("odometry")
         self._origin_deg = (origin.lat_deg, origin.lon_deg) if origin else None
         self._navsat = self.publisher("navsat") if origin else None
+        self._transforms = TransformPublisher(self, self.vehicle)
         self._fix = self.publisher("fix")
         self._dead_reckoning = self.publisher("dead_reckoning")
         self._altitude = self.publisher("altitude")
@@ -115,6 +117,7 @@ class VehicleLinkNode(DriverNode):
                     depth_m=event.depth_m,
                 )
                 self._dead_reckoning.publish(raw)
+                self._transforms.publish(event, raw)
                 if self._late and self._has_state:
                     (first, *later), self._late = self._late, []
                     self._command(first.leg.step, ends_to_reach(first, event.north_m, event.east_m))

@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.process.domain import DomainError, domain_number, local_environment, own_domain
+from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, local_environment, own_domain
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_record.recording import RecordingError, recording_in
@@ -55,7 +55,11 @@ def parser() -> argparse.ArgumentParser:
         help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written (default: the newest "
         "mission on this machine, or the next one to start)",
     )
-    p.add_argument("--domain", metavar="N", help="ROS domain of the mission (default: that of the newest)")
+    p.add_argument(
+        "--domain",
+        metavar="N",
+        help="ROS domain of the mission (default: that of the newest; --control needs it if several run)",
+    )
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if the recording has none")
     p.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1; 0: any free port (default: {DEFAULT_PORT})"
@@ -155,6 +159,18 @@ def _check(options: argparse.Namespace) -> None:
         raise LiveError(f"--control got the recording {options.run}; expected a running mission. Leave out RUN")
 
 
+def _only_domain() -> int | None:
+    """The domain of the one mission on this machine, so that its buttons never reach another; None without one.
+
+    Raises:
+        DomainError: if several missions run.
+    """
+    busy = busy_domains()
+    if len(busy) > 1:
+        raise DomainError(f"--control got missions in the ROS domains {busy}; expected --domain N to choose one")
+    return busy[0] if busy else None
+
+
 def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: CommandDesk | None) -> Work:
     """Returns the function that fills the timeline from running missions.
 
@@ -164,6 +180,8 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: Co
     from auv_lse_shore.live.sources.running import MissionFollower
 
     domain = None if options.domain is None else domain_number(options.domain)
+    if desk is not None and domain is None:
+        domain = _only_domain()
     os.environ.update(local_environment(project_folder(), domain or 0))
     return MissionFollower(timeline, domain, options.mission, desk).follow
 

@@ -303,3 +303,9 @@ def test_a_recording_can_be_written_into_the_page(tmp_path, synthetic_run):
     assert main([str(folder), "--write", str(page)]) == 0
     events = json.loads(page.read_text().split('type="application/json">', 1)[1].split("</script>", 1)[0])
     assert (events[0]["kind"], events[0]["name"]) == ("mission", "run")
+
+
+def test_control_refuses_to_choose_between_missions(monkeypatch, capsys):
+    monkeypatch.setattr("auv_lse_shore.live.command.busy_domains", lambda: [41, 42])
+    assert main(["--control", "--no-open"]) == 2
+    assert "missions in the ROS domains [41, 42]; expected --domain N" in capsys.readouterr().err

@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.transforms_node import TransformPublisher
 from auv_lse_common.process.dive import tagged, tagged_frame
 from auv_lse_common.topics.quality import writer_quality
 from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure
@@ -36,6 +37,7 @@ class VehicleTopics:
             names += ("navsat",)
         self._publishers = {name: self._publisher(VEHICLE_TOPICS[name]) for name in names}
         self._truth = self._publisher(TRUTH_TOPIC)
+        self._transforms = TransformPublisher(node, vehicle)
 
     def _publisher(self, topic: Topic) -> Publisher:
         name = full_name(topic, self._vehicle)
@@ -77,4 +79,5 @@ class VehicleTopics:
         if self._vehicle not in self._sim.links.autopilots:
             pressure = Pressure(stamp_s=self._sim.now_s, pressure_pa=pressure_pa(output.pressure_depth_m))
             self._publish("pressure", pressure)
+            self._transforms.publish(output.odometry, output.dead_reckoning)
         self._truth.publish(self._message(TRUTH_TOPIC, output.truth))
