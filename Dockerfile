@@ -26,6 +26,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
         ros-jazzy-ament-index-python \
         ros-jazzy-builtin-interfaces \
         ros-jazzy-diagnostic-msgs \
+        ros-jazzy-geometry-msgs \
         ros-jazzy-launch \
         ros-jazzy-launch-ros \
         ros-jazzy-nav-msgs \

@@ -161,7 +161,7 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
         again = mode == "position_target"
         waypoint.publish(
             Waypoint(
-                header=header(time.time() - (60.0 if again else 0.0)),
+                header=header(time.time() - (3600.0 if again else 0.0)),  # long before any start of this node
                 step=0,
                 start_heading_rad=0.5,
                 start_north_m=45.0,
