@@ -133,7 +133,7 @@ class TargetSender:
         self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
         self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
         self._surfacing: Surfacing | None = None
-        self._surfaced_at = -1  # step of the target at which the vehicle surfaced last
+        self._surfaced_at: int | None = None  # step of the target at which the vehicle surfaced last
         self._stop: Stop | None = None
         self._stopped_at: Target | None = None
         self._unsent = False  # whether the current target, or the mission, must be sent

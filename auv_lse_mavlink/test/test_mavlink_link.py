@@ -474,6 +474,14 @@ def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_re
     assert pilot.link.targets == (B,)
 
 
+def test_the_start_of_the_first_leg_is_a_target_to_reach_like_any_other():
+    pilot = Autopilot(acceptance_m=4.0).up()
+    pilot.at(0.0, 0.0)
+    pilot.link.command(pilot.now_s, dataclasses.replace(A, step=-1))
+    pilot.link.command(pilot.now_s, dataclasses.replace(B, step=0))
+    assert targets(pilot) == [(20.0, 0.0)]
+
+
 def test_a_target_passed_by_on_the_side_counts_as_reached_but_one_behind_does_not():
     pilot = Autopilot(acceptance_m=4.0).up()
     pilot.link.command(pilot.now_s, A)
