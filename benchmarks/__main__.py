@@ -14,9 +14,9 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day", "missed")
 #: Modules of groups that are not named after them.
-MODULES = {"day": "planning.day"}
+MODULES = {"day": "planning.day", "missed": "planning.missed"}
 
 
 def _number(value: Any) -> str:
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
     p.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
     p.add_argument(
-        "--lake", type=Path, metavar="FILE", help="soundings of a real lake for the gp group; default: a made-up lake"
+        "--lake", type=Path, metavar="FILE", help="a real lake for the groups gp and missed"
     )
     return p
 
@@ -67,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
     for group in options.groups or GROUPS:
         console.print(f"measuring {group} ...", style="dim")
         try:
-            lake = {"lake": options.lake} if group == "gp" else {}
+            lake = {"lake": options.lake} if group in ("gp", "missed") else {}
             rows = importlib.import_module(f"benchmarks.{MODULES.get(group, group)}").run(smoke=options.smoke, **lake)
         except Exception as error:  # one group's failure must not lose the others' figures
             console.print(f"bench {group} failed: {error!r}", style="red")
