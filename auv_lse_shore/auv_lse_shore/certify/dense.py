@@ -1,0 +1,197 @@
+"""A plain dense Gaussian process: the certificate's own way from soundings to a map.
+
+It shares no code with the map of vehicles and reports (`auv_lse_gp`), which is the point: it factorizes the full
+covariance matrix once, and has no updates, cache or compiled code. RW2006: Rasmussen and Williams, Gaussian Processes
+for Machine Learning, 2006, algorithm 2.1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, solve_triangular
+from scipy.spatial.distance import cdist
+
+Array = NDArray[np.float64]
+
+#: Largest number of averages of soundings: their covariance matrix then needs 0.3 GB.
+MAX_AVERAGES = 6000
+#: Entries of a covariance matrix that are computed together.
+_ENTRIES = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DensePrior:
+    """The prior that a mission file describes.
+
+    Attributes:
+        kernel: Name of the covariance function.
+        std_m: Standard deviation of the depth.
+        lengths_m: Length along the first and the second axis; of a Wendland kernel its support.
+        rotation_deg: Direction of the first axis, clockwise from north.
+        mean: Prior mean, places (P, 2) -> depths (P,).
+        worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
+    """
+
+    kernel: str
+    std_m: float
+    lengths_m: tuple[float, float]
+    rotation_deg: float
+    mean: Callable[[Array], Array]
+    worth: float
+
+    def covariance(self, a_m: Array, b_m: Array) -> Array:
+        """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
+        r = cdist(self._scaled(a_m), self._scaled(b_m))
+        rest = np.clip(1.0 - r, 0.0, None)
+        root3, root5 = math.sqrt(3.0) * r, math.sqrt(5.0) * r
+        match self.kernel:
+            case "matern32":
+                correlation = (1.0 + root3) * np.exp(-root3)
+            case "matern52":
+                correlation = (1.0 + root5 + 5.0 * r**2 / 3.0) * np.exp(-root5)
+            case "squared_exponential":
+                correlation = np.exp(-(r**2) / 2.0)
+            case "wendland_c2":
+                correlation = rest**4 * (4.0 * r + 1.0)
+            case "wendland_c4":
+                correlation = rest**6 * (35.0 * r**2 + 18.0 * r + 3.0) / 3.0
+            case _:
+                raise ValueError(f"gp.kernel got {self.kernel!r}; expected a kernel that the certificate knows")
+        return np.asarray(self.std_m**2 * correlation)
+
+    def _scaled(self, places_m: Array) -> Array:
+        angle = math.radians(self.rotation_deg)
+        north, east = places_m[:, 0], places_m[:, 1]
+        along, right = math.cos(angle) * north + math.sin(angle) * east, math.cos(angle) * east - math.sin(angle) * north
+        return np.column_stack([along / self.lengths_m[0], right / self.lengths_m[1]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DenseMap:
+    """A map at places.
+
+    Attributes:
+        mean_m: Mean depth (P,).
+        prior_std_m: Standard deviation (P,) with the prior's scale, uncertain positions included.
+        std_m: Standard deviation (P,) with the scale that the soundings show.
+        variance_scale: That scale of the variance.
+        count: Number of measurements: averages of soundings, or kernel centers.
+    """
+
+    mean_m: Array
+    prior_std_m: Array
+    std_m: Array
+    variance_scale: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurements:
+    """Averages of soundings; without groups, each sounding is one.
+
+    Attributes:
+        places_m: Where soundings were taken (S, 2), group by group.
+        depths_m: Measured average depth of each group (n,).
+        noise_m2: Variance of its error (n,).
+        starts: First sounding of each group (n,).
+        effect_m: Change of each average per standard deviation of each mode of common position errors (n, r).
+    """
+
+    places_m: Array
+    depths_m: Array
+    noise_m2: Array
+    starts: NDArray[np.int64]
+    effect_m: Array
+
+    @classmethod
+    def of_centers(cls, places_m: Array, depths_m: Array, noise_std_m: Array, effect_m: Array | None) -> Measurements:
+        """Single measurements, such as recorded kernel centers."""
+        n = len(depths_m)
+        effect = np.zeros((n, 0)) if effect_m is None else effect_m
+        return cls(
+            places_m=places_m, depths_m=depths_m, noise_m2=noise_std_m**2, starts=np.arange(n), effect_m=effect
+        )
+
+    @classmethod
+    def averaged(cls, places_m: Array, depths_m: Array, noise_std_m: float, square_m: float) -> Measurements:
+        """Soundings within one square of a grid become one measurement, their average.
+
+        Averages are linear in the depth, so nothing is approximated: the covariance of averages is the average of
+        covariances. If there are more than `MAX_AVERAGES`, squares become larger.
+        """
+        n = len(depths_m)
+        square, cells = max(square_m, 1e-3), np.empty((0, 2))
+        while True:
+            cells = np.floor(places_m / square)
+            _, group = np.unique(cells, axis=0, return_inverse=True)
+            if n == 0 or group.max() < MAX_AVERAGES:
+                break
+            square *= 1.25
+        group = group.reshape(-1)  # NumPy 2.0 returns a column
+        order = np.argsort(group, kind="stable")
+        starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+        counts = np.diff(np.append(starts, n))
+        return cls(
+            places_m=places_m[order],
+            depths_m=np.add.reduceat(depths_m[order], starts) / counts if n else np.zeros(0),
+            noise_m2=noise_std_m**2 / counts,
+            starts=starts,
+            effect_m=np.zeros((len(starts), 0)),
+        )
+
+    def covariance_with(self, prior: DensePrior, at_m: Array) -> Array:
+        """Covariance (P, n) of the depths at places (P, 2) with the averages."""
+        counts = np.diff(np.append(self.starts, len(self.places_m)))
+        rows = max(1, _ENTRIES // max(len(self.places_m), 1))
+        parts = [
+            np.add.reduceat(prior.covariance(at_m[first : first + rows], self.places_m), self.starts, axis=1) / counts
+            for first in range(0, len(at_m), rows)
+        ]
+        return np.concatenate(parts) if parts else np.zeros((0, len(self.starts)))
+
+    def covariance(self, prior: DensePrior) -> Array:
+        """Covariance (n, n) of the averages, without noise."""
+        counts = np.diff(np.append(self.starts, len(self.places_m)))
+        full = self.covariance_with(prior, self.places_m)
+        return np.asarray(np.add.reduceat(full, self.starts, axis=0) / counts[:, None])
+
+
+def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
+    """The posterior at places (P, 2) given measurements."""
+    n = len(given.starts)
+    mean, variance = np.array(prior.mean(at_m), dtype=float), np.full(len(at_m), prior.std_m**2)
+    if n == 0:
+        std = np.sqrt(variance)
+        return DenseMap(mean_m=mean, prior_std_m=std, std_m=std, variance_scale=1.0, count=0)
+    means = np.add.reduceat(prior.mean(given.places_m), given.starts) / np.diff(
+        np.append(given.starts, len(given.places_m))
+    )
+    covariance = given.covariance(prior) + np.diag(given.noise_m2)
+    lower = np.tril(cho_factor(covariance, lower=True)[0])  # RW2006, line 2
+    white = solve_triangular(lower, given.depths_m - means, lower=True)
+    effect = solve_triangular(lower, given.effect_m, lower=True)
+    floor = np.zeros(len(at_m))
+    rows = max(1, _ENTRIES // n)
+    for first in range(0, len(at_m), rows):
+        part = slice(first, first + rows)
+        v = solve_triangular(lower, given.covariance_with(prior, at_m[part]).T, lower=True)  # line 5
+        mean[part] += v.T @ white  # line 4
+        variance[part] -= (v**2).sum(axis=0)  # line 6
+        floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
+    variance = np.maximum(variance, 0.0)
+    # Whitened residuals have the variance 1 if the prior fits: their mean square is the scale, with uncertain positions
+    # as part of their covariance, and 1 as `worth` further soundings.
+    fit = float(white @ np.linalg.solve(np.eye(n) + effect @ effect.T, white))
+    scale = (prior.worth + fit) / (prior.worth + n) if prior.worth > 0.0 else 1.0
+    return DenseMap(
+        mean_m=mean,
+        prior_std_m=np.sqrt(variance + floor),
+        std_m=np.sqrt(scale * variance + floor),
+        variance_scale=scale,
+        count=n,
+    )
