@@ -25,7 +25,10 @@ setup(
     package_data={
         package: ["py.typed"],
         f"{package}.live.viewers": ["page_files/*"],
-        **{f"{package}.{room}": ["templates/*"] for room in ("adjust", "campaign", "export", "report", "reproduce")},
+        **{
+            f"{package}.{room}": ["templates/*"]
+            for room in ("adjust", "campaign", "certify", "export", "report", "reproduce")
+        },
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),

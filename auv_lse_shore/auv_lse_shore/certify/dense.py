@@ -67,7 +67,10 @@ class DensePrior:
     def _scaled(self, places_m: Array) -> Array:
         angle = math.radians(self.rotation_deg)
         north, east = places_m[:, 0], places_m[:, 1]
-        along, right = math.cos(angle) * north + math.sin(angle) * east, math.cos(angle) * east - math.sin(angle) * north
+        along, right = (
+            math.cos(angle) * north + math.sin(angle) * east,
+            math.cos(angle) * east - math.sin(angle) * north,
+        )
         return np.column_stack([along / self.lengths_m[0], right / self.lengths_m[1]])
 
 
@@ -113,9 +116,7 @@ class Measurements:
         """Single measurements, such as recorded kernel centers."""
         n = len(depths_m)
         effect = np.zeros((n, 0)) if effect_m is None else effect_m
-        return cls(
-            places_m=places_m, depths_m=depths_m, noise_m2=noise_std_m**2, starts=np.arange(n), effect_m=effect
-        )
+        return cls(places_m=places_m, depths_m=depths_m, noise_m2=noise_std_m**2, starts=np.arange(n), effect_m=effect)
 
     @classmethod
     def averaged(cls, places_m: Array, depths_m: Array, noise_std_m: float, square_m: float) -> Measurements:

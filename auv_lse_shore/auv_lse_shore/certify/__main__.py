@@ -1,0 +1,56 @@
+"""scripts/certify: the command line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_common.support.user_error import error_text
+from auv_lse_shore.certify.certificate import EXIT_CODES, certify, lines, write
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/certify."""
+    p = argparse.ArgumentParser(
+        prog="scripts/certify",
+        description="Recomputes a mission's final map from its recordings alone, by an independent dense computation, "
+        "and writes certificate.html and certificate.json: what was asked, what is promised piece by piece, what is "
+        "not, and the SHA-256 of every recording. It fails, and names the place, where the recordings do not support "
+        "a map that a vehicle published.",
+        epilog="Give all recordings of one mission in one call. A second certificate replaces the first. Exit codes: "
+        "0 the recordings support the published maps; 1 they do not; 2 they cannot be read or are of different "
+        "missions, or wrong command line; 3 a vehicle's recording has no published map, as after scripts/import; "
+        "130 Ctrl-C.",
+    )
+    p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings without one")
+    p.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: certificate in the first RUN)")
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Certifies a mission; returns the exit code."""
+    options = parser().parse_args(arguments)
+    first: Path = options.runs[0]
+    folder = options.out or (first if first.is_dir() else first.parent) / "certificate"
+    try:
+        certificate = certify(options.runs, options.mission)
+        write(certificate, folder)
+    except (ValueError, OSError) as error:
+        print(f"error: {error_text(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; no certificate is written", file=sys.stderr)
+        return 130
+    for line in [*lines(certificate), *certificate.values["cannot_certify"]]:
+        print(line)
+    for line in certificate.failures:
+        print(f"not supported: {line}", file=sys.stderr)
+    print(f"written: {folder / 'certificate.html'}")
+    return EXIT_CODES[certificate.verdict]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,162 @@
+"""The final map of a mission by the dense path, its isobath in pieces, and what may be missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_common.vocabulary.sounding_gate import SoundingGate
+from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
+from auv_lse_record.run_data import RunData
+from auv_lse_shore.certify.dense import DenseMap, DensePrior, Measurements, dense_map
+from auv_lse_shore.certify.recorded import Recorded
+from auv_lse_shore.judge import certainty
+from auv_lse_shore.judge.certainty import Piece
+from auv_lse_shore.judge.isobath import near, trace
+from auv_lse_shore.judge.team_map import sounded_places
+from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
+from auv_lse_shore.places.merging import merged
+
+Array = NDArray[np.float64]
+
+#: Support of a Wendland kernel / `gp.length_scale_m`: the correlation at one length scale is that of Matern 5/2.
+_SUPPORT = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinalMap:
+    """The final map.
+
+    Attributes:
+        run: All vehicles, with soundings at the places of this map.
+        area: The operating area.
+        field: The map on its grid.
+        pieces: Its isobath, in pieces of one class.
+        undiscovered: Isobath that may be missing.
+        averages: Number of averages of soundings that the map is made from.
+        places: How the places of soundings were estimated.
+    """
+
+    run: RunData
+    area: OperatingArea
+    field: DepthField
+    pieces: list[Piece]
+    undiscovered: Undiscovered
+    averages: int
+    places: str
+
+
+def dense_prior(gp: GpConfig) -> DensePrior:
+    """The prior of a mission file.
+
+    Raises:
+        ParameterError: if its prior survey cannot be read.
+    """
+    first = gp.length_scale_m
+    if gp.kernel in _SUPPORT:
+        first = gp.support_m or _SUPPORT[gp.kernel] * gp.length_scale_m
+    return DensePrior(
+        kernel=gp.kernel,
+        std_m=gp.signal_std_m,
+        lengths_m=(first, first * (gp.length_scale_2_m or gp.length_scale_m) / gp.length_scale_m),
+        rotation_deg=gp.rotation_deg,
+        mean=prior_mean(gp),
+        worth=gp.std_soundings,
+    )
+
+
+def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
+    """All vehicles with soundings at the best places that the recordings support, and how these were estimated."""
+    run = merged(recorded.runs)
+    if not corrects_places(run):
+        return run, "as the vehicles recorded them"
+    try:
+        return merged(adjust(recorded.runs).runs), "estimated from fixes, ranges and track crossings (scripts/adjust)"
+    except AdjustError as error:
+        return run, f"as the vehicles recorded them: {error}"
+
+
+def measurements(gp: GpConfig, own: Soundings, heard: Soundings | None = None) -> Measurements:
+    """Averages of a vehicle's plausible soundings, and of the samples that it received."""
+    rows = [SoundingGate().passed(list(own.in_order()))] + ([list(heard)] if heard is not None else [])
+    points = Soundings.join(Soundings.from_rows(part) for part in rows if part).points_m if any(rows) else _NONE
+    usable = np.isfinite(points).all(axis=1) & (points[:, 2] >= gp.min_depth_m) & (points[:, 2] <= gp.max_depth_m)
+    return Measurements.averaged(points[usable, :2], points[usable, 2], gp.noise_std_m, gp.min_spacing_m)
+
+
+_NONE: Array = np.zeros((0, 3))
+
+
+def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
+    """The map of all soundings of all vehicles."""
+    gp, level_set = recorded.settings.gp, recorded.settings.level_set
+    area, prior = OperatingArea(recorded.settings.area), dense_prior(gp)
+    grid = area.grid(gp.map_resolution_m, "gp.map_resolution_m")
+    parts = [measurements(gp, vehicle.soundings) for vehicle in run.vehicles]
+    given = _joined(parts)
+    found = dense_map(prior, given, grid.places_m)
+    field = _field(grid, found, level_set)
+    blank = _field(grid, dense_map(prior, _joined([]), grid.places_m), level_set)
+    lines = trace(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
+    pieces = certainty.classify(lines, field, blank, sounded_places(run))
+    counts = np.diff(np.append(given.starts, len(given.places_m)))
+    centers = Centers(
+        np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None],
+        given.depths_m,
+        np.sqrt(given.noise_m2),
+    )
+    return FinalMap(
+        run=run,
+        area=area,
+        field=field,
+        pieces=pieces,
+        undiscovered=undiscovered(
+            gp,
+            centers,
+            level_set.level_m,
+            coarse_grid(area, gp.map_resolution_m),
+            near(certainty.lines_of(pieces, certainty.FOUND)),
+        ),
+        averages=found.count,
+        places=places,
+    )
+
+
+def _joined(parts: list[Measurements]) -> Measurements:
+    """Averages of several vehicles: each vehicle's are its own, because their errors differ."""
+    sizes = np.cumsum([0, *(len(part.places_m) for part in parts)])
+    starts = [part.starts + size for part, size in zip(parts, sizes, strict=False)]
+    n = sum(len(part.starts) for part in parts)
+    return Measurements(
+        places_m=np.concatenate([np.zeros((0, 2)), *(part.places_m for part in parts)]),
+        depths_m=np.concatenate([np.zeros(0), *(part.depths_m for part in parts)]),
+        noise_m2=np.concatenate([np.zeros(0), *(part.noise_m2 for part in parts)]),
+        starts=np.concatenate([np.zeros(0, dtype=np.int64), *starts]),
+        effect_m=np.zeros((n, 0)),
+    )
+
+
+def _field(grid: Grid, found: DenseMap, level_set: LevelSetConfig) -> DepthField:
+    """A dense map on the grid; the risk is that of the cheaper call."""
+    p_safe = ndtr((found.mean_m - level_set.level_m) / np.maximum(found.std_m, 1e-9))
+    risk = np.minimum(level_set.cost_false_safe * (1.0 - p_safe), level_set.cost_false_unsafe * p_safe)
+    return DepthField(
+        grid=grid,
+        mean_m=grid.fill(found.mean_m),
+        std_m=grid.fill(found.std_m),
+        prior_std_m=grid.fill(found.prior_std_m),
+        risk=grid.fill(risk),
+        p_safe=grid.fill(p_safe),
+        variance_scale=found.variance_scale,
+        revision=0,
+    )

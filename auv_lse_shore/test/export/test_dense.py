@@ -1,0 +1,72 @@
+"""The certificate's dense Gaussian process, against sums worked out by hand and against the vehicles' map."""
+
+import ast
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_shore.certify import dense
+from auv_lse_shore.certify.dense import Measurements, dense_map
+from auv_lse_shore.certify.final_map import dense_prior
+
+RNG = np.random.default_rng(5)
+PLACES = RNG.uniform(0.0, 300.0, (40, 2))
+DEPTHS = 15.0 + 3.0 * np.sin(PLACES[:, 0] / 60.0) + RNG.normal(0.0, 0.3, 40)
+AT = RNG.uniform(-50.0, 350.0, (30, 2))
+
+
+def test_it_shares_no_code_with_the_map():
+    tree = ast.parse(Path(dense.__file__).read_text())
+    modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    modules += [name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names]
+    assert not [name for name in modules if name.startswith("auv_lse")]
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_it_equals_the_vehicles_posterior(kernel):
+    config = GpConfig(kernel=kernel, length_scale_m=70.0, length_scale_2_m=40.0, rotation_deg=30.0)
+    effect = RNG.normal(0.0, 0.1, (40, 3))
+    noise = RNG.uniform(0.2, 0.5, 40)
+    posterior = Posterior(config)
+    posterior.extend(Centers(PLACES, DEPTHS, noise, effect))
+    mean, variance = posterior.moments(AT)
+    found = dense_map(dense_prior(config), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
+    assert found.mean_m == pytest.approx(mean, abs=1e-6)
+    assert found.prior_std_m == pytest.approx(np.sqrt(variance), abs=1e-6)
+    assert found.variance_scale == pytest.approx(posterior.variance_scale, rel=1e-9)
+
+
+def test_averages_are_exact():
+    config = dataclasses.replace(GpConfig(), length_scale_m=60.0)
+    prior, square = dense_prior(config), 60.0
+    given = Measurements.averaged(PLACES, DEPTHS, 0.3, square)
+    assert 1 < len(given.starts) < 40
+    cells = [tuple(cell) for cell in np.floor(PLACES / square)]
+    average = np.array([[c == cell for c in cells] for cell in dict.fromkeys(cells)], dtype=float)
+    average /= average.sum(axis=1, keepdims=True)
+    covariance = average @ (prior.covariance(PLACES, PLACES) + 0.09 * np.eye(40)) @ average.T
+    cross = prior.covariance(AT, PLACES) @ average.T
+    mean = config.mean_depth_m + cross @ np.linalg.solve(covariance, average @ (DEPTHS - config.mean_depth_m))
+    variance = config.signal_std_m**2 - np.einsum("pn,np->p", cross, np.linalg.solve(covariance, cross.T))
+    found = dense_map(prior, given, AT)
+    assert found.mean_m == pytest.approx(mean, abs=1e-8)
+    assert found.prior_std_m == pytest.approx(np.sqrt(variance), abs=1e-8)
+
+
+def test_squares_grow_until_memory_suffices(monkeypatch):
+    monkeypatch.setattr(dense, "MAX_AVERAGES", 9)
+    given = Measurements.averaged(PLACES, DEPTHS, 0.3, 10.0)
+    assert 1 < len(given.starts) <= 9
+    assert len(given.places_m) == 40
+
+
+def test_without_soundings_it_is_the_prior():
+    config = GpConfig()
+    found = dense_map(dense_prior(config), Measurements.averaged(np.zeros((0, 2)), np.zeros(0), 0.3, 10.0), AT)
+    assert (found.mean_m == config.mean_depth_m).all()
+    assert (found.std_m == config.signal_std_m).all()
