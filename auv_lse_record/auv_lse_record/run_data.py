@@ -43,6 +43,7 @@ class DecisionRecord:
         lower_bound_max: Running maximum of `lower_bound`.
         wall_s: Wall-clock time of planning; NaN if not recorded.
         method: The planning method ("augmented", "plain", ...).
+        void: Whether the previous plan had been discarded or lost, so that it could not be continued.
     """
 
     now_s: float
@@ -54,6 +55,7 @@ class DecisionRecord:
     lower_bound_max: float
     wall_s: float = float("nan")
     method: str = ""
+    void: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

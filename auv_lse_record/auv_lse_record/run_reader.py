@@ -166,7 +166,7 @@ def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], metho
     A decision publishes both with one stamp. The step of a kept plan may be less than the decision's.
     """
     bound_at = {bound.stamp_s: bound for bound in bounds}
-    decisions = []
+    decisions: list[DecisionRecord] = []
     for now_s, report in sorted({report.stamp_s: report for report in plans}.items()):
         bound = bound_at.get(now_s)
         values = {name: math.nan if bound is None else getattr(bound, name) for name in _VALUES}
@@ -177,6 +177,7 @@ def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], metho
                 plan=report.plan,
                 wall_s=math.nan if bound is None else bound.planning_s,
                 method=method,
+                void=bool(decisions) and bound is not None and math.isnan(bound.incumbent_value),
                 **values,
             )
         )

@@ -27,7 +27,9 @@ class BoundRecord:
         lower_bound_max: Its running maximum.
         incumbent_value: `expected_end` of the incumbent on the same data; NaN without an incumbent.
         budget: Amount by which later decisions may lower the expected end (method tour); NaN without a budget.
-        void: Reason why the last plan was discarded without a charge: "shallow ground", "off the plan"; else empty.
+        void: Reason why the last plan was discarded: "shallow ground", "border of the area", "off the plan"; else
+            empty.
+        void_value: `expected_end` of the discarded plan on the same data, to which the budget was referred; else NaN.
     """
 
     step: int
@@ -43,6 +45,7 @@ class BoundRecord:
     deadline_hit: bool
     budget: float = math.nan
     void: str = ""
+    void_value: float = math.nan
 
     @property
     def expected_total(self) -> float:

@@ -210,7 +210,7 @@ class Choice:
         leg_reward: Expected reward of the next leg, if rewards are added up leg by leg.
         map_risk: Risk of the map, if the reward so far is measured by its drop; else NaN.
         budget: See `BoundRecord`.
-        void: See `BoundRecord`.
+        void, void_value: See `BoundRecord`.
         infeasible: Whether the map forbids the next legs of the last plan.
         best_new_value: Expected end of the best new plan, in the search's reward.
     """
@@ -223,6 +223,7 @@ class Choice:
     map_risk: float = math.nan
     budget: float = math.nan
     void: str = ""
+    void_value: float = math.nan
     infeasible: bool = False
     team_places: int = 0
     iterations: int = 0

@@ -12,7 +12,8 @@ The budget enforces the bound. Let E be the drop of the map's risk expected at t
 
 At the start the reference is the best naive path and the budget is 0; afterwards the reference is the incumbent. E
 telescopes, so the mission's expected end is never below that of the best naive path. An incumbent that the map or a
-current makes void is discarded without a charge; the bound record gives the reason.
+current makes void stays the reference, so its loss is charged to the budget. If no plan is left that the budget allows,
+the one with the largest expected end is chosen, and the bound falls by the rest; the bound record gives the reason.
 """
 
 from __future__ import annotations
@@ -71,9 +72,10 @@ class Tour(Method):
         due = situation.last is None or bool(void) or self._interval_is_over(s)
         heads = self._heads(s, mates_m) if due and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
-        if last is not None and not void:
-            incumbent = self._candidates.evaluated(last.plan, last.path, reward)
-            reference = incumbent.value.expected_end
+        if last is not None:
+            followed = self._candidates.evaluated(last.plan, last.path, reward)
+            reference = followed.value.expected_end
+            incumbent = None if void else followed
         found = Candidates()
         if due:
             floor = NO_FLOOR if reference is None else reference - self.budget
@@ -84,9 +86,10 @@ class Tour(Method):
         every = found.plans if incumbent is None else [incumbent, *found.plans]
         floor = NO_FLOOR if reference is None else reference - self.budget
         sound = [c for c in every if c.value.expected_end >= floor]
-        chosen = self._best(s, sound or every, mates_m)
+        chosen = self._best(s, sound or [max(every, key=lambda c: c.value.expected_end)], mates_m)
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
+        void_value = reference if void and reference is not None else math.nan
         if self._stages is not None:
             self._stages.record(reward.risk_before - chosen.value.expected_end)
         if chosen is not incumbent:
@@ -99,6 +102,7 @@ class Tour(Method):
             map_risk=reward.risk_before,
             budget=self.budget,
             void=void,
+            void_value=void_value,
             infeasible=void == "shallow ground",
             team_places=len(mates_m),
             iterations=found.gradients,
@@ -147,8 +151,11 @@ class Tour(Method):
             return ""
         if s.off_plan:
             return "off the plan"
-        feasible = self.context.space.path_feasible(s.state, s.last.path.actions, LOOK_AHEAD)
-        return "" if feasible else "shallow ground"
+        space, actions = self.context.space, s.last.path.actions
+        if space.path_feasible(s.state, actions, LOOK_AHEAD):
+            return ""
+        in_area = space.path_feasible(s.state, actions, LOOK_AHEAD, static=True)
+        return "shallow ground" if in_area else "border of the area"
 
     def _interval_is_over(self, s: Situation) -> bool:
         every = s.planner.tour_interval

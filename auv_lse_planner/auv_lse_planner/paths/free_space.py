@@ -326,9 +326,9 @@ class FreeSpace:
         """The action to take in a state without feasible actions."""
         return int(escape_action(self.arguments(), state[0], state[1], state[2]))
 
-    def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int) -> bool:
-        """Whether the first `legs` of `actions` from `state` are feasible one after another."""
-        a = self.arguments()
+    def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int, static: bool = False) -> bool:
+        """Whether the first `legs` of `actions` from `state` are feasible one after another (`static`: in the area)."""
+        a = self.arguments(static)
         for action in actions[:legs]:
             if not is_feasible(a, state[0], state[1], state[2], int(action)):
                 return False

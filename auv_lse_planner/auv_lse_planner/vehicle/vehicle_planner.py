@@ -374,6 +374,7 @@ class VehiclePlanner:
             deadline_hit=choice.deadline_hit,
             budget=choice.budget,
             void=choice.void,
+            void_value=choice.void_value,
         )
 
     def _with_surfacing(self, situation: Situation, decision: Decision, path: PlannedPath) -> Decision:

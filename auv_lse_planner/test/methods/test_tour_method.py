@@ -113,7 +113,8 @@ def test_tour_without_new_data_is_kept():
     assert all(d.bound.incumbent_kept for d in decisions[1:])
 
 
-def test_shallow_ground_voids_the_tour_without_charging_the_budget():
+@pytest.mark.parametrize("saved", [0.0, 1e6])
+def test_shallow_ground_voids_the_tour_and_its_loss_is_charged_to_the_budget(saved):
     def ground(i):
         data = centers(np.random.default_rng(5), 40)
         ahead = np.stack([np.full(9, 60.0), np.linspace(-20, 60, 9)], axis=1)
@@ -131,13 +132,25 @@ def test_shallow_ground_voids_the_tour_without_charging_the_budget():
     straight = Plan.at(0, np.zeros(3), (), 0xF8)
     _travel(planner, 1, ground)
     planner._followed = Followed(straight, planner.rollout.follow(straight))
-    before = planner.records[-1].budget
+    method = planner._method_of("tour")
+    method.budget = saved
     planner.set_centers(ground(2), 10.0)
     planner.decide(15.7)
     record = planner.records[-1]
     assert record.void == "shallow ground"
-    assert record.budget == before
+    assert not record.incumbent_kept
+    assert record.budget == pytest.approx(max(0.0, saved + record.expected_end - record.void_value))
+    assert record.expected_end != record.void_value
     assert np.isnan(record.incumbent_value)
+
+
+def test_a_void_plan_at_the_areas_border_is_not_called_shallow():
+    planner = _planner()
+    _travel(planner, 1, _growing())
+    beyond = Plan.at(0, np.array([0.0, 1e4, 0.0]), (), 0xF8)
+    planner._followed = Followed(beyond, planner.rollout.follow(beyond))
+    s = Situation(planner=planner.planner, now_s=1.0, step=1, state=np.array([0.0, 1e4, 0.0]), last=planner._followed)
+    assert planner._method_of("tour")._void(s) == "border of the area"
 
 
 def test_mates_without_a_plan_are_assumed_to_mow_until_expiry():

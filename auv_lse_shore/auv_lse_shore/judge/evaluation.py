@@ -189,13 +189,14 @@ def _summary(e: Evaluation) -> Summary:
         "isobath_undiscovered_m": e.team_map.undiscovered.expected_m,
         "isobath_undiscovered_limit_m": e.team_map.undiscovered.limit_m,
         **merit.map_risk(e.prior, e.team, e.local, first, e.scored),
-        **merit.positions(run),
+        **merit.positions(run, first),
         **merit.work(run),
         **merit.paper_reward(curves, first.planner.entry.of_paper),
         "risk_third": _at_third(curves.risk),
         "mowing_risk": curves.mowing_risk,
         "flown_risk": curves.flown_risk,
         "alone_risk": e.alone_risk,
+        "void_plans": _void_plans(run) if first.planner.family.bound_of == "map" else None,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run),
     }
     if run.steps < e.planned_steps:  # the bounds are those of a complete mission
@@ -222,6 +223,10 @@ def _promises(run: RunData) -> bool:
     """Whether every first decision has a lower bound above its reward so far; later decisions keep this bound."""
     first = [v.decisions[0] for v in run.vehicles if v.decisions]
     return bool(first) and all(d.lower_bound > d.reward_so_far for d in first)
+
+
+def _void_plans(run: RunData) -> tuple[int, ...]:
+    return tuple(sum(d.void for d in v.decisions) for v in run.vehicles)
 
 
 def _at_third(risk: Array) -> float | None:

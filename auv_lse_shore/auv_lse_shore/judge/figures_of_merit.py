@@ -27,7 +27,13 @@ from auv_lse_shore.judge.certainty import (
 )
 from auv_lse_shore.judge.reliability import Reliability
 from auv_lse_shore.judge.reward import Curves
-from auv_lse_shore.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
+from auv_lse_shore.judge.tracks import (
+    least_separation,
+    navigation_error,
+    path_length_m,
+    time_outside,
+    true_positions,
+)
 from auv_lse_shore.judge.verdict import judge
 
 Array = NDArray[np.float64]
@@ -132,8 +138,9 @@ def against_truth(
     }
 
 
-def positions(run: RunData) -> dict[str, Any]:
-    """Position errors where the truth is known, distances and separation."""
+def positions(run: RunData, settings: PlannerSettings) -> dict[str, Any]:
+    """Position errors where the truth is known, distances, separation, and excursions from the area."""
+    excursions = [time_outside(v, settings.area) for v in run.vehicles]
     navigation = [navigation_error(v) for v in run.vehicles]
     tracked = all(len(n) for n in navigation)
     placed = all(len(v.truth) and len(v.soundings) for v in run.vehicles)
@@ -144,6 +151,8 @@ def positions(run: RunData) -> dict[str, Any]:
         "place_error_m": tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart) if placed else None,
         "distance_m": tuple(path_length_m(v) for v in run.vehicles),
         "min_separation_m": least_separation(run.vehicles),
+        "outside_s": tuple(seconds for seconds, _ in excursions),
+        "outside_max_m": tuple(farthest for _, farthest in excursions),
     }
 
 

@@ -117,6 +117,15 @@ class Summary:
     misclassified_true_positions_m2: float | None = figure("m2", "misclassified_m2 with true positions")
     isobath_error_true_positions_m: float | None = figure("m", "isobath_error_m with true positions")
     distance_m: tuple[float, ...] = figure("m", "per vehicle: distance travelled")
+    void_plans: tuple[int, ...] | None = figure(
+        "",
+        "per vehicle: plans discarded because the map, the area's border or a current made them impossible, or lost in "
+        "a restart; their loss is charged to the bound (methods that plan to the end)",
+    )
+    outside_s: tuple[float, ...] = figure(
+        "s", "per vehicle: time outside the area (true track if simulated, else estimated)"
+    )
+    outside_max_m: tuple[float, ...] = figure("m", "per vehicle: largest distance from the area meanwhile")
     min_separation_m: float | None = figure("m", "least horizontal distance between two vehicles after 60 s")
     soundings: int = figure("", "soundings made by all vehicles")
     samples_received: int = figure("", "samples received from other vehicles, all vehicles together")

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import VehicleRun
 
@@ -39,6 +41,21 @@ def track(vehicle: VehicleRun) -> Array:
 def path_length_m(vehicle: VehicleRun) -> float:
     """Distance (m) along the best known track."""
     return float(np.hypot(*np.diff(track(vehicle)[:, 1:3], axis=0).T).sum())
+
+
+def time_outside(vehicle: VehicleRun, config: AreaConfig) -> tuple[float, float]:
+    """Time (s) outside the area or in a no-go area, and the largest distance (m) from it, by the best known track.
+
+    Ground that is left out because it cannot be reached is not outside.
+    """
+    rows = track(vehicle)
+    if len(rows) == 0:
+        return 0.0, 0.0
+    no_go = {name: flat for name, flat in config.no_go.items() if not name.startswith(UNREACHABLE)}
+    area = OperatingArea(replace(config, no_go=no_go))
+    outside = ~area.contains(rows[:, 1:3])
+    farthest = -area.clearance_m(rows[outside, 1:3])
+    return float(np.diff(rows[:, 0], append=rows[-1, 0])[outside].sum()), float(max(farthest.max(initial=0.0), 0.0))
 
 
 def least_separation(vehicles: list[VehicleRun]) -> float | None:

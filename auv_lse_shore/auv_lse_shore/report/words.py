@@ -23,6 +23,9 @@ MAX_STRETCHES, MIN_STRETCH_M = 3, 10.0
 #: Expected and actual loss are called close if they differ by less than this factor.
 CLOSE = 1.5
 
+#: Losses (cost per place) below this are all called close: the report shows three digits.
+NEGLIGIBLE_LOSS = 5e-4
+
 _REASONS = {
     NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m",
     PLACES_UNCERTAIN: "the vehicles' own positions were uncertain",
@@ -144,7 +147,7 @@ def findings(e: Evaluation) -> list[str]:
 def paragraphs(e: Evaluation) -> list[str]:
     """Whether the bound was met, what wrong calls cost, and what the acoustic link and positions did to the map."""
     s = e.summary
-    return [text for text in (_bound(e), _loss(s), _link(s), _position(s)) if text]
+    return [text for text in (_bound(e), _voids(s), _loss(s), _link(s), _position(s), _outside(e)) if text]
 
 
 def _found(e: Evaluation) -> str:
@@ -204,11 +207,20 @@ def _uncertain(e: Evaluation) -> str:
     }
     reasons = [f"{_m(length)} where {_REASONS[reason]}" for reason, length in lengths.items() if length >= 1.0]
     if not reasons:
-        return "No part of the line remains uncertain."
+        return f"No part of the line remains uncertain{_but_missing(s)}."
     longest = sorted((p for p in e.pieces if p.kind != FOUND), key=lambda p: p.length_m, reverse=True)
     listed = [_stretch(p, e.run.origin) for p in longest[:MAX_STRETCHES] if p.length_m >= MIN_STRETCH_M]
     where = f" Longest stretches: {'; '.join(listed)}." if listed else ""
     return f"Line not found: {'; '.join(reasons)}.{where}"
+
+
+def _but_missing(s: Summary) -> str:
+    """What a line without uncertain parts still lacks; "" if that is less than `MIN_STRETCH_M`."""
+    if s.isobath_found is None or s.isobath_true_m is None:
+        expected = s.isobath_undiscovered_m
+        return "" if expected < MIN_STRETCH_M else f", but {_m(expected)} of isobath is expected to be missing"
+    unfound = (1.0 - s.isobath_found) * s.isobath_true_m
+    return "" if unfound < MIN_STRETCH_M else f", but {_m(unfound)} of the true isobath was not found"
 
 
 def _stretch(piece: Piece, origin: tuple[float, float] | None) -> str:
@@ -254,11 +266,35 @@ def _bound(e: Evaluation) -> str:
     return f"{text} The bound is an expectation over all lakes that the prior allows, so single missions can miss it."
 
 
+def _voids(s: Summary) -> str:
+    count = sum(s.void_plans or ())
+    if not count:
+        return ""
+    plans = "1 plan was" if count == 1 else f"{count} plans were"
+    return (
+        f"{plans} discarded on the way, because the map, the area's border or a current made the next legs impossible. "
+        "What that costs is charged to the bound."
+    )
+
+
+def _outside(e: Evaluation) -> str:
+    s = e.summary
+    if not any(s.outside_s):
+        return ""
+    tracks = "true" if all(len(v.truth) for v in e.run.vehicles) else "estimated"
+    return (
+        f"Vehicles were outside the area for up to {max(s.outside_s):.0f} s, by up to {max(s.outside_max_m):.1f} m "
+        f"({tracks} tracks)."
+    )
+
+
 def _loss(s: Summary) -> str:
     if s.loss_after is None:
         return ""
     verdict = "the two are close"
-    if s.loss_expected > CLOSE * s.loss_after:
+    if max(s.loss_expected, s.loss_after) < NEGLIGIBLE_LOSS:
+        pass
+    elif s.loss_expected > CLOSE * s.loss_after:
         verdict = "the map is conservative"
     elif s.loss_after > CLOSE * s.loss_expected:
         verdict = "the map is overconfident"

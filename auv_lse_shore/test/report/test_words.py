@@ -178,6 +178,33 @@ def test_the_expected_loss_is_compared_with_the_actual_one(synthetic_run, loss, 
     assert words in text_of(judged(synthetic_run, loss_expected=1.0, loss_after=loss))
 
 
+@pytest.mark.parametrize("actual", [1e-6, 0.0])
+def test_losses_that_are_both_negligible_are_called_close(synthetic_run, actual):
+    assert "the two are close" in text_of(judged(synthetic_run, loss_expected=4e-6, loss_after=actual))
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ({"isobath_found": 0.84, "isobath_true_m": 1000.0}, "but 160 m of the true isobath was not found."),
+        ({"isobath_found": None, "isobath_undiscovered_m": 70.0}, "but 70 m of isobath is expected to be missing."),
+        ({"isobath_found": 1.0, "isobath_true_m": 1000.0}, "No part of the line remains uncertain."),
+    ],
+)
+def test_a_line_without_uncertain_parts_is_not_called_complete_while_isobath_is_missing(synthetic_run, known, words):
+    lengths = {"isobath_not_visited_m": 0.0, "isobath_places_uncertain_m": 0.0, "isobath_flat_m": 0.0}
+    assert words in text_of(judged(synthetic_run, **lengths, **known))
+
+
+def test_void_plans_and_time_outside_the_area_are_reported(synthetic_run):
+    text = text_of(judged(synthetic_run, void_plans=(0, 2), outside_s=(0.0, 76.0), outside_max_m=(0.0, 7.5)))
+    assert "2 plans were discarded" in text
+    assert "outside the area for up to 76 s, by up to 7.5 m (true tracks)" in text
+    kept = text_of(judged(synthetic_run, void_plans=(0, 0), outside_s=(0.0, 0.0), outside_max_m=(0.0, 0.0)))
+    assert "discarded" not in kept
+    assert "outside the area" not in kept
+
+
 def test_a_map_without_any_isobath_is_reported(other):
     bare = dataclasses.replace(other.summary, isobath_length_m=0.0)
     kept, other.summary = other.summary, bare

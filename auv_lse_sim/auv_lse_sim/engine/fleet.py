@@ -309,6 +309,7 @@ class Fleet:
                     lower_bound_max=bound.lower_bound_max,
                     wall_s=wall_s,
                     method=bound.method,
+                    void=bool(bound.void),
                 )
             )
 
