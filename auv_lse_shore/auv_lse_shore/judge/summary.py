@@ -117,18 +117,12 @@ class Summary:
     misclassified_true_positions_m2: float | None = figure("m2", "misclassified_m2 with true positions")
     isobath_error_true_positions_m: float | None = figure("m", "isobath_error_m with true positions")
     distance_m: tuple[float, ...] = figure("m", "per vehicle: distance travelled")
-    void_plans: tuple[int, ...] | None = figure(
-        "",
-        "per vehicle: plans discarded because the map, the area's border or a current made them impossible, or lost in "
-        "a restart; their loss is charged to the bound (methods that plan to the end)",
-    )
-    outside_s: tuple[float, ...] = figure(
-        "s", "per vehicle: time outside the area (true track if simulated, else estimated)"
-    )
-    outside_max_m: tuple[float, ...] = figure("m", "per vehicle: largest distance from the area meanwhile")
-    min_separation_m: float | None = figure("m", "least horizontal distance between two vehicles after 60 s")
-    soundings: int = figure("", "soundings made by all vehicles")
-    samples_received: int = figure("", "samples received from other vehicles, all vehicles together")
+    void_plans: tuple[int, ...] | None = figure("", "per vehicle: plans discarded because impossible")
+    outside_s: tuple[float, ...] = figure("s", "per vehicle: time outside the area")
+    outside_max_m: tuple[float, ...] = figure("m", "per vehicle: farthest outside")
+    min_separation_m: float | None = figure("m", "least horizontal distance of vehicles after 60 s")
+    soundings: int = figure("", "soundings of all vehicles")
+    samples_received: int = figure("", "samples received from other vehicles")
     packets_sent: int = figure("", "packets sent by all vehicles")
     packets_received: int = figure("", "receptions by all vehicles (each packet can be received by K - 1)")
     delivery: float | None = figure("", "packets_received / (packets_sent (K - 1)); None for a single vehicle")
