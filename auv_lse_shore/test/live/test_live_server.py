@@ -21,6 +21,7 @@ from tornado.websocket import websocket_connect
 from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.command import main
+from auv_lse_shore.live.sources import running
 from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page
@@ -309,3 +310,15 @@ def test_control_refuses_to_choose_between_missions(monkeypatch, capsys):
     monkeypatch.setattr("auv_lse_shore.live.command.busy_domains", lambda: [41, 42])
     assert main(["--control", "--no-open"]) == 2
     assert "missions in the ROS domains [41, 42]; expected --domain N" in capsys.readouterr().err
+
+
+def test_the_buttons_stay_with_the_first_mission_found(monkeypatch, tmp_path):
+    found = running.RunningMission(80, tmp_path / "80")
+    monkeypatch.setattr(running, "newest_mission", lambda: found)
+    monkeypatch.setattr(running, "busy_domains", lambda: [80, 81])
+    monkeypatch.setattr(running, "run_on", lambda domain: tmp_path / str(domain))
+    commanding = running.MissionFollower(Timeline(), None, None, CommandDesk())
+    watching = running.MissionFollower(Timeline(), None, None)
+    assert commanding._find() == watching._find() == found
+    found = running.RunningMission(81, tmp_path / "81")
+    assert (commanding._find().domain, watching._find().domain) == (80, 81)

@@ -115,3 +115,33 @@ def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
     assert "this machine is Linux on aarch64; ROS 2 from PyPI is for Linux on x86_64 alone" in process.stderr
     assert "install ROS 2 Jazzy" in process.stderr
     assert not (project / ".venv").exists()
+
+
+def test_another_sourced_ros_is_accepted_and_reported_as_untested(tmp_path: Path) -> None:
+    """The fake Python 3.14 of Lyrical has no headers, so setup stops there, after all checks of the ROS version."""
+    project = tmp_path / "p"
+    (project / "scripts").mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    python = tmp_path / "python3"
+    python.write_text(f'#!/bin/sh\ncase "$2" in *version_info*) echo 3.14;; *) echo {tmp_path}/no_headers;; esac\n')
+    python.chmod(0o755)
+    ros = {"ROS_DISTRO": "lyrical", "AMENT_PREFIX_PATH": str(tmp_path), "PYTHON": str(python)}
+    process = subprocess.run(
+        [project / "scripts" / "setup"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **ros},
+        timeout=30,
+        check=False,
+    )
+    assert "this stack was tested with jazzy, not with lyrical" in process.stderr
+    assert process.stderr.count("error:") == 1
+    assert f"{tmp_path}/no_headers/Python.h is missing" in process.stderr
+
+
+@pytest.mark.parametrize("script", ["docs", "setup", "test", "wheels"])
+def test_the_help_of_shell_scripts_lists_their_exit_codes(script: str) -> None:
+    process = subprocess.run([SCRIPTS / script, "--help"], capture_output=True, text=True, timeout=30, check=False)
+    assert process.returncode == 0
+    assert "Exit codes: 0" in process.stdout

@@ -66,7 +66,7 @@ class MissionFollower:
 
         Args:
             timeline: The timeline to fill.
-            domain: ROS domain; None: that of the newest mission on this machine.
+            domain: ROS domain; None: that of the newest mission on this machine; with a desk, that of the first found.
             mission: Mission file; None: the one in the run folder.
             desk: The commands of the page; None: it has none.
         """
@@ -94,7 +94,10 @@ class MissionFollower:
 
     def _find(self) -> RunningMission | None:
         if self._domain is None:
-            return newest_mission()
+            found = newest_mission()
+            if found is not None and self._desk is not None:
+                self._domain = found.domain  # a later mission does not take over the buttons
+            return found
         return RunningMission(self._domain, run_on(self._domain) if self._domain in busy_domains() else None)
 
     def _has_ended(self, found: RunningMission, done: RunningMission | None) -> bool:
