@@ -99,7 +99,7 @@ class Summary:
     unreachable_m2: float = figure("m2", "area left out because vehicles cannot reach it from their starts")
     local_risk: tuple[float, ...] = figure("cost/place", "map risk of each vehicle's own final map")
     alone_risk: tuple[float, ...] = figure(
-        "cost/place", "the same from its own soundings only, without samples from others (over part of the places)"
+        "cost/place", "the same from its own soundings only (over part of the places)"
     )
     local_risk_error: tuple[float, ...] = figure(
         "cost/place", "per vehicle: mean over the map of |own posterior risk - risk given all soundings|"
