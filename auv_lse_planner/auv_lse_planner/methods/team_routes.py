@@ -7,7 +7,7 @@ end.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -79,10 +79,13 @@ class TeamRoutes:
         best = int(np.argmax(np.round(ends, 6)))  # rounded: alike on all machines
         return found[best] if ends[best] > self.lanes_end else []
 
-    def alone_m(self, start_m: Array, legs: int) -> list[Array]:
+    def alone_m(self, start_m: Array, legs: int, deadline: Callable[[], bool] | None = None) -> list[Array]:
         """Routes of a single vehicle over different numbers of nodes, each a polyline (n + 1, 2) of `legs` legs.
 
         Empty for a team, with too many nodes, and without compiled code, which would take minutes.
+
+        Args:
+            deadline: Returns whether to stop, with the routes so far; None: no deadline.
         """
         length_m, area_m2 = legs * self._space.motion.leg_length_m, free_area_m2(self._space)
         if self._settings.mission.vehicles > 1 or not USE_NUMBA or not area_m2 or length_m**2 > MAX_NODES * area_m2:
@@ -90,7 +93,12 @@ class TeamRoutes:
         ground = Ground(self._space)
         weights, usual = self._weights(ground), length_m**2 / area_m2
         counts = sorted({max(2, round(share * usual)) for share in np.linspace(*ALONE_NODES)})
-        return [routes_m(ground, start_m, weights, 1, length_m, count)[0] for count in counts]
+        routes = []
+        for count in counts:
+            if deadline is not None and deadline():
+                break
+            routes.append(routes_m(ground, start_m, weights, 1, length_m, count)[0])
+        return routes
 
     def _weights(self, ground: Ground) -> Array:
         """Prior risk at the ground's places."""

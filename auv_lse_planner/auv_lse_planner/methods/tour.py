@@ -76,8 +76,8 @@ class Tour(Method):
             followed = self._candidates.evaluated(last.plan, last.path, reward)
             reference = followed.value.expected_end
             incumbent = None if void else followed
-        found = Candidates()
-        if due:
+        found = Candidates(deadline_hit=due and incumbent is not None and s.out_of_time)
+        if due and not found.deadline_hit:
             floor = NO_FLOOR if reference is None else reference - self.budget
             found = self._search(TourProblem(s, reward, floor, self._stages), last, heads)
             self._optimized_at = s.step

@@ -180,13 +180,16 @@ class TourCandidates:
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times each."""
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
-        lines_m = self._context.routes.alone_m(s.state[1:], legs)
+        lines_m = self._context.routes.alone_m(s.state[1:], legs, s.deadline)
         starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
         bent = []
         for line_m in [*starts, *lines_m]:
             found = self._finer.improve(self._finer.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
-            path = self._through(problem, found.waypoints_m).path
-            bent.append(self._bent_often(problem, path, self._search, START_BENDS, result))
+            tour = self._through(problem, found.waypoints_m)
+            if found.deadline_hit:
+                result.add(tour, found)
+                return
+            bent.append(self._bent_often(problem, tour.path, self._search, START_BENDS, result))
             if result.deadline_hit:
                 return
         if bent:
@@ -258,7 +261,8 @@ class TourCandidates:
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)
-        return [*found, self._finer.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, s.deadline)]
+        longer = self._finer.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, s.deadline)
+        return [longer] if longer.deadline_hit else [*found, longer]
 
     # ------------------------------------------------------------------ later
 

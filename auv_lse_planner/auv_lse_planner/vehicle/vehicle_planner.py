@@ -226,12 +226,14 @@ class VehiclePlanner:
     def decide(self, now_s: float, deadline: Callable[[], bool] | None = None) -> Decision:
         """Decides the next leg.
 
-        The first call searches the whole mission, with up to 200 legs: about 1 s of processor time for 100 legs, and up
-        to a minute more to compile with numba where its cache is empty. Later calls take 0.05 to 0.3 s.
+        The first call searches the whole mission, with up to 200 legs: 1 s of processor time for 100 legs, 2 s for 200.
+        For a single vehicle it takes 4 s and 20 s. Where numba's cache is empty, compiling adds up to a minute. Later
+        calls take 0.05 to 0.3 s.
 
         Args:
             deadline: Returns whether to stop searching, such as `lambda: time.monotonic() > end_s`; the decision then
-                uses the best path so far. Checked between evaluations, after the first ones; None: no deadline.
+                uses the best path so far. Checked between evaluations of paths, at the earliest after the first one.
+                At most three evaluations follow. None: no deadline, and the decision does not depend on the machine.
 
         Raises:
             ValueError: if there is no odometry or the mission is over. Call it only when `due`.

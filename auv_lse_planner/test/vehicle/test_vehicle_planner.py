@@ -11,6 +11,8 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.online import OnlineGp
+from auv_lse_planner.methods import team_routes
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 
@@ -521,3 +523,62 @@ def test_a_leg_does_not_time_out_because_the_clock_was_wrong_after_a_reboot():
         again.odometry(clock_s + 1.0, *state)
         assert "leg overdue" not in again.problems(clock_s + 5.0)
         assert again._travel.overdue(clock_s + 200.0)
+
+
+class Deadline:
+    """Passes at its n-th check."""
+
+    def __init__(self, checks):
+        self.checks_left = checks
+
+    def __call__(self):
+        self.checks_left -= 1
+        return self.passed
+
+    @property
+    def passed(self):
+        return self.checks_left <= 0
+
+
+@pytest.fixture
+def work_after(monkeypatch):
+    """Counts the evaluations and routes that begin after a deadline, the first element, has passed."""
+    counted = [Deadline(1), 0]
+
+    def counting(owner, name):
+        original = getattr(owner, name)
+
+        def counted_call(*arguments, **options):
+            counted[1] += counted[0].passed
+            return original(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, counted_call)
+
+    for name in ("value", "value_and_gradient", "coarse_value"):
+        counting(AnytimeReward, name)
+    counting(team_routes, "routes_m")
+    return counted
+
+
+@pytest.mark.parametrize(("steps", "vehicles"), [(30, 1), (60, 2), (210, 2)])
+def test_the_first_decision_ends_soon_after_its_deadline(steps, vehicles, work_after, monkeypatch):
+    monkeypatch.setattr(team_routes, "USE_NUMBA", True)
+    for checks in (1, 4, 12, 40, 90):
+        planner = VehiclePlanner(1, settings(steps=steps, vehicles=vehicles), np.random.default_rng(1))
+        planner.odometry(0.0, 0.0, 0.0, 0.0)
+        work_after[:] = [Deadline(checks), 0]
+        bound = planner.decide(0.0, work_after[0]).bound
+        assert bound.deadline_hit == work_after[0].passed
+        assert work_after[1] <= 3, f"deadline at check {checks}"
+
+
+@pytest.mark.parametrize("steps", [40, 210])
+def test_a_later_decision_past_its_deadline_evaluates_the_last_plan_alone(steps, work_after):
+    planner = VehiclePlanner(1, settings(steps=steps, vehicles=2), np.random.default_rng(1))
+    leg = _fly(planner, until=planner.planner.tour_interval)[-1].leg
+    work_after[:] = [Deadline(1), 0]
+    decision = planner.decide(1000.0, work_after[0])
+    assert decision.leg.step == leg.step + 1
+    assert decision.bound.deadline_hit
+    assert decision.bound.incumbent_kept
+    assert work_after[1] <= 1
