@@ -48,7 +48,8 @@ FIRST = 9600
 LEAST_M = 40.0
 #: Figures of a mission's summary that are kept.
 KEPT = ("isobath_error_m", "isobath_found", "risk_third", "risk_after", "loss_expected", "loss_after",
-        "isobath_undiscovered_m", "isobath_undiscovered_limit_m")  # fmt: skip
+        "isobath_undiscovered_m", "isobath_undiscovered_limit_m", "isobath_found_within_m",
+        "isobath_found_error_p95_m")  # fmt: skip
 #: Figures that `scripts/bench missed` prints, and their units.
 UNITS = {"isobath_error_m": "m", "isobath_found": "of all", "risk_after": "", "loss_expected": "", "loss_after": ""}
 #: Columns that are compared in pairs: key, heading, whether as a ratio.
@@ -116,8 +117,9 @@ def table(lines: Sequence[Line]) -> list[str]:
     """Means of each team and variant, then the missions that missed a piece, in Markdown."""
     text = [
         "| ground, vehicles: variant | missions | with a missed piece | pieces | longest (m) | isobath error (m) "
-        "| worst (m) | found | least | final risk | expected loss | true loss | expected / true |",
-        "|---" * 13 + "|",
+        "| worst (m) | found | least | final risk | expected loss | true loss | expected / true "
+        "| 95 % of the line found expected within (m) | actually | worst |",
+        "|---" * 16 + "|",
     ]
     groups: dict[str, list[Line]] = {}
     for line in lines:
@@ -132,7 +134,9 @@ def table(lines: Sequence[Line]) -> list[str]:
             f"{max(_number(line, 'isobath_error_m') for line in group):.1f} | {mean['isobath_found']:.3f} | "
             f"{min(_number(line, 'isobath_found') for line in group):.2f} | {mean['risk_after']:.3f} | "
             f"{mean['loss_expected']:.3f} | {mean['loss_after']:.3f} | "
-            f"{mean['loss_expected'] / max(mean['loss_after'], 1e-9):.2f} |"
+            f"{mean['loss_expected'] / max(mean['loss_after'], 1e-9):.2f} | {mean['isobath_found_within_m']:.1f} | "
+            f"{mean['isobath_found_error_p95_m']:.1f} | "
+            f"{max(_number(line, 'isobath_found_error_p95_m') for line in group):.1f} |"
         )
     text += [
         "",

@@ -110,7 +110,7 @@ def _values(
         "asked": asked,
         "promised": {
             **{f"{kind}_m": round(length_of(final.pieces, kind), 1) for kind in CLASSES},
-            "found_within_m": _rounded(calibration.WIDENED * found_within_m(final.pieces)),
+            "found_within_m": _rounded(found_within_m(final.pieces)),
             "band_sigmas": round(calibration.BAND_SIGMAS, 3),
             "pieces": [_piece(piece, origin) for piece in _sorted(final.pieces)],
         },

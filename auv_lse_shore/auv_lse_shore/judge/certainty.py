@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
 CLASSES = (FOUND, LIKELY, GUESSED)
 
+#: The line's errors are larger than their standard deviation by this factor (docs/evidence/gp.md#the-line-found).
+WIDENED = 1.2
+
 #: Largest horizontal standard deviation (m) of a piece that is found, and of one that is likely.
 MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}
 
@@ -147,12 +150,12 @@ def length_of(pieces: Sequence[Piece], kind: str, reason: str | None = None) -> 
 def found_within_m(pieces: Sequence[Piece]) -> float:
     """Distance (m) that 95 % of the line found is expected to be within of the true isobath; NaN if none is found.
 
-    The line's error at a place is normal, of standard deviation `Piece.std_m`.
+    The line's error at a place is normal, of standard deviation `WIDENED` times `Piece.std_m`.
     """
     stds = [0.5 * (p.std_m[1:] + p.std_m[:-1]) for p in pieces if p.kind == FOUND]
     if not stds:
         return math.nan
-    std = np.maximum(np.concatenate(stds), 1e-6)
+    std = WIDENED * np.maximum(np.concatenate(stds), 1e-6)
     steps = np.concatenate([np.hypot(*np.diff(p.line, axis=0).T) for p in pieces if p.kind == FOUND])
     within = brentq(lambda d: float(np.average(2.0 * ndtr(d / std) - 1.0, weights=steps)) - 0.95, 0.0, 3.0 * std.max())
     return float(within)

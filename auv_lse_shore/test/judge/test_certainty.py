@@ -133,9 +133,9 @@ def test_the_distance_of_the_line_found_is_that_of_its_errors():
     def piece(kind, std_m):
         return certainty.Piece(line=line, kind=kind, reason="", std_m=np.full(2, std_m))
 
-    assert certainty.found_within_m([piece(FOUND, 2.0)]) == pytest.approx(1.96 * 2.0, rel=1e-3)
+    assert certainty.found_within_m([piece(FOUND, 2.0)]) == pytest.approx(1.2 * 1.96 * 2.0, rel=1e-3)
     # half with 1 m, half with 3 m: P(|N(0, 1)| < d) + P(|N(0, 3)| < d) = 1.9
-    assert certainty.found_within_m([piece(FOUND, 1.0), piece(FOUND, 3.0)]) == pytest.approx(4.935, rel=1e-3)
+    assert certainty.found_within_m([piece(FOUND, 1.0), piece(FOUND, 3.0)]) == pytest.approx(1.2 * 4.935, rel=1e-3)
     assert np.isnan(certainty.found_within_m([piece(LIKELY, 2.0)]))
 
 

@@ -354,7 +354,8 @@ def test_variants_are_compared_lake_by_lake():
         figures = {"isobath_error_m": error, "isobath_found": 0.9, "risk_third": 2.0, "risk_after": error / 10.0}
         losses = {"loss_expected": 0.1, "loss_after": 0.2, "isobath_undiscovered_m": 1.0}
         names = {"variant": variant, "vehicles": 3, "lake": lake, "missed_m": missed}
-        return {**names, **figures, **losses, "isobath_undiscovered_limit_m": 2.0}
+        within = {"isobath_found_within_m": 9.0, "isobath_found_error_p95_m": None}
+        return {**names, **figures, **losses, **within, "isobath_undiscovered_limit_m": 2.0}
 
     lines = [line("tour", "1", 2.0, []), line("tour", "2", 4.0, [50.0]), line("joint routes", "2", 5.0, [])]
     text = table(lines)
