@@ -1,8 +1,9 @@
 """A working day: processor time of a leg, by part, in missions of up to thousands of legs, in the fleet engine.
 
 The area grows with the legs of all vehicles, so that coverage is that of the default mission. A mission's cost of a leg
-is that of its last quarter, where the map is largest. Long missions take minutes. A Raspberry Pi 4 is taken to have a
-third of this core's speed; nothing is measured on one.
+is that of its last quarter, where the map is largest. A mission of 200 legs or more also compares it with that of its
+own legs 50 to 100. Long missions take minutes. A Raspberry Pi 4 is taken to have a third of this core's speed; nothing
+is measured on one.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ SMOKE = ((4, 1),)
 #: Area (m^2) for each leg of each vehicle.
 AREA_M2 = 600.0 * 700.0 / 300.0
 PARTS = ("planner", "map", "places", "packets", "world")
+#: Legs of a mission of at least twice as many that its last quarter is compared with.
+EARLY = (50, 100)
 #: Goals: milliseconds of an idle core, and the cost of a leg relative to that of the shortest mission.
 MEAN_MS, LONGEST_MS, FIRST_MS, GROWTH = 100.0, 500.0, 5000.0, 1.3
 
@@ -79,13 +82,14 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
         found["map"] -= found["places"]  # places are corrected while the map takes what came
         return found
 
+    at = (*(EARLY if legs >= 2 * EARLY[1] else ()), 0.75 * legs)
     began = time.process_time()
     while not fleet.finished and fleet.now_s < settings.longest_s:
         fleet.tick()
-        if len(marks) < 1 and fleet.cores[0].planner.decided >= 0.75 * legs:
+        if len(marks) < len(at) and fleet.cores[0].planner.decided >= at[len(marks)]:
             marks.append(spent())
     whole_s, end = time.process_time() - began, spent()
-    late = {part: (end[part] - marks[0][part]) / (0.25 * legs * vehicles) for part in PARTS}
+    late = {part: (end[part] - marks[-1][part]) / (0.25 * legs * vehicles) for part in PARTS}
     cost_s = sum(late[part] for part in PARTS if part != "world")
     size = f"{legs} legs, {vehicles} vehicle{'s' if vehicles > 1 else ''}"
     decisions = times_s["planner"]
@@ -105,6 +109,11 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
         row(f"{size}: discarded soundings", sum(counts), goal="0", holds=not any(counts)),
         row(f"{size}: largest memory of the process so far, all vehicles", memory_mb, "MB"),
     ]
+    if len(at) > 1:
+        early_s = sum(marks[1][part] - marks[0][part] for part in PARTS if part != "world")
+        early_s /= (EARLY[1] - EARLY[0]) * vehicles
+        rows.append(row(f"{size}: a leg in the last quarter, of the same mission", 1e3 * cost_s, "ms",
+                        f"its legs {EARLY[0]} to {EARLY[1]}", cost_s / early_s))  # fmt: skip
     recording = size_of(settings)
     rows.append(row(f"{size}: recording, estimated", recording.mission_mb, "MB", goal="<= 400 MB for 3,600 legs",
                     holds=recording.mission_mb <= 400.0 * max(1.0, legs * vehicles / 3600.0)))  # fmt: skip

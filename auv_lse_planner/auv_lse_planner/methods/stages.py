@@ -36,8 +36,8 @@ MAX_WHOLE_LEGS = 200
 STAGE_LEGS, RENEW_LEGS = 150, 40
 #: Largest number of segments of the tour that stands for the rest in a packet, and their smallest length in legs.
 REST_SEGMENTS, REST_SEGMENT_LEGS = 30, 4
-#: Largest numbers of the map's cells and of a path's legs for which the naive paths are compared.
-COMPARED_CELLS, COMPARED_LEGS = 1500, 300
+#: Largest numbers of the map's cells, of a path's legs, and of the team's legs for which the naive paths are compared.
+COMPARED_CELLS, COMPARED_LEGS, COMPARED_TEAM_LEGS = 1500, 300, 1500
 
 
 class Stages:
@@ -157,7 +157,7 @@ class Stages:
         """The best naive path over the mission, and its expected drop of risk, from some of its legs and cells."""
         context, number = self._context, self._context.vehicle - 1
         legs = self._steps - s.step
-        every = math.ceil(legs / COMPARED_LEGS)
+        every = math.ceil(legs * max(1 / COMPARED_LEGS, context.settings.mission.vehicles / COMPARED_TEAM_LEGS))
         grid = context.map_grid
         apart = math.ceil(math.sqrt(int(grid.inside.sum()) / COMPARED_CELLS))
         chosen = np.zeros_like(grid.inside)

@@ -76,6 +76,23 @@ def test_first_plan_is_expected_to_end_as_the_best_naive_path():
     assert bound.expected_end >= bound.incumbent_value
 
 
+def test_naive_paths_of_a_large_team_are_compared_at_few_of_its_legs(monkeypatch):
+    compared, value = [], stages.AnytimeReward.value
+
+    def spy(self, places_m):
+        compared.append(self.legs)
+        return value(self, places_m)
+
+    monkeypatch.setattr(stages, "COMPARED_TEAM_LEGS", STEPS)
+    monkeypatch.setattr(stages.AnytimeReward, "value", spy)
+    parameters = settings({"method": "tour"}, 5, STEPS)
+    planner = VehiclePlanner(1, parameters, np.random.default_rng(1))
+    v = planner.settings.vehicle
+    planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
+    _decide(planner, 0)
+    assert compared[0] == -(-STEPS // 5)
+
+
 def test_short_mission_has_no_stages():
     planner = _planner(STEPS - 1)
     _decide(planner, 0)
