@@ -88,6 +88,11 @@ class AutopilotPort:
             self.connection.write(datagram, steady_s)
         return list(self._events())
 
+    def add_altitude(self, altitude: Altitude) -> None:
+        """Adds a height over ground, of the autopilot or of another sensor, to the soundings."""
+        if self._sounder is not None:
+            self._sounder.altitude(altitude.stamp_s, altitude.altitude_m)
+
     def close(self, now_s: float, steady_s: float) -> list[Event]:
         """Closes the endpoint; `now_s` is not used."""
         self.connection.close(steady_s, CLOSING)
@@ -109,8 +114,8 @@ class AutopilotPort:
                 yield Problem(text=f"link.endpoint: {self._reported}; trying again")
         for event in self.link.events():
             yield event
-            if self._sounder is not None and isinstance(event, Altitude):
-                self._sounder.altitude(event.stamp_s, event.altitude_m)
+            if isinstance(event, Altitude):
+                self.add_altitude(event)
             elif self._sounder is not None and isinstance(event, AutopilotEstimate):
                 yield from self._soundings(self._sounder, event)
 

@@ -16,6 +16,7 @@ from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.packet.key import read_key
+from auv_lse_mavlink.dvl_node import listen_to_dvl
 from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import origin_of
@@ -62,9 +63,14 @@ class VehicleLinkNode(DriverNode):
         self._pressure = self.publisher("pressure")
         if config.soundings:
             self._sounding = self.publisher("sounding")
+        listen_to_dvl(self, self._on_dvl)
         self.listen("waypoint", self._on_waypoint)
         self.listen("mission/state", self._on_state)
         self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
+
+    def _on_dvl(self, altitude: events.Altitude) -> None:
+        self._autopilot.add_altitude(altitude)
+        self._altitude.publish(altitude)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self._waypoints += 1

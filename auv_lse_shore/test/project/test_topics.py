@@ -22,8 +22,9 @@ from auv_lse_shore.reference_pages.tables import nodes
 
 ROOT = Path(__file__).resolve().parents[3]
 
-#: Subscriptions that the table does not list: they read whatever topic there is, or watch from outside.
-READ_ALONG = {"mission_node", "recorder_node", "sim_status_node", "watch_node"}
+#: Subscriptions that the table does not list: they read whatever topic there is, watch from outside,
+#: or need a message package that may be missing.
+READ_ALONG = {"dvl_node", "mission_node", "recorder_node", "sim_status_node", "watch_node"}
 
 
 def strings(node: ast.AST) -> str:
