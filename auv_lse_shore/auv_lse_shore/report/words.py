@@ -80,6 +80,8 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
     """One sentence if a mission ended before its last step, else none."""
     if s.steps >= planned_steps:
         return []
+    if not s.steps:
+        return ["No legs are recorded: this is a survey, or the mission did not begin."]
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
         "same part of a lawnmower mission."
