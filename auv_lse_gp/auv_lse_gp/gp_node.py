@@ -40,7 +40,9 @@ class GpNode(VehicleNode):
         self._map = DepthMap(config, level_set, OperatingArea(area))
         places = places_of(self.parameters, self.where)
         self._intake = MapIntake(self._map, corrector_for(self.vehicle, places, self._map))
-        self._maps = Periodic(config.publish_period_s)
+        self._maps = Periodic(self._map.publish_period_s)
+        self._reports = Periodic(config.publish_period_s)
+        self._maps_took_s = 0.0
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
         self._revisions = 0  # number of revisions published, which count from 0
         self._places = 0  # number of corrected positions published
@@ -82,6 +84,9 @@ class GpNode(VehicleNode):
         if self._maps.is_due(now_s):
             self._maps.done(now_s)
             self._publish_maps(now_s)
+        if self._reports.is_due(now_s):
+            self._reports.done(now_s)
+            self._publish_health(now_s)
 
     def _publish_maps(self, now_s: float) -> None:
         began = time.perf_counter()
@@ -91,10 +96,15 @@ class GpNode(VehicleNode):
         isobath = self._map.isobath()
         for index in range(len(MARKERS)):
             self._isobath.publish((now_s, index, isobath, level_set.level_m))
-        took_s, intake = time.perf_counter() - began, self._intake
+        self._maps_took_s = time.perf_counter() - began
+
+    def _publish_health(self, now_s: float) -> None:
+        intake = self._intake
         recent = self._recent.of(now_s, map_totals(self._map, intake.gate.counts))
         quiet_s = now_s - intake.sounded_s
-        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.corrector, quiet_s)
+        health = map_health(
+            self._map, self._update_s, self._maps_took_s, intake.gate.counts, recent, intake.corrector, quiet_s
+        )
         self.publish_health(now_s, health)
 
 

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one place along it.
 BAND_PROBABILITY = 0.95
+#: Number of cells beyond which a map is published less often.
+MANY_CELLS = 50_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -124,6 +126,11 @@ class DepthMap:
     def revision(self) -> int:
         """Changes whenever the map does."""
         return self.gp.revision
+
+    @property
+    def publish_period_s(self) -> float:
+        """Time (s) between published maps: `gp.publish_period_s`, beyond `MANY_CELLS` in proportion to the cells."""
+        return self.gp.config.publish_period_s * max(1.0, len(self._places_m) / MANY_CELLS)
 
     def add_soundings(self, soundings: Soundings | ArrayLike) -> list[Outcome | None]:
         """Takes the vehicle's own soundings, in the order of their stamps.

@@ -183,3 +183,11 @@ def test_contours_of_a_cone():
     assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
     assert lines[0][0].tolist() == lines[0][-1].tolist()
     assert contours(grid, np.full(grid.inside.shape, np.nan), 50.0) == []
+
+
+@pytest.mark.parametrize(("side_m", "factor"), [(500.0, 1.0), (2000.0, 3.2)])
+def test_large_map_is_published_less_often(side_m, factor):
+    polygon = (0.0, 0.0, side_m, 0.0, side_m, side_m, 0.0, side_m)
+    area = OperatingArea(AreaConfig(polygon_m=polygon))
+    made = DepthMap(GpConfig(publish_period_s=10.0, map_resolution_m=5.0), LevelSet(), area)
+    assert made.publish_period_s == pytest.approx(10.0 * factor, rel=0.01)
