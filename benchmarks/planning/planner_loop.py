@@ -7,7 +7,7 @@ The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -175,14 +175,21 @@ def _send(boats: list[_Boat], index: int, now_s: float, loss: float, channel: np
             receiver.gp.add(*sample)
 
 
-def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Outcome:
-    area = OperatingArea(settings.area)
-    grid = area.grid(5.0)
+def judged_map(
+    settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, float, float, float]], third_s: float
+) -> tuple[dict[str, float], OnlineGp]:
+    """Figures of the map of all soundings, on a 5 m grid: those of `Outcome` that concern it; and the map.
+
+    Args:
+        settings: Of the mission.
+        ground: The true ground.
+        rows: Soundings in order of time: time (s), north, east and depth (m).
+        third_s: Time of a third of the mission.
+    """
+    grid = OperatingArea(settings.area).grid(5.0)
     places = grid.places_m
     truth = np.asarray(ground.depth_m(places[:, 0], places[:, 1]))
     known = np.isfinite(truth)
-    third_s = settings.mission.steps / 3.0 * boats[0].planner.motion.leg_length_m / settings.vehicle.speed_mps
-    rows = sorted(row for boat in boats for row in boat.soundings)
     gp = OnlineGp(settings.gp)
     risks = []
     level = LevelSet.of(settings.level_set)
@@ -199,23 +206,34 @@ def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Out
     both = int(called.sum() + is_safe.sum())
     estimate = trace(grid.north_m, grid.east_m, grid.fill(mean), level.level_m)
     exact = trace(grid.north_m, grid.east_m, grid.fill(truth), level.level_m)
+    wrong = np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe)
+    figures = {
+        "risk_third": risks[0],
+        "risk_end": risks[1],
+        "true_loss": float(np.mean(wrong)),
+        "f1": 2 * hits / both if both else float("nan"),
+        "isobath_m": compare(estimate, exact).mean_m,
+    }
+    return figures, gp
+
+
+def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Outcome:
+    leg_m = boats[0].planner.motion.leg_length_m
+    rows = sorted(row for boat in boats for row in boat.soundings)
+    third_s = settings.mission.steps / 3.0 * leg_m / settings.vehicle.speed_mps
+    figures, gp = judged_map(settings, ground, rows, third_s)
+    level = LevelSet.of(settings.level_set)
     visited = np.array([p for boat in boats for p in boat.visited]).reshape(-1, 2)
     m, s = gp.predict(visited)
     prior = OnlineGp(settings.gp).predict(visited)
     wall = np.array([w for boat in boats for w in boat.wall_s])
     records = [boat.planner.records for boat in boats]
     return Outcome(
-        risk_third=risks[0],
-        risk_end=risks[1],
-        true_loss=float(
-            np.mean(np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe))
-        ),
-        f1=2 * hits / both if both else float("nan"),
-        isobath_m=compare(estimate, exact).mean_m,
+        **figures,
         team_reward=float((level.risk(*prior) - level.risk(m, s)).sum()),
         wall_ms=1e3 * float(np.mean(wall[1:])),
         wall_max_ms=1e3 * float(np.max(wall[1:])),
-        travelled_m=sum(len(r) for r in records) * boats[0].planner.motion.leg_length_m,
+        travelled_m=sum(len(r) for r in records) * leg_m,
         kept_share=float(np.mean([r.incumbent_kept for rs in records for r in rs])),
         records=records,
         boats=boats,

@@ -19,6 +19,7 @@ from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import __main__ as bench
 from benchmarks import vehicle
 from benchmarks.command import end_with
+from benchmarks.planning import peer
 from benchmarks.planning.missed import missed_m, pairs, table
 from benchmarks.rows import KEYS
 
@@ -363,3 +364,35 @@ def test_variants_are_compared_lake_by_lake():
     assert "| 3, 2: tour | 50 | 4.0 |" in text[-1]
     assert "| 3: joint routes | 1 | +1.00 (" in pairs(lines)[-1]
     assert "+25 %" in pairs(lines)[-1]
+
+
+def test_a_path_given_by_waypoints_is_flown_and_judged_like_a_mission():
+    ground = SyntheticLake(LakeConfig(seed=3, height_m=400.0, width_m=500.0, north_m=180.0, east_m=230.0))
+    lanes = np.array([[0.0, 0.0], [360.0, 30.0], [360.0, 230.0], [0.0, 230.0], [0.0, 430.0], [360.0, 430.0]])
+    crossed = peer.steered(lanes, ground, 3)
+    stayed = peer.steered(np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 60.0], [0.0, 60.0], [0.0, 0.0]] * 9), ground, 3)
+    assert tuple(crossed) == tuple(peer.FIGURES)
+    assert crossed["risk_end"] < 0.6 * stayed["risk_end"]
+    assert crossed["risk_end"] < crossed["risk_third"]
+
+
+def test_the_peers_table_pairs_the_missions_of_a_lake():
+    lines = [
+        {"kind": "valley", "method": method, "lake": lake, **dict.fromkeys(peer.FIGURES, risk)}
+        for method, lake, risk in (
+            ("tour", "1", 0.5), ("tour", "2", 0.9), ("tour", "3", 9.0),
+            ("peer, seed 1", "1", 1.0), ("peer, seed 1", "2", 2.0),
+        )
+    ]  # fmt: skip
+    table = peer.table(lines)
+    assert "| valley: tour | 3 | 3.47 |" in table
+    assert "| -52 % (-84 to -21; worst -50) |" in table
+
+
+def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(peer, "PEER", str(tmp_path / "no-such-package"))
+    monkeypatch.setattr(peer.venv, "create", lambda folder, **_: (folder / "bin").mkdir(parents=True))
+    monkeypatch.setattr(peer, "installer", lambda _: [sys.executable, "-m", "pip", "install", "-q"])
+    with pytest.raises(SystemExit, match="no-such-package could not be installed into"):
+        peer.environment(tmp_path / "env")
+    assert not (tmp_path / "env" / "peer-installed").exists()
