@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(spec: CampaignSpec, folder: Path) -> int:
-    have = Rows(folder, columns_of(spec)).statuses() if (folder / "rows").is_dir() else {}
+    have = Rows(folder, columns_of(spec)).statuses()
     for job in spec.jobs():
         print(f"{job.id}  {have.get(job.id, '-'):6}  seed {job.seed:<5} {job.group}")
     return 0

@@ -100,11 +100,10 @@ class Rows:
     """The rows of one campaign's folder."""
 
     def __init__(self, folder: Path, columns: pyarrow.Schema) -> None:
-        """Opens (or makes) the folder."""
+        """Opens the folder; the first row makes it if it is missing."""
         self.folder = folder / "rows"
         self.table_file = folder / "results.parquet"
         self._columns = columns
-        self.folder.mkdir(parents=True, exist_ok=True)
 
     def write(self, row: Mapping[str, Any]) -> Path:
         """Writes one row; missing columns are null."""
@@ -112,6 +111,7 @@ class Rows:
             name: [_fit(row.get(name), kind)]
             for name, kind in zip(self._columns.names, self._columns.types, strict=True)
         }
+        self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / f"{row['id']}.parquet"
         part = path.with_suffix(f".{os.getpid()}.part")
         pyarrow.parquet.write_table(pyarrow.table(values, schema=self._columns), part)

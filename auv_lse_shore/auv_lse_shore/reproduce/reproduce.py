@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
         help="campaigns to simulate (default: all)",
     )
     add_cluster_options(p)
-    p.add_argument("--estimate", action="store_true", help="estimate the time that it will take, and exit")
+    p.add_argument("--estimate", action="store_true", help="only estimate the time; write nothing")
     p.add_argument("--page", action="store_true", help="write the page from the missions simulated so far, and exit")
     return p
 
@@ -93,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
         if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
             raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
-        make_folder(folder)
+        if not options.estimate:
+            make_folder(folder)
         states: dict[str, CampaignState] = {}
         if options.page:
             flown = examples(study, folder, None)

@@ -20,8 +20,10 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
 
     A setting with rows takes their mean time. For the others a tenth of a mission is simulated, and counts tenfold.
     """
+    from distributed import as_completed
+
     total = 0.0
-    probes: dict[tuple[str, str], list[Any]] = {}
+    probes: dict[tuple[str, str], Any] = {}
     left: dict[tuple[str, str], int] = {}
     for name, spec in study.selected.items():
         rows = Rows(folder / name, columns_of(spec)).read()
@@ -40,10 +42,10 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
                 short = max(2, int(common["mission"]["steps"]) // 10)
                 probe = json.loads(json.dumps(job.patterns))
                 probe["/**"]["mission"]["steps"] = short
-                future = client.submit(_probe_s, probe, common["mission"]["steps"] / short, pure=False)
-                probes[kind] = [future]
-    for kind, futures in probes.items():
-        total += left[kind] * sum(client.gather(futures))
+                probes[kind] = client.submit(_probe_s, probe, common["mission"]["steps"] / short, pure=False)
+    kinds = {future.key: kind for kind, future in probes.items()}
+    for future in as_completed(probes.values()):  # interrupted, `gather` logs a traceback
+        total += left[kinds[future.key]] * future.result()
     return total / threads
 
 

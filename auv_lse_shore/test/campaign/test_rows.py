@@ -33,6 +33,7 @@ def test_an_empty_row_file_is_put_aside(tmp_path):
     spec = spec_of(tmp_path, seeds=2)
     rows = Rows(tmp_path, columns_of(spec))
     first, second = spec.jobs()
+    rows.folder.mkdir()
     (rows.folder / f"{first.id}.parquet").write_bytes(b"")
     empty = pyarrow.table({name: [] for name in columns_of(spec).names}, schema=columns_of(spec))
     pyarrow.parquet.write_table(empty, rows.folder / f"{second.id}.parquet")

@@ -1,7 +1,10 @@
 """The reproduction of the paper in miniature."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -59,11 +62,49 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
     assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
 
 
-def test_an_estimate_of_the_small_version_simulates_nothing(tmp_path, monkeypatch, capsys, client):
+def test_an_estimate_of_the_small_version_simulates_and_writes_nothing(tmp_path, monkeypatch, capsys, client):
     monkeypatch.setattr(reproduce, "run_study", lambda *_: pytest.fail("simulates"))
     scheduler = ["--scheduler", client.scheduler.address]
-    assert main(["--quick", "--estimate", *scheduler, "--out", str(tmp_path)]) == 0
+    assert main(["--quick", "--estimate", *scheduler, "--out", str(tmp_path / "r")]) == 0
     assert "about 3 min on 2 cores" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_during_an_estimate_ends_without_a_traceback_and_without_a_folder(tmp_path):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED)
+    path = os.pathsep.join(sys.path)
+    command = [sys.executable, str(script), "--estimate", "--workers", "1", "--out", str(tmp_path / "r")]
+    environment = {**os.environ, "PYTHONPATH": path}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert process.returncode == 130, process.stderr
+    assert "Run the same command again to continue" in process.stderr
+    assert "Traceback" not in process.stderr
+    assert not (tmp_path / "r").exists()
+
+
+#: A command with missions that last; the first one interrupts it.
+INTERRUPTED = """
+import contextlib, gc, os, signal, sys, time
+from pathlib import Path
+
+from auv_lse_shore.reproduce import reproduce, study_runner
+
+COMMAND, BEGUN = os.getpid(), __file__ + ".begun"
+
+def probe_s(*_):
+    with contextlib.suppress(FileNotFoundError):
+        os.remove(BEGUN)
+        os.kill(COMMAND, signal.SIGINT)
+    time.sleep(60.0)
+
+if __name__ == "__main__":
+    Path(BEGUN).touch()
+    study_runner._probe_s = probe_s
+    code = reproduce.main(sys.argv[1:])
+    gc.collect()  # asyncio reports a task's unseen error when the task is deleted
+    sys.exit(code)
+"""
 
 
 def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
