@@ -13,6 +13,7 @@ from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCER
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.lawnmower import covers_strips
+from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_PLACE, EXPECTED_LOSS, MAP_RISK
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.report.map_marks import degrees
 from auv_lse_shore.report.page import number
@@ -35,12 +36,12 @@ _REASONS = {
 
 def headlines(s: Summary, planned_steps: int) -> list[str]:
     """The main figures of a mission of `planned_steps` steps, one line each."""
-    loss = "" if s.loss_after is None else f", actual {s.loss_after:.3f}"
+    loss = "" if s.loss_after is None else f", {ACTUAL_LOSS} {s.loss_after:.3f}"
     lines = [
         *ended_early(s, planned_steps),
         *opening(s),
-        f"map risk: {s.risk_before:.3f} -> {s.risk_after:.3f} (cost per place){_bound_in_brief(s)}",
-        f"expected loss {s.loss_expected:.3f}{loss} (cost per place)",
+        f"{MAP_RISK}: {s.risk_before:.3f} -> {s.risk_after:.3f} ({COST_PER_PLACE}){_bound_in_brief(s)}",
+        f"{EXPECTED_LOSS} {s.loss_expected:.3f}{loss} ({COST_PER_PLACE})",
         *([_unreachable(s)] if s.unreachable_m2 else []),
     ]
     if s.method in PAPER_METHODS:
@@ -125,13 +126,13 @@ def cards(e: Evaluation) -> list[tuple[str, str]]:
 
 def quality_cards(s: Summary) -> list[tuple[str, str]]:
     """The main measures of map and acoustic link, as pairs of a value and its meaning."""
-    lawnmower = "lawnmower bound on map risk" if s.map_bound_promised else "map risk expected of a lawnmower"
+    lawnmower = f"lawnmower bound on {MAP_RISK}" if s.map_bound_promised else f"{MAP_RISK} expected of a lawnmower"
     risk = f"{_three(s.risk_before)} → {_three(s.risk_after)}"
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
-        (s.risk_after, lambda _: risk, "map risk before → after (cost per place)"),
+        (s.risk_after, lambda _: risk, f"{MAP_RISK} before → after ({COST_PER_PLACE})"),
         (s.mowing_risk, _three, lawnmower),
-        (s.loss_expected, _three, "expected loss (cost per place)"),
-        (s.loss_after, _three, "actual loss (cost per place)"),
+        (s.loss_expected, _three, f"{EXPECTED_LOSS} ({COST_PER_PLACE})"),
+        (s.loss_after, _three, f"{ACTUAL_LOSS} ({COST_PER_PLACE})"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
     ]
     return _known(rows)

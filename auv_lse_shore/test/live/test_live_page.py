@@ -47,6 +47,7 @@ def test_it_shows_the_mission_and_reports_no_error(browser):
     at(browser, 200.0)
     assert text(browser, "title") == "a run"
     assert text(browser, "map-title") == "Map of auv1, 15 m isobath"
+    assert text(browser, "risk-title") == "Expected loss of each map (cost per place)"
     assert text(browser, "state") == "recording"
     assert browser.ask("document.querySelectorAll('.vehicle').length") == 2
     assert "12 of 30" in text(browser, "vehicles")

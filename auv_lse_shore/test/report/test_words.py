@@ -49,7 +49,7 @@ def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     assert f"{s.isobath_undiscovered_limit_m:,.0f} m with 95 % probability" in missing
     assert f"(actually {(1.0 - s.isobath_found) * s.isobath_true_m:,.0f} m)" in missing
     assert f"map risk: {s.risk_before:.3f} -> 0.500 (cost per place); a lawnmower was expected to reach 0.600" in risk
-    assert loss == f"expected loss {s.loss_expected:.3f}, actual {s.loss_after:.3f} (cost per place)"
+    assert loss == f"expected loss {s.loss_expected:.3f}, actual loss {s.loss_after:.3f} (cost per place)"
     assert packets.startswith("packets: ")
 
 

@@ -110,6 +110,8 @@ function describeMission() {
   const { facts } = store, n = facts.vehicles.length;
   setText($("title"), facts.name);
   document.title = `${facts.name} · live view`;
+  setText($("risk-name"), facts.names.expected_loss);
+  setText($("risk-unit"), facts.names.cost_per_place);
   const status = store.at("status", "", player.t);
   const speed = status && source.growing ? ` · ${number(status.speed, status.speed < 10 ? 1 : 0)} × real time` : "";
   setText($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
