@@ -95,14 +95,14 @@ def compared(flown: dict[str, Any], asked_m: float) -> dict[str, Any]:
     return {**result, "mown_m": None}
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Prints a comparison for each mission of three vehicles."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.until", description=__doc__)
     parser.add_argument(
         "--flights", type=existing_file, required=True, help="missions of benchmarks.planning.undiscovered"
     )
     parser.add_argument("--asked", type=float, default=200.0, help="95 %% limit of undiscovered isobath (m)")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     for flown in read(options.flights):
         if flown["vehicles"] == 3 and flown["kind"] != "real":
             print(json.dumps(compared(flown, options.asked)), flush=True)
