@@ -23,6 +23,8 @@ from auv_lse_common.process.processes import LaunchError, Process, end
 pytestmark = pytest.mark.ros
 
 MODEM = Process(package="auv_lse_comms", executable="modem_node", namespace="/auv1")
+#: A command that runs until it is ended: a node without its mission's parameters refuses them and ends at once.
+RUNS = ["modem_node", "--ros-args", "-r", "__ns:=/auv7", "-p", "mission.vehicles:=7", "-p", "mission.steps:=6"]
 
 
 def _command_line(pid: int) -> list[str]:
@@ -39,10 +41,9 @@ def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> N
         assert refused.wait(30.0) == 2
         assert "expected one that ends in the vehicle's number" in (tmp_path / "refused.log").read_text()
 
-        command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
-        running, killed = (server.start(MODEM, command, tmp_path / f"{n}.log") for n in "ab")
+        running, killed = (server.start(MODEM, RUNS, tmp_path / f"{n}.log") for n in "ab")
         until = time.monotonic() + 10.0
-        while (shown := _command_line(running.pid)) != command:  # its first deed, a moment after the fork
+        while (shown := _command_line(running.pid)) != RUNS:  # its first deed, a moment after the fork
             assert time.monotonic() < until, f"ps shows {shown}; expected what ros2 run would show"
         assert os.getpgid(running.pid) == running.pid, "it leads a group of its own"
         os.kill(killed.pid, signal.SIGKILL)
@@ -52,7 +53,7 @@ def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> N
             running.wait(0.01)
         end([running])
         assert running.poll() is not None
-        last = server.start(MODEM, command, tmp_path / "c.log")
+        last = server.start(MODEM, RUNS, tmp_path / "c.log")
         assert last.pid
     finally:
         server.close()
@@ -71,7 +72,7 @@ def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:
         assert early is not None
         assert server._server is early
         assert fork_server._early is None, "the next one has a process of its own"
-        running = server.start(MODEM, ["modem_node", "--ros-args", "-r", "__ns:=/auv7"], tmp_path / "a.log")
+        running = server.start(MODEM, RUNS, tmp_path / "a.log")
         assert int(Path(f"/proc/{running.pid}/stat").read_text().rpartition(")")[2].split()[1]) == early.pid
         assert os.readlink(f"/proc/{early.pid}/fd/2") == str(tmp_path / "server.log")
     finally:
@@ -85,8 +86,7 @@ def test_missing_process_is_named(tmp_path: Path) -> None:
 
 
 def test_keeper_restarts_everything_when_the_fork_server_dies(tmp_path: Path) -> None:
-    command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
-    task = Task(name="auv7.modem_node", command=lambda starts: command, node=MODEM)
+    task = Task(name="auv7.modem_node", command=lambda starts: RUNS, node=MODEM)
     keeper = ProcessKeeper([task], tmp_path, {**os.environ, "ROS_DOMAIN_ID": "103"}, lambda text: None)
     now_s = 0.0
     try:
