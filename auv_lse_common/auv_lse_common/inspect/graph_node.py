@@ -18,12 +18,21 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.process.domain import RANGE_VARIABLES, domains_with_participants
+
 #: Discovery is complete when the graph has not changed for `_QUIET_S` and every participant has had time to announce
 #: itself: by default they do so every 3 s. What a command asks for by name may be found earlier, after `_LEAST_S`.
 _QUIET_S, _LEAST_S, _ANNOUNCED_S, _MOST_S = 0.5, 1.0, 3.2, 4.2
 #: rmw's name of a node whose participant is known and whose name has not arrived.
 _UNNAMED = "_NODE_NAME_UNKNOWN_"
 _ANSWER_S = 5.0
+#: What `ROS_AUTOMATIC_DISCOVERY_RANGE` finds, by value.
+_RANGES = {
+    "SUBNET": "nodes of this subnet",
+    "LOCALHOST": "only nodes of this machine",
+    "OFF": "no node of another process",
+    "SYSTEM_DEFAULT": "what the DDS profile allows",
+}
 
 
 class GraphError(RuntimeError):
@@ -63,6 +72,7 @@ class Graph:
 
     Attributes:
         missing: What the discovery still waited for when its time was over; "" if it is complete.
+        took_s: Duration (s) of the discovery.
     """
 
     def __init__(self, spin_s: float | None = None, wanted: str = "", at_once: bool = False) -> None:
@@ -74,7 +84,7 @@ class Graph:
             at_once: Whether entering the context does not discover; the caller calls `discover`.
         """
         self._spin_s, self._wanted, self._at_once = spin_s, wanted, at_once
-        self.missing = ""
+        self.missing, self.took_s = "", 0.0
 
     def __enter__(self) -> Graph:
         """Joins the domain and discovers the nodes; the caller keeps handling Ctrl-C."""
@@ -112,6 +122,7 @@ class Graph:
             if found != seen:
                 seen, changed = found, now
             took_s, is_changing = now - began, now - changed < _QUIET_S
+            self.took_s = took_s
             if spin_s is None and took_s >= _LEAST_S and not is_changing:
                 if self._wanted and (self._wanted in nodes or self._wanted in topics):
                     return
@@ -203,6 +214,23 @@ class Graph:
         names = [f"{space.rstrip('/')}/{name}" for name, space in found if hidden or not name.startswith("_")]
         return sorted(names)
 
+    def require_nodes(self) -> None:
+        """Checks that a list has something to show.
+
+        Raises:
+            GraphError: if the domain has no other node, with what to check.
+        """
+        if self._unnamed() or any(name != f"/{self.node.get_name()}" for name in self.nodes(hidden=True)):
+            return
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        others = ", ".join(str(used) for used in domains_with_participants() if str(used) != domain)
+        used = f" (nodes of this machine use {others}: --domain N)" if others else ", else pass --domain N"
+        raise GraphError(
+            f"no other node in ROS domain {domain} after {self.took_s:.1f} s. Check that the nodes run, that their "
+            f"ROS_DOMAIN_ID is {domain}{used}, and that DDS reaches them: {discovery_range()}. "
+            "--spin-time 10 waits longer"
+        )
+
     def node_topics(self, name: str) -> dict[str, list[tuple[str, tuple[str, ...]]]]:
         """Topics and services of a node: {heading: [(name, types)]}.
 
@@ -270,6 +298,14 @@ class Graph:
             self._executor.spin_once(timeout_sec=0.1)
         self.node.destroy_client(client)
         return future.result()
+
+
+def discovery_range() -> str:
+    """What this environment lets DDS discover."""
+    chosen = [f"{name}={os.environ[name]}" for name in RANGE_VARIABLES[1:] if os.environ.get(name)]
+    wanted = os.environ.get(RANGE_VARIABLES[0], "")
+    name = f"{RANGE_VARIABLES[0]}={wanted}" if wanted else f"{RANGE_VARIABLES[0]}, which is not set,"
+    return ", ".join([f"{name} finds {_RANGES.get(wanted or 'SUBNET', 'an unknown range')}", *chosen])
 
 
 def mismatches(publishers: Sequence[Endpoint], subscriptions: Sequence[Endpoint]) -> list[str]:

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/nodes",
         description="Inspects running nodes, as `ros2 node` does, on machines without that command.",
-        epilog="Exit codes: 0; 1 a node does not exist; 2 a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0; 1 a node does not exist, or there is none to list; 2 a wrong command line; 130 Ctrl-C.",
     )
     commands = add_commands(p)
     c = commands.add_parser("list", help="names of the nodes")
@@ -39,6 +39,8 @@ def run_list(options: argparse.Namespace, graph: Any) -> int:
     names = graph.nodes(options.all)
     if options.count_nodes:
         print(len(names))
+    graph.require_nodes()
+    if options.count_nodes:
         return 0
     for name in names:
         print(name)

@@ -24,8 +24,8 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/params",
         description="Inspects and sets the parameters of running nodes, as `ros2 param` does, on machines without "
         "that command. docs/guide/tuning.md lists those that may change while a node runs.",
-        epilog="Exit codes: 0; 1 a node or parameter does not exist, or a value is refused; 2 a wrong command line; "
-        "130 Ctrl-C.",
+        epilog="Exit codes: 0; 1 a node or parameter does not exist, there is none to list, or a value is refused; 2 a "
+        "wrong command line; 130 Ctrl-C.",
     )
     commands = add_commands(p)
     c = commands.add_parser("list", help="names of the parameters of a node, or of all")
@@ -60,6 +60,8 @@ def run_list(options: argparse.Namespace, graph: Any) -> int:
     """`params list`."""
     from auv_lse_common.inspect.graph_node import GraphError, parameter_type
 
+    if not options.node:
+        graph.require_nodes()
     for node in [known_node(options.node, graph)] if options.node else graph.nodes():
         try:
             names = [name for name in graph.parameter_names(node) if options.filter in name]

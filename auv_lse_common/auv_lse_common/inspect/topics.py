@@ -20,7 +20,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/topics",
         description="Inspects the topics of running nodes, as `ros2 topic` does, on machines without that command.",
-        epilog="Exit codes: 0; 1 a topic or field does not exist; 2 a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0; 1 a topic or field does not exist, or there is none to list; 2 a wrong command line; "
+        "130 Ctrl-C.",
     )
     commands = add_commands(p)
 
@@ -73,6 +74,7 @@ def parser() -> argparse.ArgumentParser:
 
 def run_list(options: argparse.Namespace, graph: Any) -> int:
     """`topics list`."""
+    graph.require_nodes()
     topics = graph.topics(options.include_hidden_topics)
     if options.count_topics:
         print(len(topics))

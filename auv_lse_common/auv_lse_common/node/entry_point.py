@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import sys
@@ -25,7 +26,11 @@ from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
 
 def prepare() -> None:
-    """Loads the messages of all topics and the services imported so far, so that processes forked later have them."""
+    """Loads what every node uses, so that processes forked later share it.
+
+    These are the messages of all topics, the services imported so far, and Python's table of modules: rclpy's logger
+    looks up its caller there, and the first look-up touches every module.
+    """
     for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values()):
         message_class(topic.kind)
     for name, module in list(sys.modules.items()):
@@ -33,6 +38,7 @@ def prepare() -> None:
             for kind in vars(module).values():
                 if hasattr(kind, "__import_type_support__"):
                     kind.__import_type_support__()
+    inspect.getmodule(inspect.currentframe())
 
 
 class Stopping:

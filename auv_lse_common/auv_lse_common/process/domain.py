@@ -184,6 +184,14 @@ def has_participants(domain: int) -> bool:
     )
 
 
+def domains_with_participants() -> list[int]:
+    """The domains up to 101 that nodes on this machine use now, reserved or not.
+
+    Ports of higher domains are in Linux's ephemeral range: any program may have them.
+    """
+    return [domain for domain in range(VEHICLE_DOMAINS[-1] + 1) if has_participants(domain)]
+
+
 def _is_bound(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

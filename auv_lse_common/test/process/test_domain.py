@@ -15,6 +15,7 @@ from auv_lse_common.process.domain import (
     busy_domains,
     dive_on,
     domain_number,
+    domains_with_participants,
     has_participants,
     local_environment,
     lock_file,
@@ -90,6 +91,7 @@ def test_a_domain_with_nodes_that_reserved_nothing_is_not_taken() -> None:
     with own_domain() as free, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
         stray.bind(("127.0.0.1", 7400 + 250 * free + 10))
         assert has_participants(free)
+        assert free in domains_with_participants()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
         stray.bind(("127.0.0.1", 7400 + 250 * free + 12))  # the second participant; the first has ended
         with pytest.raises(DomainError, match="where other nodes run on this machine"), simulator_domain(str(free)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import os
 import signal
 import subprocess
@@ -130,3 +131,14 @@ def _running(keeper: ProcessKeeper, now_s: float) -> int:
         keeper.tick(now_s)
         time.sleep(0.02)
     return next(iter(keeper.running.values()))
+
+
+def test_the_first_log_of_a_forked_node_looks_at_no_module_but_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """rclpy's logger looks up its caller: without the table, it touches, and so copies, the memory of every module."""
+    monkeypatch.setattr(inspect, "modulesbyfile", {})
+    monkeypatch.setattr(inspect, "_filesbymodname", {})
+    prepare(["auv_lse_common.node.entry_point"])
+    table = dict(inspect.modulesbyfile)
+    importlib.import_module("rclpy.logging").get_logger("forked").info("first log")
+    assert len(table) > 100
+    assert inspect.modulesbyfile == table
