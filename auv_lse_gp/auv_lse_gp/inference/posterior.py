@@ -257,40 +257,26 @@ class Posterior:
         With uncertain positions, |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
         """
         n = self.data_rows
-        return self.squared_residuals() / n if n else 1.0
-
-    def squared_residuals(self, of: NDArray[np.bool_] | None = None) -> float:
-        """|b|^2 of all data or those of a mask (n,), as in `residual_ratio`."""
-        b = self.whitened_residuals[: self.data_rows]
-        b = b if of is None else b[of]
+        if not n:
+            return 1.0
+        b = self.whitened_residuals[:n]
         squares = float(b @ b)
         if self.places_uncertain:
             white = self.white_place_effect
-            white = white if of is None else white[of]
             along = white.T @ b
             squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
-        return squares
+        return squares / n
 
     @property
     def variance_scale(self) -> float:
-        """Factor c^2 on the prior's variance, estimated from the data.
+        """Factor c^2 on the prior's variance over the whole map; `Roughness` estimates it from place to place.
 
         c^2 has an inverse gamma prior about 1 with the weight of w soundings (`gp.std_soundings`). Its mean given the
         data is (w + |b|^2) / (w + n) up to terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6),
         with |b|^2 as in `residual_ratio`. Noise is scaled with the signal.
         """
-        n = self.data_rows
-        return self.scale_of(n, n * self.residual_ratio)
-
-    def scale_of(self, count: int, squares: float) -> float:
-        """`variance_scale` for `count` data with the sum of squared residuals |b|^2."""
-        worth = self._std_soundings
-        return (worth + squares) / (worth + count) if worth > 0.0 and count else 1.0
-
-    @property
-    def scale_worth(self) -> float:
-        """Number of soundings that the prior of `variance_scale` counts as (`gp.std_soundings`); 0: no rescaling."""
-        return self._std_soundings
+        worth, n = self._std_soundings, self.data_rows
+        return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
 
     def place_variance(self, scaled: Array) -> Array:
         """Variance (P,) that uncertain positions of the centers add at scaled places (P, 2)."""

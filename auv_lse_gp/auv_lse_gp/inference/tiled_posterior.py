@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_places
+from auv_lse_gp.inference.roughness import Roughness, scale_of
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -150,14 +151,19 @@ class TiledPosterior:
 
 @dataclass(slots=True)
 class _Tile:
-    """Results of a tile: mean, variance and place variance at its places, and squared residuals of its centers."""
+    """Results of a tile: mean, variance, place variance and `Roughness.sums` at its places.
+
+    `squares` and `centers` are the sum of the squares of `Roughness` over its own centers, and their number.
+    """
 
     places: Numbers
     data: _Data | None = None
     mean_m: Array | None = None
     variance_m2: Array | None = None
     place_variance_m2: Array | None = None
+    sums: Array | None = None
     squares: float = 0.0
+    centers: int = 0
 
 
 class TiledMoments:
@@ -166,36 +172,39 @@ class TiledMoments:
     Only tiles whose data have changed are recomputed.
     """
 
-    def __init__(self, posterior: TiledPosterior, places_m: Array, provisional: int = 0) -> None:
+    def __init__(self, posterior: TiledPosterior, places_m: Array, length_m: float, provisional: int = 0) -> None:
         """Starts without data.
 
         Args:
+            length_m: Length scale of `Roughness`.
             provisional: Number of the last measurements that are expected to change.
         """
         self._posterior, self._places_m, self._provisional = posterior, checked_places(places_m), provisional
+        self._length_m = length_m
         self._tiles = {tile: _Tile(members) for tile, members in posterior.tiles(self._places_m)}
         self._cached: dict[Corner, CachedMoments] = {}
-        self.residual_squares = 0.0
 
     def update(self) -> tuple[Array, Array, Array]:
-        """Current mean, variance with exact positions, and variance that uncertain positions add; (P,) each.
-
-        It sets `residual_squares`, the sum of squared whitened residuals as in `Posterior.residual_ratio`. There, the
-        common errors of positions are independent from tile to tile.
-        """
+        """Current mean, variance with exact positions, and variance that uncertain positions add; (P,) each."""
         homes = dict(self._posterior.tiles(self._posterior.centers.places_m))
         for corner in homes.keys() - self._tiles.keys():
             self._tiles[corner] = _Tile(np.zeros(0, dtype=np.int64))
         mean, variance, place_variance = np.empty((3, len(self._places_m)))
-        self.residual_squares = 0.0
         for corner, tile in self._tiles.items():
             data = self._posterior.data_of(corner)
             if tile.data is None or not data.same(tile.data):
                 self._compute(corner, tile, data)
             mean[tile.places], variance[tile.places] = tile.mean_m, tile.variance_m2
             place_variance[tile.places] = tile.place_variance_m2
-            self.residual_squares += tile.squares
         return mean, variance, place_variance
+
+    def scales(self, worth: float) -> Array:
+        """Factor on the prior's variance (P,) of the last update, as `Roughness.scale`."""
+        tiles = self._tiles.values()
+        sums = np.zeros((len(self._places_m), 2))
+        for tile in tiles:
+            sums[tile.places] = tile.sums
+        return scale_of(sums, sum(tile.squares for tile in tiles), sum(tile.centers for tile in tiles), worth)
 
     def _compute(self, corner: Corner, tile: _Tile, data: _Data) -> None:
         local = self._posterior.of_tiles(corner, corner)
@@ -210,5 +219,7 @@ class TiledMoments:
         home = np.zeros(len(places), dtype=bool)
         for own, members in self._posterior.tiles(places):
             home[members] = own == corner
-        tile.squares = local.squared_residuals(home)
+        rough = Roughness.of(local, self._length_m)
+        tile.sums = rough.sums(self._places_m[tile.places])
+        tile.squares, tile.centers = float(rough.squares[home].sum()), int(home.sum())
         tile.data = data

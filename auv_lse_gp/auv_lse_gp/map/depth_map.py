@@ -17,6 +17,7 @@ from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.roughness import Roughness
 from auv_lse_gp.inference.tiled_posterior import TiledMoments
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.merging import MERGE_WINDOW
@@ -36,10 +37,10 @@ class DepthField:
 
     Attributes:
         mean_m: Mean of the depth.
-        std_m: Standard deviation of the depth, rescaled by `variance_scale`.
+        std_m: Standard deviation of the depth, rescaled by the ground's roughness near each place (`Roughness`).
         prior_std_m: Standard deviation with the prior's scale (`gp.signal_std_m`), which planners use.
         p_safe: Probability that the depth is at least the level.
-        variance_scale: Factor on the prior's variance, estimated from the soundings (`Posterior.variance_scale`).
+        variance_scale: Mean over the cells of the factor by which their variances were rescaled.
     """
 
     grid: Grid
@@ -192,8 +193,8 @@ class DepthMap:
         """The posterior on the grid."""
         revision = self.gp.revision
         if self._field is None or self._field.revision != revision:
-            mean, variance, place_variance, scale = self._predict()
-            std = np.sqrt(scale * variance + place_variance)
+            mean, variance, place_variance, scales = self._predict()
+            std = np.sqrt(scales * variance + place_variance)
             self._field = DepthField(
                 grid=self.grid,
                 mean_m=self.grid.fill(mean),
@@ -201,7 +202,7 @@ class DepthMap:
                 prior_std_m=self.grid.fill(np.sqrt(variance + place_variance)),
                 risk=self.grid.fill(self.level_set.risk(mean, std)),
                 p_safe=self.grid.fill(self.level_set.p_safe(mean, std)),
-                variance_scale=scale,
+                variance_scale=float(scales.mean()) if len(scales) else 1.0,
                 revision=revision,
             )
         return self._field
@@ -219,20 +220,22 @@ class DepthMap:
             band_probability=BAND_PROBABILITY,
         )
 
-    def _predict(self) -> tuple[Array, Array, Array, float]:
-        """Mean, variance with the prior's scale, variance that uncertain positions add, (P,) each; variance scale."""
+    def _predict(self) -> tuple[Array, Array, Array, Array]:
+        """Mean, variance with the prior's scale, variance that uncertain positions add, variance factor; (P,) each."""
         gp = self.gp
         if gp.is_tiled and not gp.config.local:
             tiled = gp.tiled  # up to date
-            self._tiled = self._tiled or TiledMoments(tiled, self._places_m, self._provisional)
+            length_m = gp.config.length_scale_m
+            self._tiled = self._tiled or TiledMoments(tiled, self._places_m, length_m, self._provisional)
             moments = self._tiled.update()
-            return *moments, self._moments.posterior.scale_of(len(gp), self._tiled.residual_squares)
+            return *moments, self._tiled.scales(gp.config.std_soundings)
         posterior = gp.posterior  # updates it
+        scales = Roughness.of(posterior, gp.config.length_scale_m).scale(self._places_m, gp.config.std_soundings)
         if not gp.config.local or gp.kernel.compact:
-            return *self._moments.update(), posterior.variance_scale
+            return *self._moments.update(), scales
         mean, std = gp.predict(self._places_m)
         place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
-        return mean, np.maximum(std**2 - place_variance, 0.0), place_variance, posterior.variance_scale
+        return mean, np.maximum(std**2 - place_variance, 0.0), place_variance, scales
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

@@ -2,7 +2,7 @@
 
 One prior is not enough for this: how much can hide between tracks depends on how rough the ground is. The result is
 therefore an average over *hypotheses*, priors of several length scales, weighted by the marginal likelihood of the
-soundings. The standard deviation is integrated out (inverse gamma, `Posterior.variance_scale`).
+soundings. The ground's roughness near each place scales their standard deviation (`Roughness`).
 
 - *Expected length:* the crossing intensity (`level_set/crossings.py`), summed over the cells that are not located.
 - *Upper limit:* the 95th percentile of the contour lengths of random draws from the averaged posterior there. Draws are
@@ -25,6 +25,7 @@ from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.roughness import Roughness
 from auv_lse_gp.level_set.crossings import crossing_intensity
 
 Array = NDArray[np.float64]
@@ -155,15 +156,15 @@ def undiscovered(
     missing = ~located(cells)
     found = hypotheses(config, centers)
     lengths = np.zeros(len(cells))
-    for hypothesis in found:
+    drawn: list[float] = []
+    for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
+        scales = Roughness.of(hypothesis.posterior, config.length_scale_m).scale(cells, config.std_soundings)
         lengths[missing] += hypothesis.weight * expected_lengths(
-            hypothesis.posterior, cells[missing], level_m, grid.resolution_m
+            hypothesis.posterior, cells[missing], scales[missing], level_m, grid.resolution_m
         )
-    drawn = [
-        outside_m(grid, depth, level_m, located)
-        for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True)
-        for depth in draws(hypothesis.posterior, cells, count)
-    ]
+        drawn += [
+            outside_m(grid, depth, level_m, located) for depth in draws(hypothesis.posterior, cells, scales, count)
+        ]
     expected, mean = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
     limit = expected * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean if mean > 0.0 else expected
@@ -182,44 +183,49 @@ def coarse_grid(area: OperatingArea, finest_m: float) -> Grid:
     return area.grid(max(finest_m, math.ceil(math.sqrt((north - south) * (east - west) / MAX_CELLS))))
 
 
-def expected_lengths(posterior: Posterior, cells: Array, level_m: float, cell_m: float) -> Array:
-    """Expected length (m) of the isobath in cells (P, 2) of `cell_m`, shape (P,)."""
+def expected_lengths(posterior: Posterior, cells: Array, scales: Array, level_m: float, cell_m: float) -> Array:
+    """Expected length (m) of the isobath in cells (P, 2) of `cell_m` with variances scaled by (P,), shape (P,)."""
     at = posterior.depth_and_slope(cells)
-    scale = posterior.variance_scale
     scaled = dataclasses.replace(
         at,
-        variance_m2=scale * at.variance_m2 + posterior.place_variance(posterior.kernel.scale(cells)),
-        covariance_m=scale * at.covariance_m,
-        slope_covariance=scale * at.slope_covariance,
+        variance_m2=scales * at.variance_m2 + posterior.place_variance(posterior.kernel.scale(cells)),
+        covariance_m=scales[:, None] * at.covariance_m,
+        slope_covariance=scales[:, None, None] * at.slope_covariance,
     )
     return crossing_intensity(scaled, level_m) * cell_m**2
 
 
-def draws(posterior: Posterior, places_m: Array, count: int) -> Array:
-    """Random fields (count, P) from the posterior at places (P, 2); the same numbers at every call."""
+def draws(posterior: Posterior, places_m: Array, scales: Array, count: int) -> Array:
+    """Random fields (count, P) from the posterior at places (P, 2) with variances scaled by (P,).
+
+    Every call draws the same numbers. Depth errors from uncertain positions are not scaled.
+    """
     rng = stream(0, "undiscovered", count)
     kernel, centers, n = posterior.kernel, posterior.centers, posterior.data_rows
     waves, shares = _waves(rng)
     amplitudes = (
         rng.standard_normal((2 * WAVES, count)) * np.sqrt(kernel.signal_variance_m2 * np.tile(shares, 2))[:, None]
     )
-    worth = posterior.scale_worth + n
-    scale = np.sqrt(posterior.variance_scale * worth / rng.chisquare(worth, count)) if worth > n else np.ones(count)
 
     def field(scaled: Array) -> Array:
         phases = scaled @ waves.T
-        return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes * scale)
+        return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes)
 
     scaled = kernel.scale(places_m)
-    drawn = posterior.prior_mean(places_m)[:, None] + field(scaled)
-    if n:
-        data = kernel.scale(centers.places_m)
-        measured = posterior.prior_mean(centers.places_m)[:, None] + field(data)
-        measured += rng.standard_normal((n, count)) * scale * centers.noise_std_m[:, None]
-        if centers.place_effect_m is not None:
-            measured += centers.place_effect_m @ rng.standard_normal((centers.place_effect_m.shape[1], count))
-        off = posterior.factor.solve(centers.depths_m[:, None] - measured)
-        drawn += kernel.of_scaled(scaled, data) @ posterior.factor.solve_transposed(off, n)
+    off, std = field(scaled), np.sqrt(scales)[:, None]  # from the posterior's mean
+    if not n:
+        return np.asarray((posterior.prior_mean(places_m)[:, None] + std * off).T)
+    data = kernel.scale(centers.places_m)
+    cross = kernel.of_scaled(scaled, data)
+
+    def effect(depths: Array) -> Array:
+        """Change of the posterior's mean at the places (P, count) by depths (n, count)."""
+        return np.asarray(cross @ posterior.factor.solve_transposed(posterior.factor.solve(depths), n))
+
+    off -= effect(field(data) + rng.standard_normal((n, count)) * centers.noise_std_m[:, None])
+    drawn = posterior.mean_m(places_m)[:, None] + std * off
+    if centers.place_effect_m is not None:
+        drawn += effect(centers.place_effect_m @ rng.standard_normal((centers.place_effect_m.shape[1], count)))
     return np.asarray(drawn.T)
 
 

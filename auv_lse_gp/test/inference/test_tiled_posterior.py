@@ -6,6 +6,7 @@ import pytest
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.roughness import Roughness
 from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
 
 #: Tolerances of mean (in standard deviations) and standard deviation (relative), for all but the smoothest kernel.
@@ -59,7 +60,7 @@ def test_tiled_is_close_to_dense(prior, mean, std, seed, side_m, widest_m):
 
 
 def test_tiled_is_close_to_dense_at_3000_centers():
-    """The same tolerances; slopes within 8 % of the steepest (1 % on average), and the variance scale within 1 %."""
+    """The same tolerances; slopes within 8 % of the steepest (1 % on average), the roughness within 2 %."""
     data = lanes(2, 2600.0, 100.0)
     assert len(data) > 2900
     dense, tiled = both(GpConfig(), data)
@@ -70,17 +71,16 @@ def test_tiled_is_close_to_dense_at_3000_centers():
     slopes, expected = tiled.slopes(), dense.slopes(data.places_m)
     assert np.abs(slopes - expected).max() < 0.08 * np.abs(expected).max()
     assert np.abs(slopes - expected).mean() < 0.01 * np.abs(expected).max()
-    moments = TiledMoments(tiled, places)
+    moments = TiledMoments(tiled, places, 85.0)
     moments.update()
-    scale = dense.scale_of(len(data), moments.residual_squares)
-    assert scale == pytest.approx(dense.variance_scale, rel=0.01)
+    assert moments.scales(100.0) == pytest.approx(Roughness.of(dense, 85.0).scale(places, 100.0), rel=0.02)
 
 
 def test_updates_equal_a_new_start():
     config, data = GpConfig(), lanes(3)
     places = np.random.default_rng(3).uniform(0.0, 1500.0, (200, 2))
     tiled = TiledPosterior(Posterior(config))
-    moments = TiledMoments(tiled, places, provisional=4)
+    moments = TiledMoments(tiled, places, 85.0, provisional=4)
     for size in range(len(data) // 2, len(data) + 1, 25):
         moved = data.slice(0, size).take(np.arange(size))
         moved.places_m[-3:] += 0.5 * np.sin(size)  # as merging does
@@ -89,7 +89,7 @@ def test_updates_equal_a_new_start():
         tiled.slopes()
     anew = TiledPosterior(Posterior(config))
     anew.follow(moved)
-    for found, expected in zip(updated, TiledMoments(anew, places).update(), strict=True):
+    for found, expected in zip(updated, TiledMoments(anew, places, 85.0).update(), strict=True):
         assert np.allclose(found, expected, rtol=1e-7, atol=1e-7)
     assert np.array_equal(tiled.slopes(), anew.slopes())
 
@@ -97,7 +97,7 @@ def test_updates_equal_a_new_start():
 def test_only_tiles_near_a_change_are_recomputed(monkeypatch):
     tiled = TiledPosterior(Posterior(GpConfig(length_scale_m=40.0)))
     data = lanes(4)
-    moments = TiledMoments(tiled, data.places_m)
+    moments = TiledMoments(tiled, data.places_m, 85.0)
     computed = []
     compute = TiledMoments._compute
 

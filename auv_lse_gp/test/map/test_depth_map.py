@@ -11,6 +11,7 @@ from auv_lse_common.support import compiled
 from auv_lse_common.vocabulary.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.health import map_health, map_totals
+from auv_lse_gp.inference.roughness import Roughness
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -54,7 +55,8 @@ def test_field_updated_in_steps_equals_one_update(name, merge):
     inside = step_by_step.grid.inside
     assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
     assert_allclose(field.prior_std_m[inside], std, rtol=1e-9)
-    std = std * np.sqrt(fresh.variance_scale)
+    scales = Roughness.of(fresh, config.length_scale_m).scale(step_by_step.grid.places_m, config.std_soundings)
+    std = std * np.sqrt(scales)
     assert_allclose(field.std_m[inside], std, rtol=1e-9)
     assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
     assert_allclose(field.p_safe[inside], level_set.p_safe(mean, std), rtol=1e-7, atol=1e-12)
@@ -170,7 +172,9 @@ def test_isobath_and_its_band():
         offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
         assert np.all(offset > 0.0)
         mean, std = depth_map.gp.predict(points)
-        std = std * np.sqrt(depth_map.field().variance_scale)
+        gp = depth_map.gp
+        rough = Roughness.of(gp.posterior, gp.config.length_scale_m)
+        std = std * np.sqrt(rough.scale(points, gp.config.std_soundings))
         # Linear between cells of 5 m, over which the band's edges are a few metres apart.
         assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.5)
 

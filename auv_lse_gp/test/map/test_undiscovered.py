@@ -28,7 +28,7 @@ def surveyed(length_scale_m: float, north_m: float = 300.0) -> Centers:
     north, east = np.meshgrid(np.arange(5.0, north_m, 10.0), np.arange(20.0, 300.0, 40.0), indexing="ij")
     places = np.column_stack([north.ravel(), east.ravel()])
     field = Posterior(dataclasses.replace(CONFIG, length_scale_m=length_scale_m, signal_std_m=4.0))
-    return Centers(places, draws(field, places, 3)[0], np.full(len(places), 0.3))
+    return Centers(places, draws(field, places, np.ones(len(places)), 3)[0], np.full(len(places), 0.3))
 
 
 @pytest.mark.parametrize("length_scale_m", [50.0, 120.0])
@@ -73,7 +73,10 @@ def test_draws_have_the_posteriors_mean_and_variance() -> None:
     posterior.extend(dataclasses.replace(data, place_effect_m=effect))
     places = np.random.default_rng(3).uniform(10.0, 290.0, (60, 2))
     mean, variance = posterior.moments(places)
-    drawn = draws(posterior, places, 400)
+    scales = np.linspace(0.3, 2.0, len(places))
+    drawn = draws(posterior, places, scales, 400)
+    floor = posterior.place_variance(posterior.kernel.scale(places))
+    variance = scales * (variance - floor) + floor
     assert np.mean((drawn - mean) ** 2 / variance) == pytest.approx(1.0, abs=0.05)
     assert np.abs(drawn.mean(axis=0) - mean).max() < 0.25 * np.sqrt(variance.max())
 

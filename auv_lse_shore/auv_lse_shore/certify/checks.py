@@ -137,10 +137,10 @@ def _against_centers(
 def _against_soundings(
     published: PublishedMap, shown: dict[str, Array], found: DenseMap, settings: PlannerSettings, at: Array
 ) -> list[Check]:
-    std = shown["std_m"] / np.sqrt(published.field.variance_scale)
-    tolerance = MAX_SIGMAS * np.hypot(shown["std_m"], LEAST_M)
+    std = shown["std_m"]
+    tolerance = MAX_SIGMAS * np.hypot(std, LEAST_M)
     most = MAX_STD_RATIO * np.hypot(std, LEAST_STD_SHARE * settings.gp.signal_std_m)
-    lacking = np.maximum(found.prior_std_m, std)  # a published error larger than necessary is no fault
+    lacking = np.maximum(found.std_m, std)  # a published error larger than necessary is no fault
     return [
         _check(published.vehicle, "depth, against the soundings", shown["mean_m"], found.mean_m, tolerance, at, "m"),
         _check(published.vehicle, "standard deviation, against the soundings", std, lacking, most - std, at, "m"),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ class DensePrior:
         rotation_deg: Direction of the first axis, clockwise from north.
         mean: Prior mean, places (P, 2) -> depths (P,).
         worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
+        length_m: Length scale by which the ground's roughness is estimated (`gp.length_scale_m`).
     """
 
     kernel: str
@@ -43,6 +44,7 @@ class DensePrior:
     rotation_deg: float
     mean: Callable[[Array], Array]
     worth: float
+    length_m: float
 
     def covariance(self, a_m: Array, b_m: Array) -> Array:
         """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
@@ -81,8 +83,8 @@ class DenseMap:
     Attributes:
         mean_m: Mean depth (P,).
         prior_std_m: Standard deviation (P,) with the prior's scale, uncertain positions included.
-        std_m: Standard deviation (P,) with the scale that the soundings show.
-        variance_scale: That scale of the variance.
+        std_m: Standard deviation (P,) with the roughness that the soundings show near each place.
+        variance_scale: Mean factor by which that rescales the variance.
         count: Number of measurements: averages of soundings, or kernel centers.
     """
 
@@ -169,9 +171,8 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
     if n == 0:
         std = np.sqrt(variance)
         return DenseMap(mean_m=mean, prior_std_m=std, std_m=std, variance_scale=1.0, count=0)
-    means = np.add.reduceat(prior.mean(given.places_m), given.starts) / np.diff(
-        np.append(given.starts, len(given.places_m))
-    )
+    counts = np.diff(np.append(given.starts, len(given.places_m)))
+    means = np.add.reduceat(prior.mean(given.places_m), given.starts) / counts
     covariance = given.covariance(prior) + np.diag(given.noise_m2)
     lower = np.tril(cho_factor(covariance, lower=True)[0])  # RW2006, line 2
     white = solve_triangular(lower, given.depths_m - means, lower=True)
@@ -185,14 +186,43 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
         variance[part] -= (v**2).sum(axis=0)  # line 6
         floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
     variance = np.maximum(variance, 0.0)
-    # Whitened residuals have the variance 1 if the prior fits: their mean square is the scale, with uncertain positions
-    # as part of their covariance, and 1 as `worth` further soundings.
-    fit = float(white @ np.linalg.solve(np.eye(n) + effect @ effect.T, white))
-    scale = (prior.worth + fit) / (prior.worth + n) if prior.worth > 0.0 else 1.0
+    places = np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None]
+    errors = left_out_errors(covariance + given.effect_m @ given.effect_m.T, given.depths_m - means, places, prior)
+    scale = _variance_scales(errors, places, at_m, prior)
     return DenseMap(
         mean_m=mean,
         prior_std_m=np.sqrt(variance + floor),
         std_m=np.sqrt(scale * variance + floor),
-        variance_scale=scale,
+        variance_scale=float(scale.mean()),
         count=n,
     )
+
+
+def left_out_errors(covariance: Array, residuals: Array, places_m: Array, prior: DensePrior) -> Array:
+    """Squared standardized error (n,) of each measurement, predicted from those more than .3 length scales away.
+
+    Errors of all the measurements left out together are S_BB^-1 (S r)_B, of covariance S_BB^-1, with the inverse S of
+    the covariance of all residuals r (RW2006, section 5.4.2, for blocks).
+    """
+    inverse = cho_solve(cho_factor(covariance, lower=True), np.eye(len(residuals)))
+    weighted = inverse @ residuals
+    squares = np.empty(len(residuals))
+    for i, place in enumerate(places_m):
+        block = np.flatnonzero(((places_m - place) ** 2).sum(axis=1) <= (0.3 * prior.length_m) ** 2)
+        own = block == i
+        spread = np.linalg.solve(inverse[np.ix_(block, block)], own.astype(float))
+        squares[i] = (spread @ weighted[block]) ** 2 / spread[own][0]
+    return squares
+
+
+def _variance_scales(squares: Array, places_m: Array, at_m: Array, prior: DensePrior) -> Array:
+    """Factor (P,) on the prior's variance: the mean of nearby squares, with that of all as 3 further ones."""
+    if prior.worth <= 0.0:
+        return np.ones(len(at_m))
+    everywhere = (prior.worth + squares.sum()) / (prior.worth + len(squares))
+    scales, rows = np.empty(len(at_m)), max(1, _ENTRIES // len(squares))
+    for first in range(0, len(at_m), rows):
+        part = slice(first, first + rows)
+        weights = np.exp(-0.5 * (cdist(at_m[part], places_m) / (0.5 * prior.length_m)) ** 2)
+        scales[part] = (3.0 * everywhere + weights @ squares) / (3.0 + weights.sum(axis=1))
+    return scales

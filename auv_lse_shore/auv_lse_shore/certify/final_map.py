@@ -72,6 +72,7 @@ def dense_prior(gp: GpConfig) -> DensePrior:
         rotation_deg=gp.rotation_deg,
         mean=prior_mean(gp),
         worth=gp.std_soundings,
+        length_m=gp.length_scale_m,
     )
 
 

@@ -6,8 +6,8 @@ from the prior, not from the lake. The class of a place of the line follows from
 - *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
   the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
   shifts the ground as a whole: together sqrt((s / g)^2 + p^2).
-- *Data.* The share 1 - s^2 / (c s0)^2 of the prior variance s0^2 that the soundings have removed, with c^2 the scale of
-  the published map. Without it a steep prior mean, as of a chart, would find isobaths by itself.
+- *Data.* The share of the prior variance that the soundings have removed, by the prior's own scale. Without it a steep
+  prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
 
 What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
@@ -185,7 +185,7 @@ def evidence(places: Array, field: DepthField, prior: DepthField, soundings: Arr
         return Evidence(
             depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
             place_std_m=place_std,
-            informed=1.0 - (here / value(prior_std)) ** 2 / field.variance_scale,
+            informed=1.0 - (value(_filled(field.prior_std_m)) / value(prior_std)) ** 2,
             nearest_m=nearest,
         )
 

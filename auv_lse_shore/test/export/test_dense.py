@@ -10,6 +10,7 @@ import pytest
 from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.roughness import Roughness
 from auv_lse_shore.certify import dense
 from auv_lse_shore.certify.dense import Measurements, dense_map
 from auv_lse_shore.certify.final_map import dense_prior
@@ -38,7 +39,10 @@ def test_it_equals_the_vehicles_posterior(kernel):
     found = dense_map(dense_prior(config), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
     assert found.mean_m == pytest.approx(mean, abs=1e-6)
     assert found.prior_std_m == pytest.approx(np.sqrt(variance), abs=1e-6)
-    assert found.variance_scale == pytest.approx(posterior.variance_scale, rel=1e-9)
+    scales = Roughness.of(posterior, config.length_scale_m).scale(AT, config.std_soundings)
+    floor = posterior.place_variance(posterior.kernel.scale(AT))
+    assert found.std_m == pytest.approx(np.sqrt(scales * (variance - floor) + floor), rel=1e-6)
+    assert found.variance_scale == pytest.approx(scales.mean(), rel=1e-6)
 
 
 def test_averages_are_exact():

