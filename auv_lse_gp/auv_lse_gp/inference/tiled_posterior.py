@@ -27,6 +27,8 @@ MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 6.0, "wendl
 SLOPE_MARGIN_SHARE = 0.5
 #: Number of tiles whose factors are kept. They take most of the map's memory.
 KEPT = 12
+#: Tiles on each side of the squares in which many planned places are taken together.
+PLANNED_TILES = 2
 #: A tile is recomputed if the place effect of a center near it has changed by this share of the largest.
 EFFECT_SHARE = 0.02
 
@@ -101,9 +103,11 @@ class TiledPosterior:
             del self._kept[next(iter(self._kept))]
         return posterior
 
-    def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0) -> Numbers:
+    def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0, scaled: Array | None = None) -> Numbers:
+        """Numbers of the centers that count in a rectangle of tiles, or those of `scaled` places (P, 2)."""
+        scaled = self._scaled if scaled is None else scaled
         low, high = self._side * np.array(first), self._side * (np.array(last) + 1.0)
-        gap = np.maximum(np.maximum(low - self._scaled, self._scaled - high), 0.0)
+        gap = np.maximum(np.maximum(low - scaled, scaled - high), 0.0)
         return np.flatnonzero(np.einsum("nd,nd->n", gap, gap) <= (share * self._margin) ** 2)
 
     def data_of(self, tile: Corner) -> _Data:
@@ -116,9 +120,9 @@ class TiledPosterior:
         c = self._centers
         return hash((c.places_m[numbers].tobytes(), c.depths_m[numbers].tobytes(), c.noise_std_m[numbers].tobytes()))
 
-    def tiles(self, places_m: Array) -> Iterator[tuple[Corner, Numbers]]:
-        """The tiles of places (P, 2), and the numbers of the places in each."""
-        corners = np.floor(self._prior.kernel.scale(places_m) / self._side).astype(np.int64)
+    def tiles(self, places_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+        """The tiles of places (P, 2), and the numbers of the places in each; `together`: in squares of n x n tiles."""
+        corners = np.floor(self._prior.kernel.scale(places_m) / (together * self._side)).astype(np.int64)
         found, group = np.unique(corners, axis=0, return_inverse=True)
         order = np.argsort(group.ravel(), kind="stable")
         bounds = np.searchsorted(group.ravel()[order], np.arange(len(found) + 1))
@@ -132,6 +136,21 @@ class TiledPosterior:
         for tile, members in self.tiles(places):
             mean[members], variance[members] = self.of_tiles(tile, tile).moments(places[members])
         return mean, variance
+
+    def planned_moments(self, places_m: ArrayLike, planned_m: Array) -> tuple[Array, Array, Array]:
+        """Mean, variance, and variance once `planned_m` (O, 2) are measured too, (P,) each, at places (P, 2)."""
+        places, planned = checked_places(places_m), self._prior.kernel.scale(planned_m)
+        mean, variance, planned_variance = np.empty((3, len(places)))
+        for (north, east), members in self.tiles(places, PLANNED_TILES):
+            first = north * PLANNED_TILES, east * PLANNED_TILES
+            last = first[0] + PLANNED_TILES - 1, first[1] + PLANNED_TILES - 1
+            local = self._prior.blank()
+            local.follow(self._centers.take(self._numbers_near(first, last)))
+            local = local.with_planned(planned_m[self._numbers_near(first, last, scaled=planned)])
+            found = local.at(places[members])
+            mean[members], variance[members] = found.mean_m, found.data_var_m2
+            planned_variance[members] = found.planned_var_m2
+        return mean, variance, planned_variance
 
     def slopes(self) -> Array:
         """Slope (n, 2) of the mean depth at the centers; only tiles whose data have changed are recomputed."""
@@ -208,13 +227,16 @@ class TiledMoments:
 
     def _compute(self, corner: Corner, tile: _Tile, data: _Data) -> None:
         local = self._posterior.of_tiles(corner, corner)
-        cached = self._cached.pop(corner, None)
-        if cached is None or cached.posterior is not local:
-            cached = CachedMoments(local, self._places_m[tile.places], self._provisional)
-        self._cached[corner] = cached
-        while len(self._cached) > KEPT:
-            del self._cached[next(iter(self._cached))]
-        tile.mean_m, tile.variance_m2, tile.place_variance_m2 = cached.update()
+        if tile.data is not None and tile.data.centers == data.centers:  # only place effects have changed
+            tile.place_variance_m2 = local.place_variance(local.kernel.scale(self._places_m[tile.places]))
+        else:
+            cached = self._cached.pop(corner, None)
+            if cached is None or cached.posterior is not local:
+                cached = CachedMoments(local, self._places_m[tile.places], self._provisional)
+            self._cached[corner] = cached
+            while len(self._cached) > KEPT:
+                del self._cached[next(iter(self._cached))]
+            tile.mean_m, tile.variance_m2, tile.place_variance_m2 = cached.update()
         places = local.centers.places_m
         home = np.zeros(len(places), dtype=bool)
         for own, members in self._posterior.tiles(places):

@@ -143,7 +143,9 @@ class OnlineGp:
         room = len(soundings) if max_new is None else max_new
         noise = np.full(len(soundings), self.config.noise_std_m) if noise_std_m is None else noise_std_m
         outcomes: list[Outcome | None] = [None] * len(soundings)
-        together = plausible(self.config, soundings) & self._always_factorizable(len(self) + len(soundings))
+        together = plausible(self.config, soundings) & self._always_factorizable(
+            min(len(self) + len(soundings), max(self.config.max_centers, len(self)))
+        )
         inserted = self._insert(soundings[together], room, noise[together]) if together.any() else []
         for i, outcome in zip(np.flatnonzero(together).tolist(), inserted, strict=True):
             outcomes[i] = outcome

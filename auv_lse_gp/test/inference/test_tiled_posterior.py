@@ -123,3 +123,31 @@ def test_only_tiles_near_a_change_are_recomputed(monkeypatch):
     tiled.follow(Centers(data.places_m, data.depths_m, data.noise_std_m, 1.1 * data.place_effect_m))
     moments.update()
     assert len(computed) - before == everywhere
+
+
+def test_planned_places_are_close_to_dense():
+    dense, tiled = both(GpConfig(), lanes(5))
+    rng = np.random.default_rng(5)
+    places, planned = rng.uniform(0.0, 1500.0, (100, 2)), rng.uniform(0.0, 1500.0, (400, 2))
+    at = dense.with_planned(planned).at(places)
+    mean, variance, planned_variance = tiled.planned_moments(places, planned)
+    assert np.abs((mean - at.mean_m) / np.sqrt(at.data_var_m2)).max() < MEAN
+    assert np.sqrt(variance / at.data_var_m2) == pytest.approx(1.0, abs=STD)
+    assert np.sqrt(planned_variance / at.planned_var_m2) == pytest.approx(1.0, abs=STD)
+    assert (planned_variance < variance).all()
+
+
+def test_new_place_effects_alone_equal_a_new_start():
+    data, config = lanes(6), GpConfig()
+    places = np.random.default_rng(6).uniform(0.0, 1500.0, (200, 2))
+    tiled = TiledPosterior(Posterior(config))
+    moments = TiledMoments(tiled, places, config.length_scale_m)
+    for effect in (None, data.place_effect_m, 3.0 * data.place_effect_m[:, ::-1]):
+        tiled.follow(Centers(data.places_m, data.depths_m, data.noise_std_m, effect))
+        updated = moments.update()
+    anew = TiledPosterior(Posterior(config))
+    anew.follow(tiled.centers)
+    fresh = TiledMoments(anew, places, config.length_scale_m)
+    for found, expected in zip(updated, fresh.update(), strict=True):
+        assert np.allclose(found, expected, rtol=1e-7, atol=1e-7)
+    assert moments.scales(100.0) == pytest.approx(fresh.scales(100.0), rel=1e-6)

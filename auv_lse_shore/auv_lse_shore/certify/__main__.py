@@ -9,6 +9,7 @@ from pathlib import Path
 
 from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.certify.certificate import EXIT_CODES, certify, lines, write
+from auv_lse_shore.report.progress import show_step
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "certificate"
     try:
-        certificate = certify(options.runs, options.mission)
+        certificate = certify(options.runs, options.mission, show_step)
         write(certificate, folder)
     except (ValueError, OSError) as error:
         print(f"error: {error_text(error)}", file=sys.stderr)

@@ -22,6 +22,7 @@ from auv_lse_shore.certify.final_map import FinalMap, corrected_runs, final_map
 from auv_lse_shore.certify.recorded import Recorded, hashes, read_recordings, without_maps
 from auv_lse_shore.judge.certainty import CLASSES, FOUND, Piece, found_within_m, length_of
 from auv_lse_shore.report.page import embed, number, render
+from auv_lse_shore.report.progress import Show, show_nothing
 from auv_lse_shore.report.words import MIN_STRETCH_M
 
 #: Verdicts, and the exit code of each.
@@ -57,28 +58,34 @@ class Certificate:
         return [_failure(check, self.final.run.origin) for check in self.checks if not check.passed]
 
 
-def certify(paths: Sequence[Path], mission: Path | None = None) -> Certificate:
+def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = show_nothing) -> Certificate:
     """Makes the certificate of a mission.
 
     Args:
         paths: Run folders or recordings.
         mission: Mission file of recordings without one.
+        show: Shows what is being done.
 
     Raises:
         CertifyError: if the recordings are not of one mission, or hold no soundings.
         RecordingError, ParameterError: if one cannot be read.
     """
+    show("reading the recordings")
     recorded = read_recordings(paths, mission)
+    show("estimating the places of soundings")
     run, places = corrected_runs(recorded)
     checks, notes = [], []
     for published in recorded.maps.values():
+        show(f"recomputing the map of auv{published.vehicle}")
         done, left = check_map(published, recorded.settings, run)
         checks += done
         notes += left
     silent = without_maps(recorded)
     notes += [f"auv{number}: its recording has no published map (topic field)" for number in silent]
     verdict = CONTRADICTED if not all(c.passed for c in checks) else UNPUBLISHED if silent else SUPPORTED
+    show("computing the final map")
     final = final_map(recorded, run, places)
+    show("")
     if not any(len(v.decisions) for v in run.vehicles):
         notes.append("no plan is recorded: whether the mission was flown to its end is unknown")
     return Certificate(

@@ -1,25 +1,35 @@
 """A plain dense Gaussian process: the certificate's own way from soundings to a map.
 
 It shares no code with the map of vehicles and reports (`auv_lse_gp`), which is the point: it factorizes the full
-covariance matrix once, and has no updates, cache or compiled code. RW2006: Rasmussen and Williams, Gaussian Processes
-for Machine Learning, 2006, algorithm 2.1.
+covariance matrix once, and has no updates, cache or compiled code. A long mission has too many measurements for one
+matrix; its map is computed square by square, from the measurements near each. RW2006: Rasmussen and Williams, Gaussian
+Processes for Machine Learning, 2006, algorithm 2.1.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Numbers = NDArray[np.int64]
 
-#: Largest number of averages of soundings: their covariance matrix then needs 0.3 GB.
+#: Largest number of averages of soundings.
 MAX_AVERAGES = 6000
+#: Of more soundings, an average counts as measured at their centroid. In a square of 10 m this moves a depth by
+#: centimeters; the sum over all pairs of soundings would take minutes.
+MAX_EXACT = 15_000
+#: Of more measurements, only those near a place count for it.
+MAX_WHOLE = 1500
+#: How near, in lengths of the kernel (of a Wendland kernel: supports).
+NEAR = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0, "wendland_c2": 1.3, "wendland_c4": 1.3}
 #: Entries of a covariance matrix that are computed together.
 _ENTRIES = 4_000_000
 
@@ -48,7 +58,7 @@ class DensePrior:
 
     def covariance(self, a_m: Array, b_m: Array) -> Array:
         """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
-        r = cdist(self._scaled(a_m), self._scaled(b_m))
+        r = cdist(self.scaled(a_m), self.scaled(b_m))
         rest = np.clip(1.0 - r, 0.0, None)
         root3, root5 = math.sqrt(3.0) * r, math.sqrt(5.0) * r
         match self.kernel:
@@ -66,7 +76,8 @@ class DensePrior:
                 raise ValueError(f"gp.kernel got {self.kernel!r}; expected a kernel that the certificate knows")
         return np.asarray(self.std_m**2 * correlation)
 
-    def _scaled(self, places_m: Array) -> Array:
+    def scaled(self, places_m: Array) -> Array:
+        """Places (P, 2) along and across the first axis, in lengths."""
         angle = math.radians(self.rotation_deg)
         north, east = places_m[:, 0], places_m[:, 1]
         along, right = (
@@ -124,8 +135,8 @@ class Measurements:
     def averaged(cls, places_m: Array, depths_m: Array, noise_std_m: float, square_m: float) -> Measurements:
         """Soundings within one square of a grid become one measurement, their average.
 
-        Averages are linear in the depth, so nothing is approximated: the covariance of averages is the average of
-        covariances. If there are more than `MAX_AVERAGES`, squares become larger.
+        Averages are linear in the depth, so up to `MAX_EXACT` soundings nothing is approximated: the covariance of
+        averages is the average of covariances. If there are more than `MAX_AVERAGES`, squares become larger.
         """
         n = len(depths_m)
         square, cells = max(square_m, 1e-3), np.empty((0, 2))
@@ -139,17 +150,37 @@ class Measurements:
         order = np.argsort(group, kind="stable")
         starts = np.flatnonzero(np.diff(group[order], prepend=-1))
         counts = np.diff(np.append(starts, n))
+        places_m = places_m[order]
+        if n > MAX_EXACT:
+            places_m = np.add.reduceat(places_m, starts, axis=0) / counts[:, None]
         return cls(
-            places_m=places_m[order],
+            places_m=places_m,
             depths_m=np.add.reduceat(depths_m[order], starts) / counts if n else np.zeros(0),
             noise_m2=noise_std_m**2 / counts,
-            starts=starts,
+            starts=np.arange(len(starts)) if n > MAX_EXACT else starts,
             effect_m=np.zeros((len(starts), 0)),
+        )
+
+    @property
+    def counts(self) -> Numbers:
+        """Number of places of each average (n,)."""
+        return np.diff(np.append(self.starts, len(self.places_m)))
+
+    def take(self, numbers: Numbers) -> Measurements:
+        """The averages with these numbers, in ascending order."""
+        counts, chosen = self.counts, np.zeros(len(self.starts), dtype=bool)
+        chosen[numbers] = True
+        return Measurements(
+            places_m=self.places_m[np.repeat(chosen, counts)],
+            depths_m=self.depths_m[numbers],
+            noise_m2=self.noise_m2[numbers],
+            starts=np.cumsum(counts[numbers]) - counts[numbers],
+            effect_m=self.effect_m[numbers],
         )
 
     def covariance_with(self, prior: DensePrior, at_m: Array) -> Array:
         """Covariance (P, n) of the depths at places (P, 2) with the averages."""
-        counts = np.diff(np.append(self.starts, len(self.places_m)))
+        counts = self.counts
         rows = max(1, _ENTRIES // max(len(self.places_m), 1))
         parts = [
             np.add.reduceat(prior.covariance(at_m[first : first + rows], self.places_m), self.starts, axis=1) / counts
@@ -159,36 +190,39 @@ class Measurements:
 
     def covariance(self, prior: DensePrior) -> Array:
         """Covariance (n, n) of the averages, without noise."""
-        counts = np.diff(np.append(self.starts, len(self.places_m)))
+        counts = self.counts
         full = self.covariance_with(prior, self.places_m)
         return np.asarray(np.add.reduceat(full, self.starts, axis=0) / counts[:, None])
 
 
 def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
-    """The posterior at places (P, 2) given measurements."""
+    """The posterior at places (P, 2) given measurements; of more than `MAX_WHOLE` those near a place, by squares."""
     n = len(given.starts)
     mean, variance = np.array(prior.mean(at_m), dtype=float), np.full(len(at_m), prior.std_m**2)
-    if n == 0:
-        std = np.sqrt(variance)
-        return DenseMap(mean_m=mean, prior_std_m=std, std_m=std, variance_scale=1.0, count=0)
-    counts = np.diff(np.append(given.starts, len(given.places_m)))
-    means = np.add.reduceat(prior.mean(given.places_m), given.starts) / counts
-    covariance = given.covariance(prior) + np.diag(given.noise_m2)
-    lower = np.tril(cho_factor(covariance, lower=True)[0])  # RW2006, line 2
-    white = solve_triangular(lower, given.depths_m - means, lower=True)
-    effect = solve_triangular(lower, given.effect_m, lower=True)
-    floor = np.zeros(len(at_m))
-    rows = max(1, _ENTRIES // n)
-    for first in range(0, len(at_m), rows):
-        part = slice(first, first + rows)
-        v = solve_triangular(lower, given.covariance_with(prior, at_m[part]).T, lower=True)  # line 5
-        mean[part] += v.T @ white  # line 4
-        variance[part] -= (v**2).sum(axis=0)  # line 6
-        floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
+    floor, errors = np.zeros(len(at_m)), np.zeros(n)
+    places = np.add.reduceat(given.places_m, given.starts, axis=0) / given.counts[:, None] if n else np.zeros((0, 2))
+    parts = list(_squares(prior, places, at_m))
+    for near, home, cells in parts:
+        local = given.take(near)
+        covariance = local.covariance(prior) + np.diag(local.noise_m2)
+        lower = cholesky(covariance, lower=True)  # RW2006, line 2
+        residuals = local.depths_m - np.add.reduceat(prior.mean(local.places_m), local.starts) / local.counts
+        white = solve_triangular(lower, residuals, lower=True)
+        effect = solve_triangular(lower, local.effect_m, lower=True)
+        rows = max(1, _ENTRIES // len(near))
+        for first in range(0, len(cells), rows):
+            part = cells[first : first + rows]
+            v = solve_triangular(lower, local.covariance_with(prior, at_m[part]).T, lower=True)  # line 5
+            mean[part] += v.T @ white  # line 4
+            variance[part] -= (v**2).sum(axis=0)  # line 6
+            floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
+        covariance += local.effect_m @ local.effect_m.T
+        errors[near[home]] = left_out_errors(covariance, residuals, places[near], prior)[home]
+    everywhere = (prior.worth + errors.sum()) / (prior.worth + n) if prior.worth > 0.0 else 1.0
+    scale = np.full(len(at_m), everywhere)
+    for near, _, cells in parts if prior.worth > 0.0 else ():
+        scale[cells] = _variance_scales(errors[near], places[near], at_m[cells], prior, everywhere)
     variance = np.maximum(variance, 0.0)
-    places = np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None]
-    errors = left_out_errors(covariance + given.effect_m @ given.effect_m.T, given.depths_m - means, places, prior)
-    scale = _variance_scales(errors, places, at_m, prior)
     return DenseMap(
         mean_m=mean,
         prior_std_m=np.sqrt(variance + floor),
@@ -204,7 +238,7 @@ def left_out_errors(covariance: Array, residuals: Array, places_m: Array, prior:
     Errors of all the measurements left out together are S_BB^-1 (S r)_B, of covariance S_BB^-1, with the inverse S of
     the covariance of all residuals r (RW2006, section 5.4.2, for blocks).
     """
-    inverse = cho_solve(cho_factor(covariance, lower=True), np.eye(len(residuals)))
+    inverse = cho_solve((cholesky(covariance, lower=True), True), np.eye(len(residuals)))
     weighted = inverse @ residuals
     squares = np.empty(len(residuals))
     for i, place in enumerate(places_m):
@@ -215,14 +249,33 @@ def left_out_errors(covariance: Array, residuals: Array, places_m: Array, prior:
     return squares
 
 
-def _variance_scales(squares: Array, places_m: Array, at_m: Array, prior: DensePrior) -> Array:
-    """Factor (P,) on the prior's variance: the mean of nearby squares, with that of all as 3 further ones."""
-    if prior.worth <= 0.0:
-        return np.ones(len(at_m))
-    everywhere = (prior.worth + squares.sum()) / (prior.worth + len(squares))
+def _variance_scales(squares: Array, places_m: Array, at_m: Array, prior: DensePrior, everywhere: float) -> Array:
+    """Factor (P,) on the prior's variance: the mean of nearby squares, with that of the whole map as 3 further ones."""
     scales, rows = np.empty(len(at_m)), max(1, _ENTRIES // len(squares))
     for first in range(0, len(at_m), rows):
         part = slice(first, first + rows)
         weights = np.exp(-0.5 * (cdist(at_m[part], places_m) / (0.5 * prior.length_m)) ** 2)
         scales[part] = (3.0 * everywhere + weights @ squares) / (3.0 + weights.sum(axis=1))
     return scales
+
+
+def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tuple[Numbers, Mask, Numbers]]:
+    """Of measurements (n, 2): those that count in a square, which of them are in it, and the places (P, 2) in it.
+
+    A few measurements are in one square. Distances are in the prior's lengths.
+    """
+    n = len(measured_m)
+    if n <= MAX_WHOLE:
+        if n:
+            yield np.arange(n), np.ones(n, dtype=bool), np.arange(len(at_m))
+        return
+    margin = NEAR[prior.kernel]
+    side = 0.5 * margin
+    measured, places = prior.scaled(measured_m), prior.scaled(at_m)
+    homes, corners = np.floor(measured / side), np.floor(places / side)
+    for corner in np.unique(np.concatenate([homes, corners]), axis=0):
+        middle = (corner + 0.5) * side
+        gap = np.maximum(np.abs(measured - middle) - 0.5 * side, 0.0)
+        near = np.flatnonzero((gap**2).sum(axis=1) <= margin**2)
+        if len(near):
+            yield near, (homes[near] == corner).all(axis=1), np.flatnonzero((corners == corner).all(axis=1))

@@ -110,7 +110,7 @@ def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
     blank = _field(grid, dense_map(prior, _joined([]), grid.places_m), level_set)
     lines = trace(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
     pieces = certainty.classify(lines, field, blank, sounded_places(run))
-    counts = np.diff(np.append(given.starts, len(given.places_m)))
+    counts = given.counts
     centers = Centers(
         np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None],
         given.depths_m,

@@ -7,7 +7,9 @@ cells inside, where there is no truth).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.process.background import run_in_background
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
@@ -35,6 +38,8 @@ Mask = NDArray[np.bool_]
 
 #: Number of places over which map risk is averaged at the steps before the end (at the end: over all).
 RISK_PLACES = 1500
+#: A map of more cells is evaluated in two processes.
+CELLS_OF_TWO_PROCESSES = 50_000
 
 
 @dataclass(slots=True, kw_only=True)
@@ -46,6 +51,7 @@ class Evaluation:
         settings: Settings of each vehicle, in order.
         team_map: Map from all soundings of all vehicles, in order of time, and its isobath.
         local: Each vehicle's own final map.
+        ideal: The map from all soundings at their true positions; None if these are unknown.
         alone_risk: Map risk of each vehicle from its own soundings alone (cost/place).
         curves: Reward and bounds over steps.
         truth: Lines of the true isobath (empty without truth).
@@ -57,6 +63,7 @@ class Evaluation:
     settings: list[PlannerSettings]
     team_map: TeamMap
     local: list[DepthField]
+    ideal: DepthField | None
     alone_risk: tuple[float, ...]
     curves: Curves
     truth: list[Array]
@@ -125,16 +132,19 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
                 "ground_grid()"
             )
         scored &= np.isfinite(run.ground.depth_m)
-    local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
     some = _thinned(team.field.grid, scored)
     papers = first.planner.entry.of_paper
+    others = partial(_other_maps, run, settings, area, some)
+    other_maps = run_in_background(others) if len(scored[scored]) > CELLS_OF_TWO_PROCESSES else others
     curves = reward_curves(run, settings, area, bounds if papers else 2, some)
+    local, ideal, alone_risk = other_maps()
     return Evaluation(
         run=run,
         settings=settings,
         team_map=team,
         local=local,
-        alone_risk=tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True)),
+        ideal=ideal,
+        alone_risk=alone_risk,
         curves=curves,
         truth=_true_isobath(run, first, scored),
         scored=scored,
@@ -148,19 +158,37 @@ def _thinned(grid: Grid, scored: Mask) -> Array:
     return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
 
 
+def _other_maps(
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array
+) -> tuple[list[DepthField], DepthField | None, tuple[float, ...]]:
+    """Each vehicle's own map, the map at true positions, and each vehicle's risk at places `some` (P, 2) alone."""
+    own = list(zip(run.vehicles, settings, strict=True))
+    local = [local_map(v, s, area, _tick_s(run)).field() for v, s in own]
+    return local, _ideal(run, settings[0], area), tuple(_risk_alone(v, s, some) for v, s in own)
+
+
 def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:
-    """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival."""
+    """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival.
+
+    Once the map is tiled, it takes all that is left together, as the vehicle does when it rebuilds its map after a
+    correction of places (`CorrectedMap.rebuild`): its own soundings, then the samples of each mate.
+    """
     depth_map = DepthMap(settings.gp, settings.level_set, area)
-    own, heard = vehicle.soundings, vehicle.received
+    own, heard = vehicle.soundings, vehicle.received.in_order()
     ticks_own, ticks_heard = np.ceil(own.stamp_s / tick_s - 1e-9), np.ceil(heard.stamp_s / tick_s - 1e-9)
-    done = 0
-    for tick in np.unique(ticks_heard):
-        count = int(np.searchsorted(ticks_own, tick, side="right"))
+    done = begin = 0
+    while begin < len(heard) and not depth_map.gp.is_tiled:
+        end = int(np.searchsorted(ticks_heard, ticks_heard[begin], side="right"))
+        count = int(np.searchsorted(ticks_own, ticks_heard[begin], side="right"))
         depth_map.add_soundings(own[done:count].rows)
-        for packet in heard[ticks_heard == tick].packets():
+        for packet in heard[begin:end].packets():
             depth_map.add_samples(packet.points_m, int(packet.vehicle[0]))
-        done = count
+        done, begin = count, end
     depth_map.add_soundings(own[done:].rows)
+    left = heard[begin:]
+    for mate in np.unique(left.vehicle).tolist():
+        theirs = left[left.vehicle == mate]
+        depth_map.add_samples(theirs.points_m, mate, np.unique(theirs.stamp_s, return_inverse=True)[1])
     return depth_map
 
 
@@ -204,19 +232,18 @@ def _summary(e: Evaluation) -> Summary:
     else:
         found["map_bound_kept"] = found["risk_after"] <= curves.mowing_risk
     if ground is not None:
-        found |= merit.against_truth([e.team, *e.local], _ideal(e), first, ground, e.scored, e.truth)
+        found |= merit.against_truth([e.team, *e.local], e.ideal, first, ground, e.scored, e.truth)
     found |= {"vehicles": len(run.vehicles), "steps": run.steps, "seed": first.mission.seed}
     found["unreachable_m2"] = e.area.unreachable_m2
     found["method"] = first.planner.method
     return Summary.of_known(found)
 
 
-def _ideal(e: Evaluation) -> DepthField | None:
+def _ideal(run: RunData, settings: PlannerSettings, area: OperatingArea) -> DepthField | None:
     """The map from all soundings at their true positions; None where these are unknown."""
-    if any(len(v.truth) == 0 for v in e.run.vehicles):
+    if run.ground is None or any(len(v.truth) == 0 for v in run.vehicles):
         return None
-    soundings = Soundings.join(true_positions(v) for v in e.run.vehicles)
-    return map_of(e.settings[0], e.area, soundings).field()
+    return map_of(settings, area, Soundings.join(true_positions(v) for v in run.vehicles)).field()
 
 
 def _promises(run: RunData) -> bool:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
-from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.online import OnlineGp
+from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.planned_paths import PlannedPaths
 
@@ -31,14 +30,20 @@ def covers_strips(planner: PlannerConfig) -> bool:
     return planner.floor == "strips" and planner.family.bound_of == "map"
 
 
-def risk_if_measured(posterior: Posterior, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
-    """Bayes risk at places (P, 2) now, and expected once the planned places are measured too, shape (P,) each."""
+def risk_if_measured(gp: OnlineGp, planned_m: Array, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
+    """Bayes risk at places (P, 2) now, and expected once `planned_m` (O, 2) are measured too, shape (P,) each.
+
+    With more than `MAX_DENSE` centers and planned places it is computed tile by tile.
+    """
     if len(places_m) == 0:
         return np.empty(0), np.empty(0)
-    columns = posterior.at(places_m)
-    variance, left = columns.data_var_m2, columns.planned_var_m2
-    before = level_set.risk(columns.mean_m, np.sqrt(variance))
-    return before, level_set.expected_risk(columns.mean_m, np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left))
+    if len(gp) + len(planned_m) > MAX_DENSE:
+        mean, variance, left = gp.tiled.planned_moments(places_m, planned_m)
+    else:
+        found = gp.posterior.with_planned(planned_m).at(places_m)
+        mean, variance, left = found.mean_m, found.data_var_m2, found.planned_var_m2
+    before = level_set.risk(mean, np.sqrt(variance))
+    return before, level_set.expected_risk(mean, np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left))
 
 
 class _Start(NamedTuple):
@@ -71,23 +76,24 @@ def lawnmower_map_risk(
     of two: every vehicle follows the lanes fitted to its own strip, or each in turn takes the lawnmower that is best
     given those before it.
     """
-    level_set = LevelSet.of(settings[0].level_set)
-    fitted = in_turn = OnlineGp(settings[0].gp).posterior
+    level_set, blank = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp)
     some = map_m[:: max(1, len(map_m) // CHOICE_PLACES)]
+    starts = list(_starts(run, settings, paths))
 
-    def expected(posterior: Posterior, places: Array) -> float:
-        return float(risk_if_measured(posterior, level_set, places)[1].mean())
+    def expected(planned: Sequence[Array], places: Array) -> float:
+        joined = np.concatenate([np.empty((0, 2)), *planned])
+        return float(risk_if_measured(blank, joined, level_set, places)[1].mean())
+
+    def strips(ids: Sequence[int]) -> list[Array]:
+        return [start.naive(ids[(start.vehicle - 1) % len(ids)]) for start in starts]
 
     if covers_strips(settings[0].planner):
-        covered = fitted
-        for start in _starts(run, settings, paths):
-            covered = covered.with_planned(start.naive(STRIPS[(start.vehicle - 1) % len(STRIPS)]))
-        return expected(covered, map_m)
-    for start in _starts(run, settings, paths):
-        candidates = [in_turn.with_planned(start.naive(naive_path)) for naive_path in MOWING]
-        in_turn = min(candidates, key=lambda posterior: expected(posterior, some))
-        fitted = fitted.with_planned(start.naive(FITTED[(start.vehicle - 1) % len(FITTED)]))
-    return min(expected(in_turn, map_m), expected(fitted, map_m))
+        return expected(strips(STRIPS), map_m)
+    in_turn: list[Array] = []
+    for start in starts:
+        candidates = [[*in_turn, start.naive(naive_path)] for naive_path in MOWING]
+        in_turn = min(candidates, key=lambda planned: expected(planned, some))
+    return min(expected(in_turn, map_m), expected(strips(FITTED), map_m))
 
 
 def flown_map_risk(
@@ -95,20 +101,21 @@ def flown_map_risk(
 ) -> float:
     """Map risk over `map_m` (P, 2) that the prior expects after the legs that all vehicles travelled."""
     legs = [own.leg(d) for v, own in zip(run.vehicles, paths, strict=True) for d in v.decisions]
-    posterior = OnlineGp(settings[0].gp).posterior.with_planned(np.concatenate([np.empty((0, 2)), *legs]))
-    return float(risk_if_measured(posterior, LevelSet.of(settings[0].level_set), map_m)[1].mean())
+    flown = np.concatenate([np.empty((0, 2)), *legs])
+    blank, level_set = OnlineGp(settings[0].gp), LevelSet.of(settings[0].level_set)
+    return float(risk_if_measured(blank, flown, level_set, map_m)[1].mean())
 
 
 def lawnmower_path_reward(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> float:
     """Expected whole-path reward of a lawnmower mission: each vehicle in turn takes the one that adds most."""
-    level_set, posterior = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp).posterior
+    level_set, blank = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp)
     team, value = np.empty((0, 2)), 0.0
     for start in _starts(run, settings, paths):
         ids = [start.plan.naive_path] if start.plan.naive_path != NONE else [*LAWNMOWERS, *COVERING]
         joint = [np.concatenate([team, start.naive(naive_path)]) for naive_path in ids]
         rewards = []
         for places in joint:
-            before, after = risk_if_measured(posterior.with_planned(places), level_set, places)
+            before, after = risk_if_measured(blank, places, level_set, places)
             rewards.append(float((before - after).sum()))
         best = int(np.argmax(rewards))
         value, team = rewards[best], joint[best]

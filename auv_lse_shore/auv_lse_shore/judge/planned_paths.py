@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
@@ -36,9 +36,17 @@ class PlannedPaths:
             self._paths[plan] = self.rollout.follow(plan)
         return self._paths[plan].from_step(decision.step)
 
+    def next_leg(self, decision: DecisionRecord) -> PlannedPath:
+        """The decided leg, and perhaps later ones; no leg if the plan ended before."""
+        plan = decision.plan
+        if 0 <= decision.step - plan.step < len(plan.actions):  # what follows the leg need not be computed
+            actions = plan.actions[: decision.step - plan.step + 1]
+            return self.rollout.path(plan.step, plan.state, actions, NONE).from_step(decision.step)
+        return self.ahead(decision)
+
     def leg(self, decision: DecisionRecord) -> Array:
         """Places (n, 2) of the decided leg that count in the reward; none if the plan ended before."""
-        return self.ahead(decision).leg_places_m[:1].reshape(-1, 2)
+        return self.next_leg(decision).leg_places_m[:1].reshape(-1, 2)
 
     def naive(self, start: Plan, naive_path: int, steps: int) -> Array:
         """Places (n, 2) of the first `steps` legs of a naive path from the state of a plan to the mission's end."""
@@ -62,7 +70,7 @@ def leg_times(vehicle: VehicleRun, paths: PlannedPaths) -> Array:
         if len(rows) == 0:
             times.append(decision.now_s)
             continue
-        _, north, east = paths.ahead(decision).states[0]
+        _, north, east = paths.next_leg(decision).states[0]
         distance = np.hypot(rows[:, 1] - north, rows[:, 2] - east)
         times.append(float(rows[np.argmin(distance), 0]))
     return np.array([*times, np.inf])
@@ -75,6 +83,9 @@ def soundings_by_leg(vehicle: VehicleRun, paths: PlannedPaths, steps: int) -> li
         return legs
     times = leg_times(vehicle, paths)
     index = np.clip(np.searchsorted(times[:-1], vehicle.soundings.stamp_s, side="right") - 1, 0, None)
+    order = np.argsort(index, kind="stable")
+    edges = np.searchsorted(index[order], np.arange(len(vehicle.decisions) + 1))
     for number, decision in enumerate(vehicle.decisions):
-        legs[decision.step] = Soundings.join([legs[decision.step], vehicle.soundings[index == number]])
+        own = vehicle.soundings[order[edges[number] : edges[number + 1]]]
+        legs[decision.step] = Soundings.join([legs[decision.step], own])
     return legs

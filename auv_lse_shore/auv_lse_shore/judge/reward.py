@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 RISK_EVERY = 12
 
 #: Largest number of steps at which the whole-path reward is computed. Its cost of a step grows with the steps before.
+#: Beyond it, only methods that maximize this reward (the paper's) get so many; of the others only the end is computed.
 WHOLE_STEPS = 100
 
 
@@ -50,7 +51,7 @@ class Curves:
         stepwise: Realized stepwise reward so far, shape (n + 1,).
         bound: Stepwise reward so far + naive part of Jbar; NaN without naive part or where not computed, (n + 1,).
         whole: Whole-path reward of the places visited so far, given the data so far, shape (n + 1,);
-            in missions of more than `WHOLE_STEPS` legs linear between computed steps.
+            in missions of more than `WHOLE_STEPS` legs linear between computed steps (exact at the end).
         whole_bound: Whole-path reward expected if the current plans are carried out; NaN where not computed, (n + 1,).
         naive_value: Whole-path reward expected of a lawnmower mission before the first leg.
         per_vehicle: Stepwise reward of each vehicle's legs, shape (K, n).
@@ -118,7 +119,7 @@ class _Replay:
     def expected(self, planned: Array, others: Array) -> tuple[Array, Array]:
         """Risk now and once `planned` (V, 2) is measured too, at `planned` then `others` (O, 2); (V + O,) each."""
         places = np.concatenate([planned, others])
-        return risk_if_measured(self.gp.posterior.with_planned(planned), self.level_set, places)
+        return risk_if_measured(self.gp, planned, self.level_set, places)
 
     def bounds(self, step: int) -> tuple[float, float]:
         """Expected reward of the naive part of the plans, and expected whole-path reward; NaN if a plan is missing."""
@@ -129,12 +130,15 @@ class _Replay:
         prior = self.risk(self.blank, np.concatenate([planned, self.visited]))
         return float((before - after)[searched : len(planned)].sum()), float((prior - after).sum())
 
-    def expected_map_risk(self, step: int, map_m: Array) -> float:
-        """Map risk over `map_m` (P, 2) expected at the end of the plans; NaN if a plan is missing."""
+    def map_risk(self, step: int, map_m: Array) -> tuple[float, float]:
+        """Map risk over `map_m` (P, 2) now, and expected at the end of the plans (NaN if a plan is missing)."""
         if (ahead := self.ahead(step)) is None:
-            return np.nan
+            return float(self.risk(self.gp, map_m).mean()), np.nan
         planned = np.concatenate(ahead)
-        return float(self.expected(planned, map_m)[1][len(planned) :].mean())
+        before, after = (risk[len(planned) :] for risk in self.expected(planned, map_m))
+        if not self.gp.is_tiled or self.gp.config.local:  # `before` differs by rounding, or is not local
+            before = self.risk(self.gp, map_m)
+        return float(before.mean()), float(after.mean())
 
     def travel(self, step: int) -> tuple[Array, NDArray[np.int64]]:
         """Takes the soundings of a leg of all vehicles; drop of risk at each place of it, and index of its vehicle."""
@@ -172,16 +176,17 @@ def reward_curves(
     replay = _Replay(run, settings, paths)
     stepwise = np.zeros(steps + 1)
     bound, whole_bound, risk, expected_risk, whole = (np.full(steps + 1, np.nan) for _ in range(5))
-    whole_at = set(np.linspace(0, steps, min(WHOLE_STEPS, steps) + 1).round().astype(int).tolist())
+    parts = steps if steps <= WHOLE_STEPS else WHOLE_STEPS if settings[0].planner.entry.of_paper else 1
+    whole_at = set(np.linspace(0, steps, parts + 1).round().astype(int).tolist())
     per_vehicle = np.zeros((len(run.vehicles), steps))
     averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
     augmented = any(d.plan.naive_path != NONE for v in run.vehicles for d in v.decisions)
     chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
     for step in range(steps + 1):
         if map_m is not None and step in averaged:
-            risk[step] = replay.risk(replay.gp, map_m).mean()
-            expected_risk[step] = replay.expected_map_risk(step, map_m) if step < steps else risk[step]
+            risk[step], expected_risk[step] = replay.map_risk(step, map_m)
         if step == steps:
+            expected_risk[step] = risk[step]
             break
         if step in chosen:
             naive, whole_bound[step] = replay.bounds(step)

@@ -227,6 +227,7 @@ def conclude(
     from auv_lse_record.run_reader import read_run
     from auv_lse_shore.judge.evaluation import evaluate, ground_grid
     from auv_lse_shore.judge.team_map import write_isobath
+    from auv_lse_shore.report.progress import show_step
     from auv_lse_shore.report.report import write_report
     from auv_lse_shore.report.words import headlines
 
@@ -234,7 +235,7 @@ def conclude(
     ground = ground_grid(settings.planner_settings(1), ground_of(settings))
     run = read_run(folder, mission=folder / "mission.yaml", ground=ground, wall_s=wall_s)
     if report:
-        summary = write_report(run, folder)
+        summary = write_report(run, folder, show_step)
     else:
         evaluation = evaluate(run)
         summary = evaluation.summary

@@ -124,7 +124,9 @@ class TeamMeasurements:
         """The measurements of recordings; a mate's own recording replaces what others received from it."""
         found, recorded = cls(), {r.key: r.data for r in recordings}
         for recording in recordings:
-            smoother, dive = _replayed(recording.data, config), recording.key - recording.data.vehicle
+            dive = recording.key - recording.data.vehicle
+            mates = {key - dive for key in recorded if dive < key < dive + KEYS_PER_DIVE}
+            smoother = _replayed(recording.data, config, mates)
             for number, track in smoother.tracks.items():
                 key = dive + number
                 if key in found.tracks or (key in recorded and key != recording.key):
@@ -147,8 +149,8 @@ def _depth_at(vehicle: VehicleRun, stamp_s: float) -> float:
     return float(np.interp(stamp_s, vehicle.dead_reckoning[:, 0], vehicle.dead_reckoning[:, 4]))
 
 
-def _replayed(vehicle: VehicleRun, config: PlacesConfig) -> PositionSmoother:
-    """A smoother with all measurements and receptions of a vehicle."""
+def _replayed(vehicle: VehicleRun, config: PlacesConfig, recorded: set[int]) -> PositionSmoother:
+    """A smoother with all that a vehicle measured and received; samples refine only tracks of unrecorded mates."""
     smoother = PositionSmoother(vehicle.vehicle, config)
     for stamp, north, east, heading, depth in vehicle.dead_reckoning.tolist():
         smoother.add_dead_reckoning(
@@ -156,7 +158,7 @@ def _replayed(vehicle: VehicleRun, config: PlacesConfig) -> PositionSmoother:
         )
     for fix in vehicle.fixes:
         smoother.add_fix(fix)
-    heard = vehicle.received
+    heard = vehicle.received[~np.isin(vehicle.received.vehicle, list(recorded))]
     samples = {
         (t, k): heard[(heard.stamp_s == t) & (heard.vehicle == k)].places_m
         for t, k in {*zip(heard.stamp_s.tolist(), heard.vehicle.tolist(), strict=True)}

@@ -11,6 +11,7 @@ from typing import Any
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.judge.team_map import mission_settings
 from auv_lse_shore.judge.true_ground import set_true_ground
+from auv_lse_shore.report.progress import show_step
 from auv_lse_shore.report.report import write_report
 from auv_lse_shore.report.words import headlines
 
@@ -34,9 +35,10 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
         OSError: if the folder cannot be written.
     """
     folder = out or (run if run.is_dir() else run.parent)
+    show_step(f"reading {run}")
     data = read_run(run, mission=mission, wall_s=_wall_s(folder))
     set_true_ground(data, str(run))
-    summary = write_report(data, folder)
+    summary = write_report(data, folder, show_step)
     planned_steps = mission_settings(data.parameters, 1)[0].mission.steps
     return [*headlines(summary, planned_steps), str(folder / "report.html")]
 

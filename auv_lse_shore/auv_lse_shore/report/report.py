@@ -12,9 +12,10 @@ from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.judge.summary import Summary
-from auv_lse_shore.judge.team_map import write_isobath
+from auv_lse_shore.judge.team_map import team_map, write_isobath
 from auv_lse_shore.report import report_figures, words
 from auv_lse_shore.report.page import embed, number, render
+from auv_lse_shore.report.progress import Show, show_nothing
 
 #: Columns of the table of vehicles.
 VEHICLE_COLUMNS = (
@@ -24,7 +25,7 @@ VEHICLE_COLUMNS = (
 )  # fmt: skip
 
 
-def write_report(run: RunData, folder: Path) -> Summary:
+def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summary:
     """Evaluates a mission and writes `summary.json`, `isobath.geojson`, the figures as PNG and `report.html`.
 
     `mission.yaml` is written too if it is not there yet. Takes a few seconds for a default mission.
@@ -32,6 +33,7 @@ def write_report(run: RunData, folder: Path) -> Summary:
     Args:
         run: The mission.
         folder: Run folder, created if needed.
+        show: Shows what is being done.
 
     Returns:
         The figures of merit.
@@ -39,7 +41,14 @@ def write_report(run: RunData, folder: Path) -> Summary:
     Raises:
         OSError: if the files cannot be written; the folder then has none of them.
     """
-    return write_outputs(evaluate(run), folder)
+    show(f"mapping {sum(len(v.soundings) for v in run.vehicles):,} soundings")
+    team = team_map(run)
+    show("comparing the map with the vehicles' own and with the bounds")
+    evaluation = evaluate(run, team=team)
+    show("drawing figures")
+    summary = write_outputs(evaluation, folder)
+    show("")
+    return summary
 
 
 def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:

@@ -300,3 +300,14 @@ def test_errors_of_the_command_name_the_cause(synthetic_run, tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.startswith("error: auv1 of run 1: no dead reckoning (topic dead_reckoning)")
     assert not (tmp_path / "old" / "adjusted").exists()
+
+
+def test_samples_are_not_needed_for_mates_whose_own_recordings_are_given(synthetic_run):
+    run = dived(synthetic_run)
+    with_samples = adjust([run])
+    assert any(len(vehicle.received) for vehicle in run.vehicles)
+    for vehicle in run.vehicles:
+        vehicle.received = Soundings.from_rows(())
+    without = adjust([run])
+    assert np.array_equal(with_samples.correction.theta, without.correction.theta)
+    assert with_samples.ranges == without.ranges > 0

@@ -74,3 +74,30 @@ def test_without_soundings_it_is_the_prior():
     found = dense_map(dense_prior(config), Measurements.averaged(np.zeros((0, 2)), np.zeros(0), 0.3, 10.0), AT)
     assert (found.mean_m == config.mean_depth_m).all()
     assert (found.std_m == config.signal_std_m).all()
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_by_squares_it_is_nearly_the_same(kernel, monkeypatch):
+    """Within .02 standard deviations, .2 for the smoothest kernel, as the tiles of vehicles' maps, and 1 %."""
+    config = GpConfig(kernel=kernel, length_scale_m=12.0, length_scale_2_m=9.0, rotation_deg=30.0)
+    effect = np.random.default_rng(1).normal(0.0, 0.1, (40, 3))
+    given = Measurements.of_centers(PLACES, DEPTHS, np.full(40, 0.3), effect)
+    whole = dense_map(dense_prior(config), given, AT)
+    monkeypatch.setattr(dense, "MAX_WHOLE", 10)
+    assert max(len(near) for near, _, _ in dense._squares(dense_prior(config), PLACES, AT)) < 40
+    found = dense_map(dense_prior(config), given, AT)
+    smooth = kernel == "squared_exponential"
+    assert np.abs((found.mean_m - whole.mean_m) / whole.std_m).max() < (0.2 if smooth else 0.02)
+    assert found.prior_std_m == pytest.approx(whole.prior_std_m, rel=0.01)
+    assert found.variance_scale == pytest.approx(whole.variance_scale, rel=0.01)
+
+
+def test_many_soundings_count_at_the_centroid_of_their_square(monkeypatch):
+    exact = Measurements.averaged(PLACES, DEPTHS, 0.3, 10.0)
+    monkeypatch.setattr(dense, "MAX_EXACT", 30)
+    given = Measurements.averaged(PLACES, DEPTHS, 0.3, 10.0)
+    assert given.depths_m.tolist() == exact.depths_m.tolist()
+    assert (given.counts == 1).all()
+    prior = dense_prior(GpConfig())
+    apart = dense_map(prior, given, AT).mean_m - dense_map(prior, exact, AT).mean_m
+    assert 0.0 < np.abs(apart).max() < 0.05

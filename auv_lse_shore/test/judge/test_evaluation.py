@@ -156,6 +156,28 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
     )
 
 
+def test_a_large_local_map_takes_the_rest_together(synthetic_run, monkeypatch):
+    run = synthetic_run(steps=20)
+    settings = mission_settings(run.parameters, 2)[1]
+    area = OperatingArea(settings.area)
+    by_tick = local_map(run.vehicles[1], settings, area, 1.0)
+    calls, add = [], DepthMap.add_samples
+    monkeypatch.setattr(DepthMap, "add_samples", lambda m, *a: calls.append(m.gp.is_tiled) or add(m, *a))
+    monkeypatch.setattr("auv_lse_gp.map.online.MAX_DENSE", len(by_tick.centers) // 2)
+    together = local_map(run.vehicles[1], settings, area, 1.0)
+    assert calls.count(True) == 1
+    assert calls.count(False) > 1
+    assert len(together.centers) == pytest.approx(len(by_tick.centers), rel=0.02)
+    assert np.nanmean(together.field().risk) == pytest.approx(np.nanmean(by_tick.field().risk), rel=0.02)
+
+
+def test_a_large_map_is_evaluated_in_two_processes_with_the_same_results(synthetic_run, monkeypatch):
+    run = synthetic_run(steps=6)
+    alone = evaluate(run, bounds=2)
+    monkeypatch.setattr("auv_lse_shore.judge.evaluation.CELLS_OF_TWO_PROCESSES", 0)
+    assert evaluate(run, bounds=2).summary == alone.summary
+
+
 def test_ground_on_another_grid_is_refused(synthetic_run):
     run = synthetic_run(steps=1)
     g = run.ground
