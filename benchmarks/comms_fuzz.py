@@ -25,6 +25,7 @@ from auv_lse_comms.packet.fields import (
     PACKET_BYTES,
     PAIRED,
     PAIRS,
+    QUALITY,
     RESERVED,
     SAMPLE_BYTES,
     are_paired,
@@ -118,7 +119,7 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
     at = _samples_start(sent) - 1
-    return good[:at] + bytes([int(rng.integers(RESERVED[0], PAIRS))]) + good[at + 1 :], {"naive_path"}
+    return good[:at] + bytes([int(rng.integers(RESERVED[0], QUALITY))]) + good[at + 1 :], {"naive_path"}
 
 
 def _bad_pairs(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:

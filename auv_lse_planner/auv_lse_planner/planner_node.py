@@ -102,14 +102,19 @@ class PlannerNode(VehicleNode):
         with their original stamps, for readers that start later.
         """
         decided: list[Any] | None = None
+        judged: dict[str, Any] | None = None  # after that decision
         for kind, *values in self.journal.records:
             if kind == "decided":
-                decided = values
+                decided, judged = values, None
+            elif kind == "judged":
+                judged = values[0]
             elif kind == "heard":
                 stamp_s, vehicle, plan = values
                 self._planner.receive_plan(stamp_s, vehicle, Plan.from_mapping(plan))
         if decided is not None:
             self._planner.restore(decided[0])
+        if judged is not None:
+            self._planner.until.restore(judged)
         known = self._planner.decided
         self._planner.resume_at(self.state.values.get("decided", 0))
         if self.state.rebooted:
@@ -165,10 +170,22 @@ class PlannerNode(VehicleNode):
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
             self.state.write({"decided": self._planner.decided})  # before anyone learns of it
             self._publish(now_s, decision)
+            self._judge()
         if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)
             self._command.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
         self._diagnose(now_s)
+
+    def _judge(self) -> None:
+        """Judges the map for `mission.until`, once the decision is published."""
+        if not self._planner.judge_map():
+            return
+        until = self._planner.until
+        self.journal.write("judged", until.snapshot())
+        if until.reached:
+            self.get_logger().info(
+                f"step {self._planner.decided}: the map has the quality asked for: {until.asked.text}"
+            )
 
     def _publish(self, now_s: float, decision: Decision) -> None:
         self._publish_plan(now_s, decision.plan)
@@ -185,8 +202,7 @@ class PlannerNode(VehicleNode):
 
     def _publish_waypoint(self, stamp_s: float, leg: Leg) -> None:
         vehicle = self._settings.vehicle
-        last = leg.step == self._settings.mission.steps - 1
-        then = vehicle.stop_at_end if last else None
+        then = vehicle.stop_at_end if self._planner.is_last(leg) else None
         self._waypoint.publish(
             Waypoint(
                 stamp_s=stamp_s,
@@ -227,6 +243,9 @@ def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: In
         map_revision=taken.map_revision,
         plans_heard=taken.plans,
         odometry_taken=taken.odometry_s,
+        found_share=bound.quality.found_share,
+        undiscovered_m=bound.quality.undiscovered_m,
+        deviation_m=bound.quality.deviation_m,
     )
 
 

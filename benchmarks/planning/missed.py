@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.level_set.lines import FOUND_WITHIN_M, resample
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_shore.campaign.statistics import interval
 from auv_lse_shore.judge import isobath
@@ -43,7 +44,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 #: Seed of the first lake; seeds 8200 to 8211 and 8300 to 8311 were used to choose among trials.
 FIRST = 9600
-#: A stretch of the true isobath is missed if it is longer than this (m) and nowhere within `isobath.FOUND_WITHIN_M`
+#: A stretch of the true isobath is missed if it is longer than this (m) and nowhere within `FOUND_WITHIN_M`
 #: of the estimate.
 LEAST_M = 40.0
 #: Figures of a mission's summary that are kept.
@@ -57,15 +58,13 @@ PAIRED = (("isobath_error_m", "isobath error (m)", False), ("isobath_found", "fo
           ("risk_after", "final risk", True), ("loss_after", "true loss", True))  # fmt: skip
 
 
-def missed_m(
-    truth: Sequence[Array], estimate: Sequence[Array], within_m: float = isobath.FOUND_WITHIN_M
-) -> list[float]:
+def missed_m(truth: Sequence[Array], estimate: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> list[float]:
     """Lengths (m) of the stretches of true isobath longer than `LEAST_M` that the estimate does not come near."""
-    points = isobath.resample(estimate)
+    points = resample(estimate)
     tree = cKDTree(points) if len(points) else None
     lengths = []
     for line in truth:
-        places = isobath.resample([line])
+        places = resample([line])
         away = np.ones(len(places), dtype=bool) if tree is None else tree.query(places)[0] > within_m
         if np.array_equal(line[0], line[-1]) and not away.all():  # a closed line begins where nothing is missed
             away = np.roll(away, -int(np.argmin(away)))

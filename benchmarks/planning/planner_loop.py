@@ -131,6 +131,7 @@ def light_mission(
                 boat.planner.set_centers(boat.gp.centers, float(now))
                 decision = boat.planner.decide(float(now))
                 boat.wall_s.append(time.perf_counter() - begin)
+                boat.planner.judge_map()
                 boat.plan = decision.plan
                 if boat.leg is None:
                     boat.leg = decision.leg

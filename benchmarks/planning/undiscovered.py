@@ -22,9 +22,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_gp.level_set.lines import near, resample
+from auv_lse_gp.map import certainty
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
-from auv_lse_shore.judge import certainty, isobath
+from auv_lse_shore.judge import isobath
 from benchmarks.command import end_with, existing_file
 from benchmarks.planning.planner_methods import spread_windows
 from benchmarks.planning.undiscovered_flights import ground_of, mission, settings, where_of
@@ -52,17 +54,17 @@ def figures(line: Row) -> Row:
     ground = ground_of(line["kind"], line["lake"], where_of(line["vehicles"]), line["real"])
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
     truth = isobath.trace(grid.north_m, grid.east_m, depth, level)
-    located = isobath.near(found)
+    located = near(found)
     missing = undiscovered(chosen.gp, depth_map.centers, level, coarse_grid(area, chosen.gp.map_resolution_m), located)
     known = np.isfinite(depth)
     called, deep = depth_map.level_set.safe(field.mean_m[known], field.std_m[known]), depth[known] >= level
     cost = np.where(called, chosen.level_set.cost_false_safe, chosen.level_set.cost_false_unsafe)
     sure = [p for p in pieces if p.kind == certainty.FOUND]
-    tree = cKDTree(isobath.resample(truth, 0.5))
+    tree = cKDTree(resample(truth, 0.5))
     off = [tree.query(p.line)[0] / np.maximum(p.std_m, 1e-6) for p in sure] or [np.empty(0)]
     return {
         **{key: line[key] for key in ("kind", "vehicles", "lake")},
-        "missing": isobath.length_m(truth) * (1.0 - float(np.mean(located(isobath.resample(truth))))),
+        "missing": isobath.length_m(truth) * (1.0 - float(np.mean(located(resample(truth))))),
         "expected": missing.expected_m,
         "limit": missing.limit_m,
         "loss": float(np.mean(cost * (called != deep))),

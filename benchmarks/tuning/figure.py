@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from auv_lse_gp.map.certainty import FOUND
 from auv_lse_shore.judge import isobath
-from auv_lse_shore.judge.certainty import FOUND
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.report.figures import (
     RISK_COLORS,

@@ -183,6 +183,8 @@ def to_mapping(config: Any) -> dict[str, Any]:
             continue
         if dataclasses.is_dataclass(value):
             value = to_mapping(value)
+            if not value:
+                continue
         elif isinstance(value, tuple):
             value = list(value)
         elif isinstance(value, dict):

@@ -32,11 +32,12 @@ def encode_plan(report: PlanReport, vehicle: int) -> Fields:
         "segment_legs": segment_legs,
         "bearings": list(bearings),
         "naive_path": plan.naive_path,
+        "quality_reached": plan.quality_reached,
     }
 
 
 def decode_plan(message: Any) -> PlanReport:
-    """A plan; older recordings call its naive path "heuristic" and have no tour."""
+    """A plan; older recordings call its naive path "heuristic" and have neither tour nor `quality_reached`."""
     bearings = tuple(map(int, getattr(message, "bearings", ())))
     plan = Plan(
         step=int(message.step),
@@ -46,6 +47,7 @@ def decode_plan(message: Any) -> PlanReport:
         actions=tuple(map(int, message.actions)),
         tour=Tour.from_fields(int(getattr(message, "segment_legs", 0)), bearings),
         naive_path=int(message.naive_path if hasattr(message, "naive_path") else message.heuristic),
+        quality_reached=bool(getattr(message, "quality_reached", False)),
     )
     return PlanReport(stamp_s=seconds(message.header.stamp), vehicle=int(message.vehicle), plan=plan)
 

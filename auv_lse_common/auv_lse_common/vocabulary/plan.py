@@ -183,6 +183,7 @@ class Plan:
         actions: Indices into the action set.
         naive_path: Id of the naive path after the actions and the tour, or `NONE`.
         tour: The tour after the actions; None: no tour.
+        quality_reached: Whether its vehicle's map has the quality that `mission.until` asks for.
     """
 
     step: int
@@ -192,6 +193,7 @@ class Plan:
     actions: tuple[int, ...]
     naive_path: int
     tour: Tour | None = None
+    quality_reached: bool = False
 
     def __post_init__(self) -> None:
         """Rounds the state to float32; numbers beyond its range become infinite, and cannot be encoded.

@@ -393,7 +393,7 @@ class ModemBridge:
         """The packet sent at `now_s` in the slot that starts at `slot_s` (s), and its rows of the sample queue."""
         abort = self.abort_calls.own
         if abort:
-            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE)
+            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE, quality_reached=False)
         navigation = self._navigation(now_s)
         reserve = 0
         if self._tagger is not None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import operator
 from collections.abc import Sequence
@@ -28,6 +29,8 @@ from auv_lse_comms.packet.fields import (
     PAIRED_SET,
     PAIRS,
     PAIRS_HEADER,
+    QUALITY,
+    QUALITY_REACHED,
     RESERVED,
     SAMPLE,
     SAMPLE_BYTES,
@@ -74,7 +77,7 @@ REASONS = {
     "terminal": "no terminal byte ends the path, or too many actions",
     "pairs": "too few actions in pairs, or cut off; or one byte per action where the encoding in pairs is required",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEA), a second tour or navigation, or one below 0xE0",
+    "naive_path": "a terminal byte that is reserved (0xE5 to 0xE9), a second tour or navigation, or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -174,7 +177,8 @@ def room_for_samples(plan: Plan, reserve: int = 0, navigation: Navigation | None
     Raises:
         ValueError: if the plan does not fit a packet.
     """
-    return capacity(len(plan.actions), reserve, _segments(plan.tour), _size(navigation), are_paired(plan.actions))
+    before = _size(navigation) + _quality_size(plan)
+    return capacity(len(plan.actions), reserve, _segments(plan.tour), before, are_paired(plan.actions))
 
 
 def _segments(tour: Tour | None) -> int:
@@ -183,6 +187,10 @@ def _segments(tour: Tour | None) -> int:
 
 def _size(navigation: Navigation | None) -> int:
     return 0 if navigation is None else navigation.size
+
+
+def _quality_size(plan: Plan) -> int:
+    return QUALITY_REACHED.size if plan.quality_reached else 0
 
 
 def check_plan(
@@ -209,9 +217,9 @@ def check_plan(
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
-    segments = _segments(plan.tour)
-    if samples_start(len(actions), segments, navigation_bytes, are_paired(actions)) > PACKET_BYTES - reserve:
-        left = PACKET_BYTES - reserve - samples_start(0, segments, navigation_bytes)
+    segments, before = _segments(plan.tour), navigation_bytes + _quality_size(plan)
+    if samples_start(len(actions), segments, before, are_paired(actions)) > PACKET_BYTES - reserve:
+        left = PACKET_BYTES - reserve - samples_start(0, segments, before)
         in_pairs = min(2 * (left - len(PAIRS_HEADER)), PAIRED[-1])
         most = in_pairs if max(actions) < PAIRED_SET and in_pairs in PAIRED else left
         beside = f" with a tour of {segments} segments" if segments else ""
@@ -249,7 +257,7 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     header = HEADER_STRUCT.pack(plan.step, plan.heading_rad, plan.north_m, plan.east_m)
     actions = _pairs_bytes(plan.actions) if are_paired(plan.actions) else bytes(plan.actions)
     navigation_bytes = b"" if navigation is None else navigation.to_bytes()
-    terminal = bytes([ABORT if packet.abort else plan.naive_path])
+    terminal = bytes([QUALITY] * plan.quality_reached + [ABORT if packet.abort else plan.naive_path])
     used = header + actions + _tour_bytes(plan.tour) + navigation_bytes + terminal + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
@@ -279,14 +287,15 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     segments = _segments(tour)
     after_path = samples_start(len(actions), segments, paired=paired) - 1  # the terminal byte, or the navigation
     size = nav.SIZES.get(data[after_path], 0)
-    start = after_path + size + 1
+    reached = data[after_path + size] == QUALITY if after_path + size < last else False
+    start = after_path + size + reached + 1
     if start > last:
-        raise PacketError("terminal", "no byte ends the path after the navigation")
+        raise PacketError("terminal", "no byte ends the path")
     navigation = Navigation.from_bytes(data[after_path : after_path + size]) if size else None
     abort = data[start - 1] == ABORT
     naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
-    places = capacity(len(actions), reserve, segments, size, paired)
+    places = capacity(len(actions), reserve, segments, size + reached, paired)
     stop = start + places * SAMPLE_BYTES
     n = places
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
@@ -302,6 +311,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
             raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
         raise
     plan = Plan.at(step, np.array([heading, north, east]), actions, naive_path, tour)
+    plan = dataclasses.replace(plan, quality_reached=reached)
     return Packet(plan, samples.astype(float), abort, navigation)
 
 
@@ -314,7 +324,7 @@ def _check(reason: str, value: float, table: PacketField) -> None:
 def _check_terminal(naive_path: int) -> None:
     _check("naive_path", naive_path, TERMINAL)
     if naive_path in RESERVED:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{PAIRS - 1} are reserved")
+        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{QUALITY - 1} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:

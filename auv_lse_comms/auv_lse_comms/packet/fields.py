@@ -22,10 +22,13 @@ TOUR = 0xEF
 ABORT = 0xEE
 #: Begins a path with two actions per byte.
 PAIRS = 0xEB
+#: Precedes the byte that ends the path, if the sender's map has the quality that `mission.until` asks for.
+QUALITY = 0xEA
 #: Numbers of actions that are encoded in pairs, if each action is below `PAIRED_SET`: longer than a search plans.
 PAIRED = range(17, 256)
 PAIRED_SET = 16
-#: Bytes from `FIRST_TERMINAL` on that are not ids of naive paths: `TOUR`, `ABORT`, `PAIRS`, navigation's, and reserved.
+#: Bytes from `FIRST_TERMINAL` on that are not ids of naive paths: `TOUR`, `ABORT`, `PAIRS`, `QUALITY`, navigation's,
+#: and reserved.
 RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
@@ -108,7 +111,15 @@ BEARING = PacketField(
     high=BEARINGS - 1,
     meaning="direction of each segment, clockwise from north",
 )
-#: Once, after the actions and the tour.
+#: Once, before the byte that ends the path, if the map has the quality asked for.
+QUALITY_REACHED = PacketField(
+    name="quality_reached",
+    type="uint8",
+    low=QUALITY,
+    high=QUALITY,
+    meaning="quality reached",
+)
+#: Once, after the actions, the tour, navigation and `QUALITY_REACHED`.
 TERMINAL = PacketField(
     name="naive_path",
     type="uint8",
@@ -172,7 +183,7 @@ def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: in
         n_actions: Actions in the packet, 0 to `MAX_ACTIONS`, in pairs up to the end of `PAIRED`.
         reserve: Bytes at the end reserved for the tag, 0 if there is none.
         segments: Segments of the tour in the packet, 0 if there is none.
-        navigation: Bytes of navigation in the packet, 0 if there is none.
+        navigation: Bytes of navigation and `QUALITY_REACHED` in the packet, 0 without.
         paired: Whether the actions are encoded in pairs (`are_paired`).
 
     Raises:

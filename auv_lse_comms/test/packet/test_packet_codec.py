@@ -100,6 +100,36 @@ GOLDEN_TOURS = {
 }
 
 
+GOLDEN_QUALITY = {
+    # 14 + 3 + 1 + 1 + 19 * 12 = 247 bytes, 5 spare
+    "three actions": (START + "00050a" + "ea" + "f2" + SAMPLE_A * 19 + "ff" * 5, (0, 5, 10), None, 0xF2, 19),
+    # the byte takes the place of a sample: 14 + 9 + 1 + 1 + 18 * 12 = 241, 11 spare
+    "nine actions": (
+        START + "090807060504030201" + "ea" + "ff" + SAMPLE_A * 18 + "ff" * 11,
+        (9, 8, 7, 6, 5, 4, 3, 2, 1), None, 0xFF, 18,
+    ),
+    # 14 + 3 + 7 + 1 + 1 + 18 * 12 = 242, 10 spare
+    "navigation": (
+        START + "00050a" + "ec" + "393000" + "feffff" + "ea" + "f2" + SAMPLE_A * 18 + "ff" * 10,
+        (0, 5, 10), Navigation(raw_cm=(12345, -2)), 0xF2, 18,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", GOLDEN_QUALITY)
+def test_golden_packet_that_announces_the_quality_asked_for(layout: str) -> None:
+    text, actions, navigation, naive_path, samples = GOLDEN_QUALITY[layout]
+    data = bytes.fromhex(text)
+    assert len(data) == 252
+    plan = Plan(
+        step=42, heading_rad=0.5, north_m=100.0, east_m=-2.5, actions=actions, naive_path=naive_path,
+        quality_reached=True,
+    )  # fmt: skip
+    packet = Packet(plan, np.tile([1.0, -2.5, 15.0], (samples, 1)), navigation=navigation)
+    assert encode(packet) == data
+    assert decode(data) == packet
+
+
 @pytest.mark.parametrize("layout", GOLDEN)
 def test_golden_packet_packed_by_hand(layout: str) -> None:
     text, actions, naive_path, samples = GOLDEN[layout]
@@ -237,7 +267,8 @@ def test_navigation_that_is_cut_off_or_repeated_is_refused(navigation: Navigatio
             decode((start + path).ljust(252, b"\xff"))
         return caught.value.reason
 
-    assert reason(told + b"\xea") == "naive_path"
+    assert reason(told + b"\xe9") == "naive_path"
+    assert reason(told + b"\xea\xea") == "naive_path", "announced twice"
     assert reason(told + told + b"\xff") == "naive_path", "a second one"
     assert reason(told + b"\xef") == "naive_path", "a tour after it"
     assert reason(b"\x10" * (238 - len(told)) + told) == "terminal", "no byte is left for the terminal one"
@@ -319,7 +350,9 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     paired = fields.are_paired(actions)
     left = fields.PACKET_BYTES - reserve - fields.samples_start(n_actions, segments, paired=paired)
     told = draw(st.none() | navigations()) if left >= MAX_BYTES else None
-    most = fields.capacity(n_actions, reserve, segments, 0 if told is None else told.size, paired)
+    before = 0 if told is None else told.size
+    reached = left > before and draw(st.booleans())
+    most = fields.capacity(n_actions, reserve, segments, before + reached, paired)
     n = draw(st.integers(0, most))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
     plan = Plan(
@@ -330,6 +363,7 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
         actions=actions,
         naive_path=draw(st.integers(0xF0, 0xFF)),
         tour=tour,
+        quality_reached=reached,
     )
     return Packet(plan, np.array(rows, dtype=float).reshape(n, 3), navigation=told)
 
@@ -386,7 +420,7 @@ LIMITS = Limits(steps=100, n_actions=11, north_m=(-10, 500), east_m=(-20, 600), 
         ({"actions": (0, 240)}, "action", r"actions \[0, 240\]"),
         ({"actions": (-1,)}, "action", r"actions \[-1\]"),
         ({"actions": (16,) * 238}, "terminal", "238 actions: expected at most 237"),
-        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: 229..234 are reserved"),
+        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: 229..233 are reserved"),
         ({"naive_path": 256}, "naive_path", "naive_path = 256"),
         ({"actions": (224,)}, "action", r"actions \[224\]: expected indices 0\.\.223"),
         ({"tour": Tour(segment_legs=0, bearings=(1,))}, "tour", "segment_legs = 0: expected 1..255"),
@@ -494,8 +528,10 @@ def test_damage_has_its_reason() -> None:
     assert reason(good[:-1] + b"\x00") == "spare"
     assert reason(good[:14] + bytes(238)) == "terminal"
     assert decode(bytearray(good)) == decode(memoryview(good)) == decode(good)
-    for terminal in range(0xE5, 0xEC):  # reserved for what is still unknown
+    for terminal in (*range(0xE5, 0xEA), 0xEB):  # reserved for what is still unknown
         assert reason(good[:17] + bytes([terminal]) + good[18:]) == "naive_path"
+    twice = encode(Packet(dataclasses.replace(PLAIN.plan, quality_reached=True), PLAIN.samples))
+    assert reason(twice[:18] + b"\xea" + twice[19:]) == "naive_path"
 
 
 def test_a_call_to_abort_is_a_terminal_byte() -> None:

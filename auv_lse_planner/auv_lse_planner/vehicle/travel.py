@@ -51,6 +51,7 @@ class Travel:
         estimate: The last estimated state; None before the first.
         leg: The current leg; None before the first decision.
         leg_started_s: Mission time at which it began; NaN before the first decision.
+        steps: Number of steps of the mission; fewer than planned after `end_at`.
         decided: Number of steps decided.
         running: Whether the mission is running. While it is not, no decision is due and leg timers are paused.
         gate: Rejects estimates that jump.
@@ -60,7 +61,7 @@ class Travel:
     """
 
     def __init__(self, vehicle: VehicleConfig, steps: int, surfacing_legs: int = 0) -> None:
-        self._vehicle, self._steps, self._surfacing_legs = vehicle, steps, surfacing_legs
+        self._vehicle, self.steps, self._surfacing_legs = vehicle, steps, surfacing_legs
         self._held_up_s = 0.0  # duration of a surfacing at the start of the current leg
         self.estimate: EstimatedState | None = None
         self.leg: Leg | None = None
@@ -99,7 +100,7 @@ class Travel:
         leg, following = self.leg, self._next_leg
         if leg is not None and following is not None and self._over(leg, estimate):
             self._begin(following, estimate.now_s)
-        if self.leg is not None and self._next_leg is None and self.decided >= self._steps and not self.finished:
+        if self.leg is not None and self._next_leg is None and self.decided >= self.steps and not self.finished:
             self.finished = self._over(self.leg, estimate)
 
     def _over(self, leg: Leg, estimate: EstimatedState) -> bool:
@@ -129,12 +130,16 @@ class Travel:
         else:
             self._next_leg = leg
 
+    def end_at(self, step: int) -> None:
+        """Ends the mission at `step`, earlier than planned."""
+        self.steps = step
+
     def skip_to(self, step: int) -> None:
         """Takes the steps before `step` as travelled, along legs that are not known; the next one is due at once."""
         self.leg = self._next_leg = None
         self.leg_started_s = math.nan
         self.decided = step
-        self.finished = step >= self._steps
+        self.finished = step >= self.steps
 
     def restart_leg(self) -> None:
         """While the mission does not run: counts the leg's time from when it runs again, as the clock may be wrong."""
@@ -150,6 +155,7 @@ class Travel:
             "decided": self.decided,
             "finished": self.finished,
             "held_up_s": self._held_up_s,
+            "steps": self.steps,
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -157,8 +163,8 @@ class Travel:
         self.leg, self._next_leg = (
             None if values[name] is None else Leg(**values[name]) for name in ("leg", "next_leg")
         )
-        self.leg_started_s, self.decided, self.finished, self._held_up_s = (
-            values[name] for name in ("leg_started_s", "decided", "finished", "held_up_s")
+        self.leg_started_s, self.decided, self.finished, self._held_up_s, self.steps = (
+            values[name] for name in ("leg_started_s", "decided", "finished", "held_up_s", "steps")
         )
 
     def _after(self, leg: Leg) -> int:
@@ -187,7 +193,7 @@ class Travel:
 
     def due(self, now_s: float, planner: PlannerConfig) -> bool:
         """Whether a decision is due."""
-        if not self.running or self.estimate is None or self.decided >= self._steps or self._next_leg is not None:
+        if not self.running or self.estimate is None or self.decided >= self.steps or self._next_leg is not None:
             return False
         if now_s - self.estimate.now_s > planner.odometry_timeout_s:
             return False

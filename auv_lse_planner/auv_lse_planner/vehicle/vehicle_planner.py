@@ -10,6 +10,7 @@ Theory of operation.
   (`travel.py`).
 - *Surfacing.* A surfacing takes as long as some legs (`surfacing.py`). Their steps are skipped, and the plan is delayed
   by as many steps.
+- *Early end.* With `mission.until` the leg after the team's agreement is the last one (`until.py`).
 - *Hold.* Steps are counted only while the mission is running (`set_blocked`). While it waits or holds, no decision is
   made and the current leg's timer is paused.
 - *Frames.* Plans are made in the map's frame, whose places may be corrected and so differ from odometry
@@ -51,6 +52,7 @@ from auv_lse_planner.vehicle import problems
 from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
 from auv_lse_planner.vehicle.surfacing import Surfacings
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
+from auv_lse_planner.vehicle.until import Until
 
 Array = NDArray[np.float64]
 
@@ -66,6 +68,7 @@ class VehiclePlanner:
     Attributes:
         planner: The planner's current parameters, complete.
         plans_refused: Number of received plans that could not be followed.
+        until: This vehicle's part in the agreement to end early.
         records: The bound record of every decision.
     """
 
@@ -96,6 +99,7 @@ class VehiclePlanner:
             self.rollout.follow,
             self._assumed_plan,
         )
+        self.until = Until(settings, area, self.team.others)
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
         self._context = PlanningContext(
@@ -153,7 +157,8 @@ class VehiclePlanner:
     def receive_plan(self, now_s: float, vehicle: int, plan: Plan) -> None:
         """Stores the plan of team mate `vehicle`, received at `now_s`; an unusable plan is only counted."""
         if self.rollout.can_follow(plan):
-            self.team.receive_plan(now_s, vehicle, plan)
+            self.until.hear(now_s, vehicle, plan.quality_reached)
+            self.team.receive_plan(now_s, vehicle, dataclasses.replace(plan, quality_reached=False))
         else:
             self.plans_refused += 1
 
@@ -238,7 +243,7 @@ class VehiclePlanner:
         Raises:
             ValueError: if there is no odometry or the mission is over. Call it only when `due`.
         """
-        step, total = self._travel.decided, self.settings.mission.steps
+        step, total = self._travel.decided, self._travel.steps
         if step >= total:
             raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
         anchor, reanchored = self._anchor()
@@ -259,8 +264,10 @@ class VehiclePlanner:
         path = choice.chosen.path
         self._followed = Followed(choice.chosen.plan, path)
         leg = self.motion.leg(step, path.states[0], int(path.actions[0]))
+        if self.until.agreed(now_s, self.planner.plan_expiry_s):
+            self._travel.end_at(step + 1)
         decision = Decision(
-            plan=choice.team_plan,
+            plan=dataclasses.replace(choice.team_plan, quality_reached=self.until.reached),
             leg=leg,
             bound=self._bound(situation, choice),
             statistics=Statistics(
@@ -288,6 +295,7 @@ class VehiclePlanner:
         """
         self._travel.replace(leg)
         step = leg.step + (self._surfacings.legs if leg.surface else 0)
+        plan = dataclasses.replace(plan, quality_reached=False)
         self._followed = Followed(plan, self.rollout.follow(plan).from_step(step))
         self._surfacings.restore(self._surfacings_before)
         if leg.surface:
@@ -310,6 +318,7 @@ class VehiclePlanner:
             "random": self._context.rng.bit_generator.state,
             "assumed": self.team.snapshot(),
             "surfacings": self._surfacings.snapshot(),
+            "until": self.until.snapshot(),
             "displaced": [self._map_offset_m.tolist(), self._leg_map_offset_m.tolist()],
         }
 
@@ -325,7 +334,19 @@ class VehiclePlanner:
         self._context.rng.bit_generator.state = values["random"]
         self.team.restore(values["assumed"])
         self._surfacings.restore(values["surfacings"])
+        self.until.restore(values["until"])
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
+
+    def judge_map(self) -> bool:
+        """Judges the map for `mission.until`, if that is due; returns whether it was.
+
+        Call it after each decision. It takes one to two seconds, and counts from the next decision on.
+        """
+        return self.until.judge(self._travel.decided, self.posterior)
+
+    def is_last(self, leg: Leg) -> bool:
+        """Whether a leg is the mission's last one."""
+        return leg.step == self._travel.steps - 1
 
     def resume_at(self, step: int) -> None:
         """Continues at `step` after a restart: what was decided before it was published, and must not be repeated.
@@ -377,6 +398,7 @@ class VehiclePlanner:
             budget=choice.budget,
             void=choice.void,
             void_value=choice.void_value,
+            quality=self.until.quality,
         )
 
     def _with_surfacing(self, situation: Situation, decision: Decision, path: PlannedPath) -> Decision:
@@ -384,7 +406,7 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()
         self._surfaced = False
         legs = self._surfacings.legs
-        if not self._surfacings.is_considered(path):
+        if self.is_last(decision.leg) or not self._surfacings.is_considered(path):
             return decision
         surfacing = self._method.weigh_surfacing(situation, path, legs)
         if not surfacing.pays:

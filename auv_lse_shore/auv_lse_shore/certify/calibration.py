@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from auv_lse_shore.judge.certainty import WIDENED
+from auv_lse_gp.map.certainty import WIDENED
 
 #: Page and section with the whole table.
 PAGE = "docs/evidence/gp.md#what-may-be-missing"

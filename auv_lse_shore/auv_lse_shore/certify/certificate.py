@@ -15,12 +15,12 @@ import numpy as np
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_gp.map.certainty import CLASSES, FOUND, Piece, found_within_m, length_of
 from auv_lse_record.software import version
 from auv_lse_shore.certify import calibration
 from auv_lse_shore.certify.checks import Check, check_map
 from auv_lse_shore.certify.final_map import FinalMap, corrected_runs, final_map
 from auv_lse_shore.certify.recorded import Recorded, hashes, read_recordings, without_maps
-from auv_lse_shore.judge.certainty import CLASSES, FOUND, Piece, found_within_m, length_of
 from auv_lse_shore.report.page import embed, number, render
 from auv_lse_shore.report.progress import Show, show_nothing
 from auv_lse_shore.report.words import MIN_STRETCH_M

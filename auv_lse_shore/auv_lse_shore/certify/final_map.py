@@ -15,14 +15,15 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.map import certainty
+from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField
 from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.certify.dense import DenseMap, DensePrior, Measurements, dense_map
 from auv_lse_shore.certify.recorded import Recorded
-from auv_lse_shore.judge import certainty
-from auv_lse_shore.judge.certainty import Piece
-from auv_lse_shore.judge.isobath import near, trace
+from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.judge.team_map import sounded_places
 from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
 from auv_lse_shore.places.merging import merged

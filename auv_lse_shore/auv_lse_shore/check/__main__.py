@@ -7,11 +7,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from scipy.special import ndtri
+
 from auv_lse_common.commands.vehicle import vehicle_number
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_gp.map.certainty import FOUND, MAX_STD_M, WIDENED
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_files, check_machine, check_recording
@@ -90,6 +94,7 @@ def check(
         methods = sorted({own.planner.method for own in settings.vehicles})
         team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
         findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
+        _check_until(settings.mission.until, findings)
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)
     settings = check_geometry(settings, findings)
@@ -103,6 +108,19 @@ def check(
             settings, findings, picture, f"{path.name}{'' if area_file is None else f' with {area_file.name}'}", places
         )
     return findings
+
+
+def _check_until(until: UntilConfig, findings: Findings) -> None:
+    """Notes the quality that ends the mission, and warns of one that every map has."""
+    if not until.is_asked:
+        return
+    findings.note(f"mission: ends earlier with {until.text}")
+    always_m = float(ndtri(0.975)) * WIDENED * MAX_STD_M[FOUND]
+    if until.deviation_m is not None and until.deviation_m >= always_m:
+        findings.warning(
+            f"mission.until.deviation_m: got {until.deviation_m:g} m; expected less than {always_m:.1f} m. Any line "
+            "that is found at all is within that"
+        )
 
 
 def _draw(settings: Settings, findings: Findings, picture: Path, title: str, notes: Sequence[str]) -> None:

@@ -21,12 +21,12 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.process.background import run_in_background
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
 from auv_lse_shore.judge import figures_of_merit as merit
 from auv_lse_shore.judge import isobath
-from auv_lse_shore.judge.certainty import Piece
 from auv_lse_shore.judge.reward import Curves, reward_curves
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.judge.team_map import TeamMap, map_of, mission_settings, team_map
@@ -236,6 +236,10 @@ def _summary(e: Evaluation) -> Summary:
     found |= {"vehicles": len(run.vehicles), "steps": run.steps, "seed": first.mission.seed}
     found["unreachable_m2"] = e.area.unreachable_m2
     found["method"] = first.planner.method
+    found["quality_asked"] = first.mission.until.text or None
+    found["quality_reached"] = run.steps < e.planned_steps and all(
+        bool(v.decisions) and v.decisions[-1].plan.quality_reached for v in run.vehicles
+    )
     return Summary.of_known(found)
 
 

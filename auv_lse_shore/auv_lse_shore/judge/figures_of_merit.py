@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.depth_map import DepthField
-from auv_lse_record.run_data import GroundGrid, RunData
-from auv_lse_shore.judge import isobath
-from auv_lse_shore.judge.certainty import (
+from auv_lse_gp.map.certainty import (
     FLAT,
     FOUND,
     GUESSED,
@@ -25,6 +22,9 @@ from auv_lse_shore.judge.certainty import (
     length_of,
     lines_of,
 )
+from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_record.run_data import GroundGrid, RunData
+from auv_lse_shore.judge import isobath
 from auv_lse_shore.judge.reliability import Reliability
 from auv_lse_shore.judge.reward import Curves
 from auv_lse_shore.judge.tracks import (

@@ -30,7 +30,11 @@ class Summary:
     steps: int = figure("", "legs travelled by the vehicle with most of them")
     method: str = figure("", "planner.method of the mission")
     seed: int = figure("", "mission.seed")
-    isobath_found_m: float = figure("m", "length of the estimated isobath that is found (`judge/certainty.py`)")
+    quality_asked: str | None = figure("", "mission.until in words")
+    quality_reached: bool = figure("", "whether it ended with that quality")
+    isobath_found_m: float = figure(
+        "m", "length of the estimated isobath that is found (`auv_lse_gp/map/certainty.py`)"
+    )
     isobath_likely_m: float = figure("m", "length that is likely")
     isobath_guessed_m: float = figure("m", "length that is guessed: the data hardly support it")
     isobath_found_within_m: float | None = figure(

@@ -15,12 +15,13 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.map import certainty
+from auv_lse_gp.map.certainty import CLASSES, Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
 from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
-from auv_lse_shore.judge import certainty
-from auv_lse_shore.judge.certainty import CLASSES, Piece
-from auv_lse_shore.judge.isobath import near, write_geojson
+from auv_lse_shore.judge.isobath import write_geojson
 from auv_lse_shore.places.adjustment import Adjustment, adjust, corrects_places
 from auv_lse_shore.places.merging import merged
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.settings import Settings
 
@@ -41,6 +43,8 @@ class MissionProgress:
             reward needs all soundings, so only the report has it.
         reward: `MAP_REWARD`: each vehicle estimates the whole team's reward; `PATH_REWARD`: the paper's, a sum over
             the vehicles; "": the method maximizes neither.
+        until: The quality at which the mission ends.
+        qualities: Quality of each vehicle's map judged last: share found, length undiscovered (m), deviation (m).
     """
 
     vehicles: int
@@ -57,6 +61,24 @@ class MissionProgress:
     expected: dict[int, float] = field(default_factory=dict)
     bounds: dict[int, float] = field(default_factory=dict)
     reward: str = MAP_REWARD
+    until: UntilConfig = field(default_factory=UntilConfig)
+    qualities: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+
+    @property
+    def _quality_text(self) -> str:
+        """The worst quality of the vehicles' maps beside what is asked for; "" if nothing is, or before the first."""
+        known = [quality for quality in self.qualities.values() if not math.isnan(quality[0])]
+        if not (self.until.is_asked and known):
+            return ""
+        found, undiscovered_m, deviation_m = zip(*known, strict=True)
+        parts = []
+        if self.until.found is not None:
+            parts.append(f"{100.0 * min(found):.0f} % found (asked {100.0 * self.until.found:g} %)")
+        if self.until.undiscovered_m is not None:
+            parts.append(f"at most {max(undiscovered_m):.0f} m undiscovered (asked {self.until.undiscovered_m:g} m)")
+        if self.until.deviation_m is not None and not any(map(math.isnan, deviation_m)):
+            parts.append(f"line within {max(deviation_m):.1f} m (asked {self.until.deviation_m:g} m)")
+        return f"quality: {', '.join(parts)}" if parts else ""
 
     @property
     def _rewards_text(self) -> str:
@@ -90,7 +112,7 @@ class MissionProgress:
         if self.phase == "starting":
             return self._start
         steps = " ".join(str(n) for n in self.steps) or "-"
-        rewards = f"  {self._rewards_text}" if self._rewards_text else ""
+        rewards = "".join(f"  {text}" for text in (self._rewards_text, self._quality_text) if text)
         return (
             f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
             f"received, {self.lost} lost{rewards}  {self.speed:.0f} x real time"
@@ -117,8 +139,10 @@ class MissionProgress:
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
         rewards = f"   {self._rewards_text} (drop of Bayes risk)" if self._rewards_text else ""
-        foot = Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")
-        return Group(head, table, foot)
+        foot = [Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")]
+        if self._quality_text:
+            foot.append(Text(self._quality_text))
+        return Group(head, table, *foot)
 
 
 def progress_of(settings: Settings) -> MissionProgress:
@@ -127,6 +151,7 @@ def progress_of(settings: Settings) -> MissionProgress:
         vehicles=settings.mission.vehicles,
         steps_total=settings.mission.steps,
         reward=reward_shown(settings.planner_settings(1).planner),
+        until=settings.mission.until,
     )
 
 

@@ -85,3 +85,4 @@ class MissionWatch:
         p.expected[vehicle] = message.reward_so_far + message.jbar
         if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
             p.bounds[vehicle] = message.lower_bound_max
+        p.qualities[vehicle] = (message.found_share, message.undiscovered_m, message.deviation_m)

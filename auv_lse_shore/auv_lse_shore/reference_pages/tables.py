@@ -182,6 +182,7 @@ def packet_fields() -> str:
         ("per two actions", (fields.PAIR,)),
         ("with a tour: once", fields.TOUR_HEADER),
         ("per segment", (fields.BEARING,)),
+        ("with `mission.until` reached", (fields.QUALITY_REACHED,)),
         ("once", (fields.TERMINAL,)),
         ("per sample", fields.SAMPLE),
     )

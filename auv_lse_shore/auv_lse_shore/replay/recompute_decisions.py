@@ -186,6 +186,7 @@ class _Recomputer:
                 f"parameters (actions, steps, naive paths); expected those flown"
             )
         decision = planner.decide(recorded.now_s)
+        planner.judge_map()
         leg = recorded.leg or self._leg(recorded, decision.leg.surface)
         same_leg = math.isclose(decision.leg.action_rad, leg.action_rad) and decision.leg.surface == leg.surface
         same_plan = decision.plan == recorded.plan and same_leg

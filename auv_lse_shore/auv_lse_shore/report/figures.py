@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
-from auv_lse_shore.judge.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
+from auv_lse_gp.map.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.tracks import navigation_error, track
 from auv_lse_shore.report.map_marks import add_graticule

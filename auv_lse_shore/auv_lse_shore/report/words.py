@@ -9,7 +9,7 @@ import numpy as np
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.prior_mean import excluded_level
-from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
+from auv_lse_gp.map.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.lawnmower import covers_strips
@@ -83,6 +83,11 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
         return []
     if not s.steps:
         return ["No legs are recorded: this is a survey, or the mission did not begin."]
+    if s.quality_reached:
+        return [
+            f"The mission ended because the quality asked for was reached, at step {s.steps} of {planned_steps}: "
+            f"{s.quality_asked}."
+        ]
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
         "same part of a lawnmower mission."
@@ -103,6 +108,8 @@ def subtitle(e: Evaluation) -> str:
     team = f"{s.vehicles} underwater vehicle{'s' if s.vehicles > 1 else ''}"
     wall = "" if s.wall_s is None else f", simulated in {s.wall_s:.1f} s of wall-clock time"
     early = f" Ended early: {s.steps} of {e.planned_steps} steps." if s.steps < e.planned_steps else ""
+    if s.quality_reached:
+        early = f" Ended with the quality asked for: {s.steps} of {e.planned_steps} steps."
     return (
         f"Search for the {_level(e)} isobath, the line along which the water is {_level(e)} deep. {team}, "
         f"{s.sim_s / 60.0:.1f} min of mission time{wall}.{early}"
@@ -251,7 +258,7 @@ def _bound(e: Evaluation) -> str:
         return (
             f"{text}{flown} The first {s.steps} of {e.planned_steps} steps of a lawnmower mission were expected to "
             f"reach {_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete "
-            "missions only."
+            f"missions only.{_promised_instead(s)}"
         )
     lanes = " with lanes that just cover each vehicle's strip" if covers_strips(first.planner) else ""
     bound = f"A lawnmower mission of the same length{lanes} was expected to reach {_three(s.mowing_risk)}"
@@ -267,6 +274,21 @@ def _bound(e: Evaluation) -> str:
             f"{excluded.wide_enough_m:g} or more."
         )
     return f"{text} The bound is an expectation over all lakes that the prior allows, so single missions can miss it."
+
+
+def _promised_instead(s: Summary) -> str:
+    """The quality that ended a mission, and that of the team's final map; "" if it ended otherwise."""
+    if not s.quality_reached:
+        return ""
+    both_m = s.isobath_found_m + s.isobath_undiscovered_m
+    within = (
+        "" if s.isobath_found_within_m is None else f", 95 % of the line found within {s.isobath_found_within_m:.1f} m"
+    )
+    return (
+        f" This mission promised a quality instead: {s.quality_asked}. The final map of all soundings has "
+        f"{_percent(s.isobath_found_m / both_m if both_m else 0.0)} found, at most "
+        f"{_m(s.isobath_undiscovered_limit_m)} undiscovered (with 95 % probability){within}."
+    )
 
 
 def _voids(s: Summary) -> str:

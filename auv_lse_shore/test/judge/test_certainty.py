@@ -2,15 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.level_set.lines import resample
+from auv_lse_gp.map import certainty
+from auv_lse_gp.map.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_shore.judge import certainty, isobath
-from auv_lse_shore.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN
+from auv_lse_shore.judge import isobath
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0)))
 
@@ -120,7 +123,7 @@ def test_the_classes_of_certainty_are_calibrated():
         soundings = np.column_stack([places[lanes], depth[lanes] + 0.2 * rng.standard_normal(lanes.sum())])
         truth = isobath.trace(grid.north_m, grid.east_m, grid.fill(depth), 15.0)
         for piece in classified(soundings):
-            distance = isobath.cKDTree(isobath.resample(truth)).query(piece.line)[0]
+            distance = cKDTree(resample(truth)).query(piece.line)[0]
             off[piece.kind] += distance.tolist()
     # 95 % of the found places lie within 2 x 10 m and of the likely ones within 2 x 30 m; the distance to the nearest
     # piece of the truth can only be less. Some 200 places of each class: 0.9 is three standard errors below 0.95.

@@ -5,9 +5,9 @@ import pytest
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.certainty import FOUND, LIKELY, lines_of
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record.run_data import GroundGrid, RunData, VehicleRun
-from auv_lse_shore.judge.certainty import FOUND, LIKELY, lines_of
 from auv_lse_shore.judge.evaluation import evaluate, ground_grid, local_map
 from auv_lse_shore.judge.team_map import mission_settings
 

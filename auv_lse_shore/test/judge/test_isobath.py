@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_gp.level_set.lines import resample
 from auv_lse_shore.judge import isobath
 
 
@@ -52,10 +53,10 @@ def test_nothing_to_compare_is_not_a_number():
 
 
 def test_points_stand_for_equal_lengths():
-    points = isobath.resample([line(0.0, 0.0, 100.0), line(9.0, 0.0, 10.0)], spacing_m=2.0)
+    points = resample([line(0.0, 0.0, 100.0), line(9.0, 0.0, 10.0)], spacing_m=2.0)
     assert len(points) == 55
     assert np.allclose(np.diff(points[:50, 1]), 2.0)
-    assert isobath.resample([]).shape == (0, 2)
+    assert resample([]).shape == (0, 2)
 
 
 def test_geojson_is_wgs84_where_an_origin_is_known(tmp_path):

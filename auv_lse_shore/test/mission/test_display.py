@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 
 import pytest
 from rich.console import Console
 
+from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_shore.mission.display import MAP_REWARD, PATH_REWARD, Display, MissionProgress, clock, reward_shown
 
@@ -59,6 +61,25 @@ def test_the_papers_reward_adds_up_over_vehicles() -> None:
     )
     assert "path reward: so far 15, bound 71  " in progress.line
     assert "40.5" in displayed(progress, terminal=True)
+
+
+def test_the_worst_map_is_shown_beside_the_quality_that_ends_the_mission() -> None:
+    progress = MissionProgress(
+        phase="running",
+        vehicles=2,
+        steps_total=9,
+        until=UntilConfig(found=0.9, undiscovered_m=200.0),
+        qualities={1: (0.62, 410.0, 8.0), 2: (0.71, 380.0, math.nan)},
+    )
+    text = "quality: 62 % found (asked 90 %), at most 410 m undiscovered (asked 200 m)"
+    assert text in progress.line
+    assert text in displayed(progress, terminal=True)
+    unjudged = MissionProgress(
+        phase="running", vehicles=1, steps_total=9, until=UntilConfig(found=0.9), qualities={1: (math.nan,) * 3}
+    )
+    assert "quality" not in unjudged.line
+    unasked = MissionProgress(phase="running", vehicles=1, steps_total=9, qualities={1: (0.5, 1.0, 1.0)})
+    assert "quality" not in unasked.line
 
 
 def test_a_method_without_a_bound_shows_none_and_one_that_maximizes_neither_shows_no_reward() -> None:

@@ -165,6 +165,26 @@ def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProc
             assert a.jbar == b.jbar
 
 
+def test_both_wirings_end_alike_with_the_quality_asked_for(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    asked = ("--set", "mission.until.undiscovered_m=5000.0", "--set", "vehicle.at_end=surface")
+    size = ("--vehicles", "2", "--steps", "30", "--seed", "5", "--packet-loss", "0.2")
+    done = fly(*size, *asked, "--out", str(folder))
+    assert done.returncode == 0, done.stdout + done.stderr
+    settings = Settings.load(folder / "mission.yaml")
+    by_ros, by_fleet = read_run(folder), Fleet(settings, ground_of(settings)).run()
+    assert [p.payload for p in by_ros.sent] == [p.payload for p in by_fleet.sent], "every packet, to the last bit"
+    for ros, fleet in zip(by_ros.vehicles, by_fleet.vehicles, strict=True):
+        assert 5 < len(ros.decisions) < 30
+        assert [(d.now_s, d.plan) for d in ros.decisions] == [(d.now_s, d.plan) for d in fleet.decisions]
+        assert ros.decisions[-1].plan.quality_reached
+    assert json.loads((folder / "summary.json").read_text())["quality_reached"] is True
+    assert f"ended because the quality asked for was reached, at step {by_ros.steps} of 30" in done.stdout
+    assert re.search(r"quality: at most [\d,]+ m undiscovered \(asked 5000 m\)", done.stdout)
+    assert "interrupted" not in done.stdout
+    assert replay([str(folder), "--recompute", "planner"]) == 0
+
+
 def test_computed_again_from_its_recording_the_mission_is_the_same(
     mission: tuple[Path, subprocess.CompletedProcess[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:

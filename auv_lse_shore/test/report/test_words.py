@@ -147,6 +147,15 @@ def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmow
         f"The first 22 of 100 steps of a lawnmower mission were expected to reach {number(s.mowing_risk, 3)};" in text
     )
     assert "not met" not in " ".join([*headlines(s, 100), text])
+    evaluation.summary = done = dataclasses.replace(s, quality_reached=True, quality_asked="90 % found")
+    assert headlines(done, 100)[0] == (
+        "The mission ended because the quality asked for was reached, at step 22 of 100: 90 % found."
+    )
+    share = s.isobath_found_m / (s.isobath_found_m + s.isobath_undiscovered_m)
+    promised = f"promised a quality instead: 90 % found. The final map of all soundings has {100 * share:.0f} % found"
+    assert promised in text_of(evaluation)
+    assert "Ended with the quality asked for: 22 of 100 steps." in html.unescape(shown(evaluation, tmp_path))
+    evaluation.summary = s
     shown_page = html.unescape(shown(evaluation, tmp_path))
     assert "Ended early: 22 of 100 steps." in shown_page
     assert "22 of 100 steps, augmented" in shown_page

@@ -181,7 +181,9 @@ class VehicleCores:
             self.planner.set_centers(self.map.centers, now_s)
         began = time.perf_counter()
         decision = self.planner.decide(now_s)
-        return decision, time.perf_counter() - began
+        wall_s = time.perf_counter() - began
+        self.planner.judge_map()
+        return decision, wall_s
 
     def next_packet(self, now_s: float, decision: Decision | None) -> bytes | None:
         """Hands the plan to the bridge, as modem_node does; returns the packet to send if the vehicle's slot is due."""
@@ -238,7 +240,7 @@ class Fleet:
         self.now_s = now_s
         payloads: list[tuple[int, bytes]] = []
         stops: list[tuple[int, Stop | None]] = []
-        decisions: list[tuple[int, Decision]] = []
+        decisions: list[tuple[VehicleCores, Decision]] = []
         for cores in self.cores:
             output = outputs[cores.vehicle]
             heard = cores.receive(output)
@@ -247,16 +249,16 @@ class Fleet:
             decided = cores.decide(now_s, output, heard)
             payload = cores.next_packet(now_s, decided[0] if decided else None)
             if decided:
-                decisions.append((cores.vehicle, decided[0]))
+                decisions.append((cores, decided[0]))
             if payload is not None:
                 payloads.append((cores.vehicle, payload))
             self._record(cores, now_s, output, heard, decided)
         for vehicle, stop in stops:
             self.world.obey(vehicle, stop)
-        for vehicle, decision in decisions:
-            own = self.settings.vehicle(vehicle).vehicle
-            last = decision.leg.step == self.settings.mission.steps - 1
-            self.world.command(vehicle, decision.leg, own.speed_mps, own.stop_at_end if last else None)
+        for cores, decision in decisions:
+            own = cores.planner.settings.vehicle
+            then = own.stop_at_end if cores.planner.is_last(decision.leg) else None
+            self.world.command(cores.vehicle, decision.leg, own.speed_mps, then)
         for vehicle, payload in payloads:
             self.world.transmit(vehicle, now_s, payload)
             self.sent.append(PacketSent(stamp_s=now_s, source=vehicle, payload=payload))

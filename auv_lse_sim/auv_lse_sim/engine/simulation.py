@@ -183,6 +183,11 @@ class Simulation:
             self._gate.announce(self.tick, f"modem of auv{k}", self.tick)
         return outputs
 
+    def _steps_of(self, k: int) -> int:
+        """Steps of vehicle `k`: fewer than planned if its last leg came early (`mission.until`)."""
+        is_last = self._thens.get(k) is not None
+        return self._legs[k].step + 1 if is_last else self.steps_total
+
     def deliver(self, k: int, output: VehicleOutput) -> None:
         """Passes the tick's output to the emulated modem and autopilot of vehicle `k`, where it has them."""
         if k in self.links.modems:
@@ -203,7 +208,7 @@ class Simulation:
         return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {', '.join(missing)}"
 
     def _count(self, k: int, output: VehicleOutput) -> None:
-        i, steps = k - 1, self.steps_total
+        i, steps = k - 1, self._steps_of(k)
         self.soundings[i] += len(output.soundings)
         packets = [arrival for arrival in output.arrivals if MiniPacket.read(arrival.payload) is None]
         if k not in self.links.modems:
@@ -211,7 +216,8 @@ class Simulation:
         self.fixes[i] += len(output.fixes) if k not in self.links.autopilots else 0
         self.received += len(packets)
         if not self._lockstep:
-            self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
+            ended = self.runs[i] is RunState.ENDED or output.truth.step >= steps - 1
+            self._finished[i] = ended and output.truth.loitering
         self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
 
     # ------------------------------------------------------------------ what the vehicles do
@@ -295,7 +301,7 @@ class Simulation:
             case "planner":
                 self._finished[k - 1] = finished
                 if finished:
-                    self.steps[k - 1] = self.steps_total
+                    self.steps[k - 1] = self._steps_of(k)
                 self._gate.announce(tick, f"waypoints of auv{k}", counts["waypoint"])
             case "safety":
                 self._gate.announce(tick, f"states of auv{k}", counts["mission/state"])

@@ -49,7 +49,10 @@ class Journalled(Fleet):
         decided = [values for kind, *values in planner.records if kind == "decided"]
         if decided:
             cores.planner.restore(decided[-1][0])
-        hear, decide = cores.planner.receive_plan, cores.planner.decide
+        judged = [values for kind, *values in planner.records if kind in ("decided", "judged")]
+        if judged and "reached" in judged[-1][0]:
+            cores.planner.until.restore(judged[-1][0])
+        hear, decide, judge = cores.planner.receive_plan, cores.planner.decide, cores.planner.judge_map
 
         def hear_and_write(now_s: float, vehicle: int, plan: Plan) -> None:
             hear(now_s, vehicle, plan)
@@ -60,7 +63,14 @@ class Journalled(Fleet):
             planner.write("decided", cores.planner.snapshot())
             return decision
 
+        def judge_and_write() -> bool:
+            if not judge():
+                return False
+            planner.write("judged", cores.planner.until.snapshot())
+            return True
+
         cores.planner.receive_plan, cores.planner.decide = hear_and_write, decide_and_write
+        cores.planner.judge_map = judge_and_write
         cores.bridge.recall(modem.records)
         cores.bridge.remember = modem.write
 
@@ -87,6 +97,7 @@ class Journalled(Fleet):
     "more",
     [
         {"planner.method": "tour"},
+        {"planner.method": "tour", "mission.until.undiscovered_m": 5000.0, "mission.steps": 20},
         {"planner.coordination": "dec_mcts", "planner.method": "plain"},
     ],
     ids=lambda more: "-".join(map(str, more.values())),

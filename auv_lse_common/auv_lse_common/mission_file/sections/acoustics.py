@@ -41,8 +41,8 @@ class TdmaConfig:
         unit="s",
         above=0.0,
         high=600.0,
-        help="longest time from handing a packet to the modem to the end of its transmission: 2 s at rate 4; with "
-        "a real modem add modem.start_timeout_s, otherwise modem_node refuses it",
+        help="longest time from handing a packet to the modem to the end of its transmission: 2 s at rate 4, "
+        "plus modem.start_timeout_s with a real modem",
     )
     max_range_m: float = parameter(
         1500.0,
@@ -91,8 +91,8 @@ class PacketConfig:
     selection: str = parameter(
         "every_nth",
         choices=("every_nth", "useful"),
-        help="samples to send: every_nth sends each n-th unsent sample in order of time (the paper), useful those "
-        "that most reduce the receivers' expected Bayes risk",
+        help="samples to send: every_nth each n-th unsent one (the paper), useful those that most reduce the "
+        "receivers' risk",
     )
     expected_loss: float = parameter(
         0.2, low=0.0, high=1.0, help="probability that a packet is lost: the initial estimate for selection 'useful'"
@@ -107,8 +107,7 @@ class PacketConfig:
     navigation: bool | None = parameter(
         None,
         help="send the vehicle's dead-reckoned position and last fix, so that receivers can correct the samples' "
-        "positions. Left out: true, but false with the paper's methods (planner.method augmented, "
-        "exponential_quadratic, plain)",
+        "positions. Left out: true, but false with the paper's methods",
     )
     tag: bool = parameter(
         False, help="authenticate packets with a keyed BLAKE2s tag; forged, altered and replayed packets are rejected"

@@ -30,8 +30,7 @@ class GpConfig:
         85.0,
         above=0.0,
         unit="m",
-        help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it, so that one "
-        "length scale means about the same correlation for every kernel.",
+        help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it.",
     )
     length_scale_2_m: float = parameter(
         0.0, low=0.0, unit="m", help="Length scale of the second axis; 0: the same (isotropic)."

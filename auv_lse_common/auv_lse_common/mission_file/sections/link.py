@@ -81,8 +81,8 @@ class LinkConfig:
         1,
         low=1,
         high=1000,
-        help="least altitudes for a sounding. Autopilots send DISTANCE_SENSOR at 0.5 to 10 Hz: 1 accepts every "
-        "altitude, 3 rejects single outliers but needs 5 Hz or a longer sounding_every_s",
+        help="least altitudes for a sounding: 1 accepts every altitude, 3 rejects single outliers but needs 5 Hz or a "
+        "longer sounding_every_s",
     )
     target_period_s: float = parameter(
         0.2,

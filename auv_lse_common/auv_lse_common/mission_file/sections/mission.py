@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import parameter
@@ -9,12 +10,48 @@ from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class UntilConfig:
+    """The quality at which a mission ends before its last step; what is omitted is not asked for."""
+
+    found: float | None = parameter(
+        None,
+        above=0.0,
+        high=0.99,
+        help="end early with this share found: length / (length + expected undiscovered)",
+    )
+    undiscovered_m: float | None = parameter(
+        None, unit="m", above=0.0, help="and with this 95 % limit of the length undiscovered"
+    )
+    deviation_m: float | None = parameter(
+        None, unit="m", above=0.0, help="and with 95 % of the line found expected within this"
+    )
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether any quality is asked for."""
+        return any(getattr(self, field.name) is not None for field in dataclasses.fields(self))
+
+    @property
+    def text(self) -> str:
+        """What is asked for, in words; "" if nothing is."""
+        parts = []
+        if self.found is not None:
+            parts.append(f"{100.0 * self.found:g} % found")
+        if self.undiscovered_m is not None:
+            parts.append(f"at most {self.undiscovered_m:g} m undiscovered (with 95 % probability)")
+        if self.deviation_m is not None:
+            parts.append(f"95 % of the line found within {self.deviation_m:g} m")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MissionConfig:
-    """Size and seed of the mission."""
+    """Size and seed of the mission, and the quality at which it ends."""
 
     steps: int = parameter(100, low=1, high=65535, help="legs of each vehicle (paper: l)")
     seed: int = parameter(1, low=0, help="seed of every random stream of the mission")
     vehicles: int = parameter(3, low=1, high=20, help="number of vehicles (paper: K), numbered from 1")
+    until: UntilConfig = dataclasses.field(default_factory=UntilConfig)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +72,8 @@ class MotionConfig:
     straight: str = parameter(
         "constant",
         choices=("constant", "growing"),
-        help="length of the straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; "
-        "'growing' r (theta_max + |a|) is the paper's formula",
+        help="straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; 'growing' r "
+        "(theta_max + |a|) is the paper's",
     )
     track_spacing_m: float = parameter(
         1.0, unit="m", above=0.0, help="spacing of the places at which a leg's clearance is checked"

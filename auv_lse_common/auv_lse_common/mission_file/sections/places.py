@@ -17,7 +17,7 @@ class PlacesConfig:
     correct: bool | None = parameter(
         None,
         help="Whether soundings move to positions corrected with fixes, ranges and terrain matching. Left out: yes, "
-        "but not with the paper's methods (planner.method augmented, exponential_quadratic, plain).",
+        "but not with the paper's methods.",
     )
     terrain: bool = parameter(True, help="Whether to use terrain matching: tracks that cross measured the same depth.")
     interval_s: float = parameter(30.0, above=0.0, unit="s", help="Time between corrections.")

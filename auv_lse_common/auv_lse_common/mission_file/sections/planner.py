@@ -79,8 +79,8 @@ class PlannerConfig:
     proposals: FromMethod[str] = from_method(
         "path",
         choices=PROPOSALS,
-        help="source of new plans: an optimized tour (map reward), a tree search (path reward), a naive path "
-        "alone, or a single next leg, random or with the best score",
+        help="source of new plans: an optimized tour, a tree search, a naive path, or a next leg, random or with the "
+        "best score",
     )
     anytime_weight: float = parameter(
         1.0, low=0.0, help="method tour: additional weight of an early drop of the map's risk over a late one"

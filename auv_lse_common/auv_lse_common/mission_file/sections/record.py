@@ -19,8 +19,8 @@ class RecordConfig:
         14000.0,
         unit="B/s",
         low=0.0,
-        help="bytes of maps recorded each second, for each vehicle, before compression; 0: every map. "
-        "Only with 0 are the decisions of a paced mission recomputed from the planner's own maps",
+        help="bytes of maps recorded each second, for each vehicle, before compression; 0: every map, from which "
+        "the decisions of a paced mission can be recomputed",
     )
     least_free_mb: float = parameter(
         200.0, unit="MB", low=0.0, help="recording stops when the disk has less free space; the mission continues"

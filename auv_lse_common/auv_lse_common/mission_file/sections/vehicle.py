@@ -65,10 +65,9 @@ class VehicleConfig:
         None,
         low=0,
         high=10,
-        help="largest number of surfacings for a GPS fix in a mission; a vehicle surfaces only where the fix "
-        "gains more than the time it costs. Default: 2, but 0 with the paper's methods (planner.method augmented, "
-        "exponential_quadratic, plain), with ideal simulated navigation, and with an autopilot (link.kind "
-        "mavlink), whose operator must allow surfacing by setting it. Needs places.correct",
+        help="largest number of surfacings for a GPS fix, each where it gains more than the time it costs. Default: 2, "
+        "but 0 with the paper's methods, ideal simulated navigation, or an autopilot (set it to allow surfacing). "
+        "Needs places.correct",
     )
     surfacing_s: float = parameter(
         60.0,

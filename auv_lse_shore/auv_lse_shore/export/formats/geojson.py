@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from auv_lse_gp.map.certainty import CLASSES, length_of
 from auv_lse_shore.export.content import Export
-from auv_lse_shore.judge.certainty import CLASSES, length_of
 from auv_lse_shore.judge.team_map import write_isobath
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_gp.map.certainty import CLASSES
 from auv_lse_shore.export.content import Export
-from auv_lse_shore.judge.certainty import CLASSES
 
 Array = NDArray[np.float64]
 

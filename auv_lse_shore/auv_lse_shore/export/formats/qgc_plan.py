@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_gp.map.certainty import FOUND
 from auv_lse_shore.export.content import Export
-from auv_lse_shore.judge.certainty import FOUND
 from auv_lse_shore.judge.team_map import TeamMap, mission_settings
 
 Array = NDArray[np.float64]

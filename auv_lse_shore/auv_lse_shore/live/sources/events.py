@@ -31,9 +31,9 @@ from auv_lse_common.vocabulary import stamps
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
+from auv_lse_gp.map.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_gp.map.depth_map import DepthField
 from auv_lse_record.message_types import stamp_of
-from auv_lse_shore.judge.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
 from auv_lse_shore.live.sources.own_map import OwnMap

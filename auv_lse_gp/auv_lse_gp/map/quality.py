@@ -1,0 +1,103 @@
+"""The quality of a vehicle's map, as `mission.until` asks for it: share found, length undiscovered, deviation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.mission_file.sections.mission import UntilConfig
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.map.certainty import FOUND, classify, found_within_m, length_of, lines_of
+from auv_lse_gp.map.depth_map import MANY_CELLS, DepthField, contours
+from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quality:
+    """The quality of a map.
+
+    Attributes:
+        found_share: Length of isobath found / (that length + expected length undiscovered); 0 without any.
+        undiscovered_m: 95 % upper limit of the length undiscovered (m).
+        deviation_m: Distance (m) within which 95 % of the line found is expected; NaN if none is found.
+    """
+
+    found_share: float
+    undiscovered_m: float
+    deviation_m: float
+
+    def meets(self, asked: UntilConfig) -> bool:
+        """Whether it is at least the quality that is asked for."""
+        return (
+            (asked.found is None or self.found_share >= asked.found)
+            and (asked.undiscovered_m is None or self.undiscovered_m <= asked.undiscovered_m)
+            and (asked.deviation_m is None or self.deviation_m <= asked.deviation_m)
+        )
+
+
+#: Nothing is known yet.
+UNKNOWN = Quality(found_share=math.nan, undiscovered_m=math.nan, deviation_m=math.nan)
+
+
+class QualityJudge:
+    """Judges the maps of one mission; takes one to two seconds for each."""
+
+    def __init__(self, config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
+        self._config, self._levels = config, LevelSet.of(level_set)
+        grid = area.grid(config.map_resolution_m, "gp.map_resolution_m")
+        cells = int(np.count_nonzero(grid.inside))
+        if cells > MANY_CELLS:
+            grid = area.grid(config.map_resolution_m * math.sqrt(cells / MANY_CELLS))
+        self._grid, self._places_m = grid, grid.places_m
+        self._coarse = coarse_grid(area, config.map_resolution_m)
+        self._prior: DepthField | None = None
+
+    def judge(self, posterior: Posterior) -> Quality:
+        """The quality of the map of a posterior.
+
+        Where positions are corrected, its place variance (`Posterior.place_variance`) counts as the vehicles' error.
+        """
+        if self._prior is None:
+            self._prior = self._field(posterior.blank())
+        field, level_m = self._field(posterior), self._levels.level_m
+        lines = contours(self._grid, field.mean_m, level_m)
+        soundings = np.column_stack([posterior.centers.places_m, np.zeros(posterior.data_rows)])
+        pieces = classify(lines, field, self._prior, soundings)
+        located = near(lines_of(pieces, FOUND))
+        missing = undiscovered(self._config, posterior.centers, level_m, self._coarse, located)
+        found_m = length_of(pieces, FOUND)
+        both_m = found_m + missing.expected_m
+        return Quality(
+            found_share=found_m / both_m if both_m > 0.0 else 0.0,
+            undiscovered_m=missing.limit_m,
+            deviation_m=found_within_m(pieces),
+        )
+
+    def _field(self, posterior: Posterior) -> DepthField:
+        """The posterior on the grid, as `DepthMap.field`."""
+        grid, config = self._grid, self._config
+        scales = Roughness.of(posterior, config.length_scale_m).scale(self._places_m, config.std_soundings)
+        mean, variance = posterior.moments(self._places_m)
+        place_variance = posterior.place_variance(posterior.kernel.scale(self._places_m))
+        std = np.sqrt(scales * np.maximum(variance - place_variance, 0.0) + place_variance)
+        return DepthField(
+            grid=grid,
+            mean_m=grid.fill(mean),
+            std_m=grid.fill(std),
+            prior_std_m=grid.fill(np.sqrt(variance)),
+            risk=grid.fill(self._levels.risk(mean, std)),
+            p_safe=grid.fill(self._levels.p_safe(mean, std)),
+            variance_scale=float(scales.mean()),
+            revision=0,
+        )

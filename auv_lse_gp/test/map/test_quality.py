@@ -1,0 +1,62 @@
+"""The quality of a map, judged on board."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.map.certainty import FOUND, classify, found_within_m, length_of, lines_of
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.quality import QualityJudge
+from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
+
+AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 300.0, 0.0, 300.0)))
+CONFIG = GpConfig(map_resolution_m=5.0)
+
+
+def soundings(east_to_m: float) -> np.ndarray:
+    """Soundings on a plane that is 15 m deep at north = 100, in the west up to `east_to_m`."""
+    north, east = np.meshgrid(np.arange(10.0, 200.0, 15.0), np.arange(10.0, east_to_m, 30.0))
+    depth = 15.0 + 0.1 * (north.ravel() - 100.0)
+    return np.column_stack([np.arange(float(depth.size)), north.ravel(), east.ravel(), depth])
+
+
+def test_it_is_that_of_the_map_as_the_report_judges_it() -> None:
+    levels = LevelSetConfig(level_m=15.0)
+    depth_map = DepthMap(CONFIG, levels, AREA)
+    prior = depth_map.field()
+    rows = soundings(160.0)
+    depth_map.add_soundings(rows)
+    posterior = Posterior(CONFIG)
+    posterior.extend(depth_map.centers)
+    quality = QualityJudge(CONFIG, levels, AREA).judge(posterior)
+    places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
+    pieces = classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+    missing = undiscovered(CONFIG, depth_map.centers, 15.0, coarse_grid(AREA, 5.0), near(lines_of(pieces, FOUND)))
+    found_m = length_of(pieces, FOUND)
+    assert found_m > 100.0
+    # the online map rounds otherwise than a posterior made in one go
+    assert quality.found_share == pytest.approx(found_m / (found_m + missing.expected_m), rel=1e-6)
+    assert quality.undiscovered_m == pytest.approx(missing.limit_m, rel=1e-6)
+    assert quality.deviation_m == pytest.approx(found_within_m(pieces), rel=1e-6)
+
+
+def test_more_soundings_raise_it() -> None:
+    judge = QualityJudge(CONFIG, LevelSetConfig(level_m=15.0), AREA)
+    qualities = []
+    for east_to_m in (100.0, 200.0, 300.0):
+        depth_map = DepthMap(CONFIG, LevelSet(level_m=15.0), AREA)
+        depth_map.add_soundings(soundings(east_to_m))
+        posterior = Posterior(CONFIG)
+        posterior.extend(depth_map.centers)
+        qualities.append(judge.judge(posterior))
+    assert [q.found_share for q in qualities] == sorted(q.found_share for q in qualities)
+    assert [-q.undiscovered_m for q in qualities] == sorted(-q.undiscovered_m for q in qualities)
+    assert qualities[-1].found_share > 0.8

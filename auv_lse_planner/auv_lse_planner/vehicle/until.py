@@ -1,0 +1,78 @@
+"""When a mission ends before its last step: the team's maps have the quality that `mission.until` asks for.
+
+Each vehicle judges its own map every `JUDGE_LEGS` legs. Once the map has the quality, every packet of the vehicle
+announces it (`Plan.quality_reached`), also after its end. The vehicle makes its next leg the last one when every team
+mate has announced the same, or has been silent for `planner.plan_expiry_s`. A lost packet only delays the end, and no
+packet can end a vehicle whose own map lacks the quality.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.map.quality import UNKNOWN, Quality, QualityJudge
+
+#: Legs between two judgements of the map.
+JUDGE_LEGS = 5
+
+
+class Until:
+    """One vehicle's part in the agreement to end.
+
+    Attributes:
+        quality: Of the map judged last.
+        reached: Whether a judged map had the quality asked for.
+    """
+
+    def __init__(self, settings: PlannerSettings, area: OperatingArea, mates: Sequence[int]) -> None:
+        """Starts without a judgement.
+
+        Args:
+            mates: Numbers of the team mates.
+        """
+        self.asked = settings.mission.until
+        self.quality = UNKNOWN
+        self.reached = False
+        self._judge = QualityJudge(settings.gp, settings.level_set, area) if self.asked.is_asked else None
+        self._heard: dict[int, tuple[float, bool]] = {}
+        self._mates = tuple(mates)
+        self._began_s: float | None = None
+
+    def hear(self, now_s: float, mate: int, reached: bool) -> None:
+        """Takes what a mate's packet announced, received at `now_s` (s)."""
+        self._heard[mate] = now_s, reached
+
+    def agreed(self, now_s: float, silence_s: float) -> bool:
+        """Whether the vehicle may end: its map has the quality, and so has each mate heard within `silence_s` (s)."""
+        if self._began_s is None:
+            self._began_s = now_s
+        began = self._began_s, False
+        heard = [self._heard.get(mate, began) for mate in self._mates]
+        return self.reached and all(reached or now_s - heard_s > silence_s for heard_s, reached in heard)
+
+    def judge(self, decided: int, posterior: Posterior) -> bool:
+        """Judges the map if that is due after `decided` decisions; returns whether it was."""
+        if self._judge is None or self.reached or decided % JUDGE_LEGS or not len(posterior):
+            return False
+        self.quality = self._judge.judge(posterior)
+        self.reached = self.quality.meets(self.asked)
+        return True
+
+    def snapshot(self) -> dict[str, Any]:
+        """The state, for a journal; what mates announced is in the plans that it holds."""
+        q = self.quality
+        return {
+            "reached": self.reached,
+            "began_s": self._began_s,
+            "quality": [q.found_share, q.undiscovered_m, q.deviation_m],
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`."""
+        found_share, undiscovered_m, deviation_m = values["quality"]
+        self.quality = Quality(found_share=found_share, undiscovered_m=undiscovered_m, deviation_m=deviation_m)
+        self.reached, self._began_s = values["reached"], values["began_s"]
