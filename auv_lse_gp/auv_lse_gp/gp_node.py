@@ -25,7 +25,7 @@ from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.places.position_corrector import corrector_for
 
 
@@ -90,10 +90,11 @@ class GpNode(VehicleNode):
 
     def _publish_maps(self, now_s: float) -> None:
         began = time.perf_counter()
-        report, level_set = _field_report(now_s, self._map), self._map.level_set
+        field, level_set = self._map.recent_field(), self._map.level_set
+        report = _field_report(now_s, field, level_set.level_m)
         self._field.publish(report)
         self._risk.publish((report, level_set.largest_risk))
-        isobath = self._map.isobath()
+        isobath = self._map.isobath(field)
         for index in range(len(MARKERS)):
             self._isobath.publish((now_s, index, isobath, level_set.level_m))
         self._maps_took_s = time.perf_counter() - began
@@ -120,13 +121,12 @@ def _centers_report(now_s: float, depth_map: DepthMap) -> CentersReport:
     )
 
 
-def _field_report(now_s: float, depth_map: DepthMap) -> FieldReport:
-    field = depth_map.field()
+def _field_report(now_s: float, field: DepthField, level_m: float) -> FieldReport:
     return FieldReport(
         stamp_s=now_s,
         north_m=field.grid.north_m,
         east_m=field.grid.east_m,
-        level_m=depth_map.level_set.level_m,
+        level_m=level_m,
         variance_scale=field.variance_scale,
         mean_m=field.mean_m,
         std_m=field.std_m,

@@ -57,10 +57,12 @@ class Factor:
         return other
 
     def truncate(self, size: int) -> None:
-        """Drops all rows from number `size` on."""
+        """Drops all rows from number `size` on; without rows, the memory is released."""
         if size >= self.size:
             return
         self.size = size
+        if not size:
+            self._buffer = np.zeros((min(64, len(self._buffer)),) * 2)
         self._contiguous = self._inverse = None
         if size < self._blocked:
             self._blocked = size - size % BLOCK

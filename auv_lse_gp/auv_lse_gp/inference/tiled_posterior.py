@@ -6,13 +6,13 @@ lengths, so that they hold for every length scale and anisotropy.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_places
 from auv_lse_gp.inference.roughness import Roughness, scale_of
@@ -22,11 +22,11 @@ Numbers = NDArray[np.int64]
 Corner = tuple[int, int]
 
 #: Distance from a tile up to which centers count, in kernel lengths (of a Wendland kernel: supports).
-MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 6.0, "wendland_c2": 1.25, "wendland_c4": 1.25}
-#: The same for slopes at centers, which depend less on distant ones.
-SLOPE_MARGIN_SHARE = 0.5
-#: Number of tiles whose factors are kept. They take most of the map's memory.
-KEPT = 12
+MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25, "wendland_c4": 1.25}
+#: Share of the margin for slopes at centers and for gates, which need no more accuracy.
+ROUGH_SHARE = 0.5
+#: Centers within this share of the margin count as close to a tile.
+CLOSE_SHARE = 0.25
 #: Tiles on each side of the squares in which many planned places are taken together.
 PLANNED_TILES = 2
 #: A tile is recomputed if the place effect of a center near it has changed by this share of the largest.
@@ -35,9 +35,18 @@ EFFECT_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class _Data:
-    """The data that a tile's results depend on."""
+    """The data that a tile's results depend on.
+
+    Attributes:
+        centers: Hash of the centers.
+        count: Number of them.
+        close: Number of those within `CLOSE_SHARE` of the margin.
+        effect_m: Size of their place effects (n,); None if positions are assumed exact.
+    """
 
     centers: int
+    count: int
+    close: int
     effect_m: Array | None
 
     def same(self, other: _Data) -> bool:
@@ -66,7 +75,6 @@ class TiledPosterior:
         self._centers = NO_CENTERS
         self._scaled = np.zeros((0, 2))
         self._effect_std_m: Array | None = None
-        self._kept: dict[tuple[Corner, Corner], Posterior] = {}
         self._slopes: dict[Corner, tuple[int, Array]] = {}
 
     @property
@@ -80,27 +88,23 @@ class TiledPosterior:
         self._scaled = self._prior.kernel.scale(centers.places_m)
         self._effect_std_m = None if effect is None else np.sqrt(np.einsum("nr,nr->n", effect, effect))
 
-    def near(self, places_m: Array) -> Posterior:
-        """The posterior given the centers near places (P, 2); the next call may change it.
+    def near(self, places_m: Array) -> Iterator[tuple[Numbers, Posterior]]:
+        """For each tile of places (P, 2): the numbers of the places in it, and a rough posterior (`ROUGH_SHARE`).
+
+        Raises:
+            IllConditionedError: if the covariance of the centers near a tile cannot be factorized.
+        """
+        for tile, members in self.tiles(places_m):
+            yield members, self.of_tile(tile, ROUGH_SHARE)
+
+    def of_tile(self, tile: Corner, share: float = 1.0) -> Posterior:
+        """The posterior for a tile, given the centers within a share of the margin.
 
         Raises:
             IllConditionedError: if their covariance cannot be factorized.
         """
-        corners = np.floor(self._prior.kernel.scale(places_m) / self._side).astype(np.int64)
-        first, last = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-        return self.of_tiles((first[0], first[1]), (last[0], last[1]))
-
-    def of_tiles(self, first: Corner, last: Corner) -> Posterior:
-        """The posterior for a rectangle of tiles.
-
-        Raises:
-            IllConditionedError: if the covariance of the centers near it cannot be factorized.
-        """
-        posterior = self._kept.pop((first, last), None) or self._prior.blank()
-        posterior.follow(self._centers.take(self._numbers_near(first, last)))
-        self._kept[first, last] = posterior
-        while len(self._kept) > KEPT:
-            del self._kept[next(iter(self._kept))]
+        posterior = self._prior.blank()
+        posterior.follow(self._centers.take(self._numbers_near(tile, tile, share)))
         return posterior
 
     def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0, scaled: Array | None = None) -> Numbers:
@@ -112,8 +116,9 @@ class TiledPosterior:
 
     def data_of(self, tile: Corner) -> _Data:
         """The data that a tile's results depend on."""
-        near = self._numbers_near(tile, tile)
-        return _Data(self._hash(near), None if self._effect_std_m is None else self._effect_std_m[near])
+        near, close = self._numbers_near(tile, tile), self._numbers_near(tile, tile, CLOSE_SHARE)
+        effect = None if self._effect_std_m is None else self._effect_std_m[near]
+        return _Data(self._hash(near), len(near), len(close), effect)
 
     def _hash(self, numbers: Numbers) -> int:
         """Hash of the places, depths and noise of some centers."""
@@ -134,7 +139,7 @@ class TiledPosterior:
         places = checked_places(places_m)
         mean, variance = np.empty(len(places)), np.empty(len(places))
         for tile, members in self.tiles(places):
-            mean[members], variance[members] = self.of_tiles(tile, tile).moments(places[members])
+            mean[members], variance[members] = self.of_tile(tile).moments(places[members])
         return mean, variance
 
     def planned_moments(self, places_m: ArrayLike, planned_m: Array) -> tuple[Array, Array, Array]:
@@ -156,12 +161,10 @@ class TiledPosterior:
         """Slope (n, 2) of the mean depth at the centers; only tiles whose data have changed are recomputed."""
         slopes, found = np.zeros((len(self._centers), 2)), {}
         for tile, members in self.tiles(self._centers.places_m):
-            near = self._numbers_near(tile, tile, SLOPE_MARGIN_SHARE)
+            near = self._numbers_near(tile, tile, ROUGH_SHARE)
             data, known = self._hash(near), self._slopes.get(tile)
             if known is None or known[0] != data:
-                local = self._prior.blank()
-                local.follow(self._centers.take(near))
-                known = data, local.slopes(self._centers.places_m[members])
+                known = data, self.of_tile(tile, ROUGH_SHARE).slopes(self._centers.places_m[members])
             slopes[members] = known[1]
             found[tile] = known
         self._slopes = found
@@ -172,11 +175,15 @@ class TiledPosterior:
 class _Tile:
     """Results of a tile: mean, variance, place variance and `Roughness.sums` at its places.
 
-    `squares` and `centers` are the sum of the squares of `Roughness` over its own centers, and their number.
+    Attributes:
+        turn: Number of the update that computed them.
+        squares: Sum of the squares of `Roughness` over its own centers.
+        centers: Number of its own centers.
     """
 
     places: Numbers
     data: _Data | None = None
+    turn: int = 0
     mean_m: Array | None = None
     variance_m2: Array | None = None
     place_variance_m2: Array | None = None
@@ -185,34 +192,58 @@ class _Tile:
     centers: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class _Stale:
+    """A tile whose results are not those of its data."""
+
+    corner: Corner
+    tile: _Tile
+    data: _Data
+
+    @property
+    def work(self) -> float:
+        """About the number of multiplications that computing it takes."""
+        n = self.data.count
+        return n * n * (len(self.tile.places) + n / 3.0)
+
+    @property
+    def gained(self) -> int:
+        """Number of centers close to it that have come or gone."""
+        return 0 if self.tile.data is None else abs(self.data.close - self.tile.data.close)
+
+
 class TiledMoments:
     """Mean and variance at fixed places; as `CachedMoments`, of a tiled posterior.
 
     Only tiles whose data have changed are recomputed.
     """
 
-    def __init__(self, posterior: TiledPosterior, places_m: Array, length_m: float, provisional: int = 0) -> None:
+    def __init__(self, posterior: TiledPosterior, places_m: Array, length_m: float) -> None:
         """Starts without data.
 
         Args:
             length_m: Length scale of `Roughness`.
-            provisional: Number of the last measurements that are expected to change.
         """
-        self._posterior, self._places_m, self._provisional = posterior, checked_places(places_m), provisional
-        self._length_m = length_m
+        self._posterior, self._places_m, self._length_m = posterior, checked_places(places_m), length_m
         self._tiles = {tile: _Tile(members) for tile, members in posterior.tiles(self._places_m)}
-        self._cached: dict[Corner, CachedMoments] = {}
+        self._turn = 0
 
-    def update(self) -> tuple[Array, Array, Array]:
-        """Current mean, variance with exact positions, and variance that uncertain positions add; (P,) each."""
+    def update(self, most_work: float = math.inf) -> tuple[Array, Array, Array]:
+        """Current mean, variance with exact positions, and variance that uncertain positions add; (P,) each.
+
+        Args:
+            most_work: Tiles are recomputed until they take more multiplications than this; others keep their old
+                results. Half of it goes to the tiles that most centers have come close to, half to those computed
+                longest ago. Tiles without results are always computed.
+        """
         homes = dict(self._posterior.tiles(self._posterior.centers.places_m))
         for corner in homes.keys() - self._tiles.keys():
             self._tiles[corner] = _Tile(np.zeros(0, dtype=np.int64))
+        self._turn += 1
+        for each in self._chosen(most_work):
+            self._compute(each)
         mean, variance, place_variance = np.empty((3, len(self._places_m)))
-        for corner, tile in self._tiles.items():
-            data = self._posterior.data_of(corner)
-            if tile.data is None or not data.same(tile.data):
-                self._compute(corner, tile, data)
+        for tile in self._tiles.values():
             mean[tile.places], variance[tile.places] = tile.mean_m, tile.variance_m2
             place_variance[tile.places] = tile.place_variance_m2
         return mean, variance, place_variance
@@ -225,23 +256,39 @@ class TiledMoments:
             sums[tile.places] = tile.sums
         return scale_of(sums, sum(tile.squares for tile in tiles), sum(tile.centers for tile in tiles), worth)
 
-    def _compute(self, corner: Corner, tile: _Tile, data: _Data) -> None:
-        local = self._posterior.of_tiles(corner, corner)
-        if tile.data is not None and tile.data.centers == data.centers:  # only place effects have changed
-            tile.place_variance_m2 = local.place_variance(local.kernel.scale(self._places_m[tile.places]))
-        else:
-            cached = self._cached.pop(corner, None)
-            if cached is None or cached.posterior is not local:
-                cached = CachedMoments(local, self._places_m[tile.places], self._provisional)
-            self._cached[corner] = cached
-            while len(self._cached) > KEPT:
-                del self._cached[next(iter(self._cached))]
-            tile.mean_m, tile.variance_m2, tile.place_variance_m2 = cached.update()
+    def _chosen(self, most_work: float) -> list[_Stale]:
+        """The tiles to recompute."""
+        stale = []
+        for corner, tile in self._tiles.items():
+            data = self._posterior.data_of(corner)
+            if tile.data is None or not data.same(tile.data):
+                stale.append(_Stale(corner, tile, data))
+        chosen = {each.corner: each for each in stale if each.tile.data is None}
+        changed = [each for each in stale if each.tile.data is not None]
+        spent = 0.0
+        for share, order in (
+            (0.5, sorted(changed, key=lambda each: -each.gained)),
+            (1.0, sorted(changed, key=lambda each: each.tile.turn)),
+        ):
+            for each in order:
+                if spent >= share * most_work:
+                    break
+                if each.corner not in chosen:
+                    chosen[each.corner] = each
+                    spent += each.work
+        return list(chosen.values())
+
+    def _compute(self, stale: _Stale) -> None:
+        tile, local = stale.tile, self._posterior.of_tile(stale.corner)
+        own = self._places_m[tile.places]
+        tile.place_variance_m2 = local.place_variance(local.kernel.scale(own))
+        if tile.data is None or tile.data.centers != stale.data.centers:  # else only place effects have changed
+            tile.mean_m, variance = local.moments(own)
+            tile.variance_m2 = np.maximum(variance - tile.place_variance_m2, 0.0)
         places = local.centers.places_m
         home = np.zeros(len(places), dtype=bool)
-        for own, members in self._posterior.tiles(places):
-            home[members] = own == corner
+        for corner, members in self._posterior.tiles(places):
+            home[members] = corner == stale.corner
         rough = Roughness.of(local, self._length_m)
-        tile.sums = rough.sums(self._places_m[tile.places])
-        tile.squares, tile.centers = float(rough.squares[home].sum()), int(home.sum())
-        tile.data = data
+        tile.sums, tile.squares, tile.centers = rough.sums(own), float(rough.squares[home].sum()), int(home.sum())
+        tile.data, tile.turn = stale.data, self._turn

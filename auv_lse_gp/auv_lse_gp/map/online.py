@@ -11,6 +11,7 @@ import dataclasses
 import enum
 import math
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import LOCAL_RATIO
 from auv_lse_gp.covariance.prior_mean import PriorMean
-from auv_lse_gp.inference.centers import Centers, CenterTable
+from auv_lse_gp.inference.centers import NO_CENTERS, Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
 from auv_lse_gp.inference.posterior import Posterior
@@ -119,11 +120,10 @@ class OnlineGp:
             self.counts.refused += 1
             raise
         row = np.array([[north_m, east_m, depth_m]], dtype=float)
-        if self.config.outlier_sigmas > 0.0 and len(self):
-            mean, variance = (self.tiled if self.is_tiled else self._posterior).moments(row[:, :2])  # no pending merges
-            if not within_gate(self.config, row[:, 2], mean, variance, self.config.outlier_sigmas)[0]:
-                self.counts.outliers += 1
-                return Outcome.OUTLIER
+        sigmas = self.config.outlier_sigmas
+        if sigmas > 0.0 and len(self) and not self._fits(row, sigmas)[0]:
+            self.counts.outliers += 1
+            return Outcome.OUTLIER
         noise = self.config.noise_std_m if noise_std_m is None else noise_std_m
         return self._insert(row, int(grow), np.array([noise]))[0]
 
@@ -181,6 +181,8 @@ class OnlineGp:
         noise = np.full(len(soundings), self.config.noise_std_m)
         finite = np.isfinite(soundings).all(axis=1)
         if sigmas > 0.0 and len(self) and finite.any():
+            if not self.is_tiled:
+                self._sync()
             fit[finite] = self._fits(soundings[finite], sigmas)
             used = np.flatnonzero(fit & finite)
             numbers = np.zeros(len(used), dtype=np.int64) if packets is None else packets[used]
@@ -195,12 +197,15 @@ class OnlineGp:
 
     def _noise_of(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> Array:
         """Standard deviations (n,) of the noise with which soundings (n, 3) are consistent with map and each other."""
-        places = soundings[:, :2]
-        posterior = self.tiled.near(places) if self.is_tiled else self._posterior
-        at = posterior.at(places)
-        covariance = posterior.covariance(at, at)
-        np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
-        residuals = soundings[:, 2] - posterior.mean_m(places)
+        count, residuals = len(soundings), np.empty(len(soundings))
+        covariance = np.zeros((count, count))  # between tiles it is left out
+        for members, posterior in self._near(soundings[:, :2]):
+            places = soundings[members, :2]
+            at = posterior.at(places)
+            own = posterior.covariance(at, at)
+            np.einsum("ii->i", own)[:] += posterior.place_variance(at.scaled)
+            covariance[np.ix_(members, members)] = own
+            residuals[members] = soundings[members, 2] - posterior.mean_m(places)
         return noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets)
 
     def _insert(self, rows: Array, max_new: int, noise_std_m: Array) -> list[Outcome]:
@@ -246,8 +251,22 @@ class OnlineGp:
 
     def _fits(self, soundings: Array, sigmas: float) -> NDArray[np.bool_]:
         """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map."""
-        mean, variance = (self.tiled if self.is_tiled else self.posterior).moments(soundings[:, :2])
-        return within_gate(self.config, soundings[:, 2], mean, variance, sigmas)
+        fit = np.empty(len(soundings), dtype=bool)
+        for members, posterior in self._near(soundings[:, :2]):
+            own = soundings[members]
+            mean, variance = posterior.moments(own[:, :2])
+            fit[members] = within_gate(self.config, own[:, 2], mean, variance, sigmas)
+        return fit
+
+    def _near(self, places_m: Array) -> Iterator[tuple[NDArray[np.int64], Posterior]]:
+        """The numbers of places (P, 2) by tile, and a posterior for each tile; all together if the map is not tiled.
+
+        A dense posterior lacks pending merges.
+        """
+        if self.is_tiled:
+            yield from self.tiled.near(places_m)
+        else:
+            yield np.arange(len(places_m)), self._posterior
 
     def clear(self) -> None:
         """Drops all soundings."""
@@ -317,6 +336,9 @@ class OnlineGp:
             self._apply_merges()
             self._tiled.follow(self._current_centers)
             self._tiled_revision = self.revision
+            if self._posterior.data_rows:
+                self._posterior.follow(NO_CENTERS)  # releases its memory
+                self._outdated = True
         return self._tiled
 
     def slopes(self) -> Array:
@@ -374,7 +396,8 @@ class OnlineGp:
         if not can_wait:
             try:
                 if self.is_tiled:
-                    self.tiled.near(centers.places_m)
+                    for _ in self.tiled.near(centers.places_m):
+                        pass  # raises
                 else:
                     self._sync()
             except IllConditionedError:
