@@ -186,8 +186,7 @@ class OnlineGp:
             fit[finite] = self._fits(soundings[finite], sigmas)
             used = np.flatnonzero(fit & finite)
             numbers = np.zeros(len(used), dtype=np.int64) if packets is None else packets[used]
-            for block in blocks_of(numbers):
-                noise[used[block]] = self._noise_of(soundings[used[block]], sigmas, numbers[block])
+            noise[used] = self._noise_of(soundings[used], sigmas, numbers)
         self.counts.outliers += int((~fit).sum())
         outcomes: list[Outcome | None] = [Outcome.OUTLIER] * len(soundings)
         added = self.add_all(soundings[fit], max_new, noise[fit])
@@ -197,16 +196,19 @@ class OnlineGp:
 
     def _noise_of(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> Array:
         """Standard deviations (n,) of the noise with which soundings (n, 3) are consistent with map and each other."""
-        count, residuals = len(soundings), np.empty(len(soundings))
-        covariance = np.zeros((count, count))  # between tiles it is left out
-        for members, posterior in self._near(soundings[:, :2]):
-            places = soundings[members, :2]
-            at = posterior.at(places)
-            own = posterior.covariance(at, at)
-            np.einsum("ii->i", own)[:] += posterior.place_variance(at.scaled)
-            covariance[np.ix_(members, members)] = own
-            residuals[members] = soundings[members, 2] - posterior.mean_m(places)
-        return noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets)
+        noise = np.empty(len(soundings))
+        predicted = [(members, *_compared(own, soundings[members])) for members, own in self._tiles(soundings)]
+        for block in blocks_of(packets):
+            if not self.is_tiled:
+                covariance, residuals = _compared(self._posterior, soundings[block])
+            else:
+                covariance, residuals = np.zeros((len(block), len(block))), np.empty(len(block))
+                for members, of_tile, off in predicted:  # between tiles there is no covariance
+                    part = slice(*np.searchsorted(members, (block[0], block[-1] + 1)))
+                    rows = members[part] - block[0]
+                    covariance[np.ix_(rows, rows)], residuals[rows] = of_tile[part, part], off[part]
+            noise[block] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[block])
+        return noise
 
     def _insert(self, rows: Array, max_new: int, noise_std_m: Array) -> list[Outcome]:
         """Inserts soundings (n, 3) that passed the gates, with their noise (n,); several only if always factorizable.
@@ -250,23 +252,19 @@ class OnlineGp:
         return outcomes
 
     def _fits(self, soundings: Array, sigmas: float) -> NDArray[np.bool_]:
-        """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map."""
+        """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map, without pending merges."""
         fit = np.empty(len(soundings), dtype=bool)
-        for members, posterior in self._near(soundings[:, :2]):
+        everything = [(np.arange(len(soundings)), self._posterior)]
+        for members, posterior in self._tiles(soundings) if self.is_tiled else everything:
             own = soundings[members]
             mean, variance = posterior.moments(own[:, :2])
             fit[members] = within_gate(self.config, own[:, 2], mean, variance, sigmas)
         return fit
 
-    def _near(self, places_m: Array) -> Iterator[tuple[NDArray[np.int64], Posterior]]:
-        """The numbers of places (P, 2) by tile, and a posterior for each tile; all together if the map is not tiled.
-
-        A dense posterior lacks pending merges.
-        """
+    def _tiles(self, soundings: Array) -> Iterator[tuple[NDArray[np.int64], Posterior]]:
+        """The numbers of soundings (n, 3) in each tile, and its posterior; none if the map is not tiled."""
         if self.is_tiled:
-            yield from self.tiled.near(places_m)
-        else:
-            yield np.arange(len(places_m)), self._posterior
+            yield from self.tiled.near(soundings[:, :2])
 
     def clear(self) -> None:
         """Drops all soundings."""
@@ -429,3 +427,12 @@ class OnlineGp:
             self._posterior.follow(self._current_centers)
             self.problems.append("undid merges: they made the covariance of the centers ill-conditioned")
         self._outdated = False
+
+
+def _compared(posterior: Posterior, soundings: Array) -> tuple[Array, Array]:
+    """Covariance (n, n) of the depths at soundings (n, 3), and what these deviate from their predictions (n,)."""
+    places = soundings[:, :2]
+    at = posterior.at(places)
+    covariance = posterior.covariance(at, at)
+    np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
+    return covariance, soundings[:, 2] - posterior.mean_m(places)
