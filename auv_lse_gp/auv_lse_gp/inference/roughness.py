@@ -13,6 +13,7 @@ the whole map, and that is 1 without soundings: the prior's variance counts as w
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,14 @@ from scipy.spatial import cKDTree
 from auv_lse_gp.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Distance within which centers are left out, and the standard deviation h of the weights, in `gp.length_scale_m`.
 LEFT_OUT, NEARBY = 0.3, 0.5
 #: Number of soundings that the factor of the whole map counts as at each place.
 LOCAL_WORTH = 3.0
+#: Weights of centers farther away are below 0.1 %; in h.
+REACH = 4.0
 #: Largest number of weights that are computed together.
 _WEIGHTS = 2_000_000
 
@@ -46,10 +50,28 @@ class Roughness:
     length_m: float
 
     @classmethod
-    def of(cls, posterior: Posterior, length_m: float) -> Roughness:
-        """Predicts each center of a posterior."""
+    def of(cls, posterior: Posterior, length_m: float, own: Mask | None = None) -> Roughness:
+        """Predicts each center of a posterior, or those of a mask (n,)."""
         places = posterior.centers.places_m
-        return cls(places_m=places, squares=left_out_squares(posterior, LEFT_OUT * length_m), length_m=length_m)
+        squares = left_out_squares(posterior, LEFT_OUT * length_m, own)
+        return cls(places_m=places if own is None else places[own], squares=squares, length_m=length_m)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Roughness], length_m: float) -> Roughness:
+        """The centers of several parts of a map."""
+        places, squares = [part.places_m for part in parts], [part.squares for part in parts]
+        return cls(
+            places_m=np.concatenate([np.zeros((0, 2)), *places]),
+            squares=np.concatenate([np.zeros(0), *squares]),
+            length_m=length_m,
+        )
+
+    def near(self, places_m: Array) -> Roughness:
+        """The centers whose weights are not negligible at some of the places (P, 2)."""
+        reach_m = REACH * NEARBY * self.length_m
+        low, high = places_m.min(axis=0) - reach_m, places_m.max(axis=0) + reach_m
+        near = ((self.places_m >= low) & (self.places_m <= high)).all(axis=1)
+        return Roughness(places_m=self.places_m[near], squares=self.squares[near], length_m=self.length_m)
 
     def sums(self, at_m: Array) -> Array:
         """Sums of k_i q_i and of k_i at places (P, 2), shape (P, 2)."""
@@ -77,32 +99,48 @@ def scale_of(sums: Array, total: float, count: int, worth: float) -> Array:
     return np.asarray((LOCAL_WORTH * whole + sums[:, 0]) / (LOCAL_WORTH + sums[:, 1]))
 
 
-def left_out_squares(posterior: Posterior, radius_m: float) -> Array:
-    """Squared standardized error (n,) of each center, predicted from the centers farther away than `radius_m`.
+def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = None) -> Array:
+    """Squared standardized error of each center, predicted from the centers farther away than `radius_m`.
 
     With the inverse S of the data's covariance, uncertain positions included, and the centers B left out, the errors
     of all of B are S_BB^-1 (S r)_B and their covariance is S_BB^-1 (RW2006 section 5.4.2, for blocks).
+
+    Args:
+        own: Mask (n,) of the centers to predict; None: all.
     """
     n = posterior.data_rows
-    if n == 0:
+    predicted = np.arange(n) if own is None else np.flatnonzero(own)
+    if not len(predicted):
         return np.zeros(0)
-    factor, residuals = posterior.factor, posterior.whitened_residuals[:n]
-    half, _ = lapack.dpotri(np.array(factor.lower[:n, :n], order="F"), lower=1, overwrite_c=1)
-    precision = np.tril(half) + np.tril(half, -1).T
+    places, factor, residuals = posterior.centers.places_m, posterior.factor, posterior.whitened_residuals[:n]
+    near = cKDTree(places).query_ball_point(places[predicted], radius_m)
+    used = np.unique(np.concatenate([np.asarray(found, dtype=np.int64) for found in near]))
+    precision = _precision(posterior, used)
     if posterior.places_uncertain:
         white = posterior.white_place_effect
         within, back = np.eye(white.shape[1]) + white.T @ white, factor.solve_transposed(white, n)
         residuals = residuals - white @ np.linalg.solve(within, white.T @ residuals)
-        precision -= back @ np.linalg.solve(within, back.T)
-    weighted = factor.solve_transposed(residuals, n)
-    near = cKDTree(posterior.centers.places_m).query_ball_point(posterior.centers.places_m, radius_m)
+        precision -= back[used] @ np.linalg.solve(within, back[used].T)
+    weighted = factor.solve_transposed(residuals, n)[used]
     counts = np.array([len(found) for found in near])
-    squares = np.empty(n)
+    squares = np.empty(len(predicted))
     for count in np.unique(counts):  # blocks of one size are solved together
-        own = np.flatnonzero(counts == count)
-        blocks = np.array([near[i] for i in own])
-        is_own = (blocks == own[:, None]).astype(float)
+        alike = np.flatnonzero(counts == count)
+        blocks = np.searchsorted(used, np.array([near[i] for i in alike]))
+        is_own = (used[blocks] == predicted[alike][:, None]).astype(float)
         solved = np.linalg.solve(precision[blocks[:, :, None], blocks[:, None, :]], is_own[:, :, None])[:, :, 0]
         error, variance = (solved * weighted[blocks]).sum(axis=1), (solved * is_own).sum(axis=1)
-        squares[own] = error**2 / variance
+        squares[alike] = error**2 / variance
     return squares
+
+
+def _precision(posterior: Posterior, used: NDArray[np.int64]) -> Array:
+    """Rows and columns `used` (u,) of the inverse of the data's covariance, (u, u)."""
+    n = posterior.data_rows
+    if len(used) == n:
+        half, _ = lapack.dpotri(np.array(posterior.factor.lower[:n, :n], order="F"), lower=1, overwrite_c=1)
+        return np.asarray(np.tril(half) + np.tril(half, -1).T)
+    units = np.zeros((n, len(used)))
+    units[used, np.arange(len(used))] = 1.0
+    columns = posterior.factor.solve_in_place(units)
+    return np.asarray(columns.T @ columns)

@@ -173,12 +173,13 @@ class TiledPosterior:
 
 @dataclass(slots=True)
 class _Tile:
-    """Results of a tile: mean, variance, place variance and `Roughness.sums` at its places.
+    """Results of a tile: mean, variance and place variance at its places.
 
     Attributes:
         turn: Number of the update that computed them.
-        squares: Sum of the squares of `Roughness` over its own centers.
-        centers: Number of its own centers.
+        roughness: That of its own centers.
+        sums: `Roughness.sums` at its places.
+        summed: Hash of the squares that are in them.
     """
 
     places: Numbers
@@ -187,9 +188,9 @@ class _Tile:
     mean_m: Array | None = None
     variance_m2: Array | None = None
     place_variance_m2: Array | None = None
+    roughness: Roughness | None = None
     sums: Array | None = None
-    squares: float = 0.0
-    centers: int = 0
+    summed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,11 +251,17 @@ class TiledMoments:
 
     def scales(self, worth: float) -> Array:
         """Factor on the prior's variance (P,) of the last update, as `Roughness.scale`."""
-        tiles = self._tiles.values()
-        sums = np.zeros((len(self._places_m), 2))
-        for tile in tiles:
-            sums[tile.places] = tile.sums
-        return scale_of(sums, sum(tile.squares for tile in tiles), sum(tile.centers for tile in tiles), worth)
+        parts = [tile.roughness for tile in self._tiles.values() if tile.roughness is not None]
+        everywhere, sums = Roughness.joined(parts, self._length_m), np.zeros((len(self._places_m), 2))
+        for tile in self._tiles.values():
+            if len(tile.places):
+                own = self._places_m[tile.places]
+                near = everywhere.near(own)
+                summed = hash((near.places_m.tobytes(), near.squares.tobytes()))
+                if tile.sums is None or tile.summed != summed:
+                    tile.sums, tile.summed = near.sums(own), summed
+                sums[tile.places] = tile.sums
+        return scale_of(sums, float(everywhere.squares.sum()), len(everywhere.squares), worth)
 
     def _chosen(self, most_work: float) -> list[_Stale]:
         """The tiles to recompute."""
@@ -289,6 +296,5 @@ class TiledMoments:
         home = np.zeros(len(places), dtype=bool)
         for corner, members in self._posterior.tiles(places):
             home[members] = corner == stale.corner
-        rough = Roughness.of(local, self._length_m)
-        tile.sums, tile.squares, tile.centers = rough.sums(own), float(rough.squares[home].sum()), int(home.sum())
+        tile.roughness = Roughness.of(local, self._length_m, home)
         tile.data, tile.turn = stale.data, self._turn

@@ -79,3 +79,15 @@ def test_scale_is_the_true_one_on_ground_of_two_kinds() -> None:
     rough, smooth = np.mean(found, axis=0)
     assert 0.55 * 4.0 < rough < 1.6 * 4.0
     assert smooth < 0.5
+
+
+def test_errors_of_some_centers_are_those_of_all():
+    rng = np.random.default_rng(3)
+    places = rng.uniform(0.0, 400.0, (120, 2))
+    posterior = Posterior(GpConfig())
+    effect = rng.normal(size=(120, 3))
+    posterior.follow(Centers(places, 15.0 + rng.normal(size=120), np.full(120, 0.3), effect))
+    own = places[:, 0] < 90.0
+    found = left_out_squares(posterior, 25.0, own)
+    assert found == pytest.approx(left_out_squares(posterior, 25.0)[own], rel=1e-8)
+    assert left_out_squares(posterior, 25.0, np.zeros(120, dtype=bool)).shape == (0,)
