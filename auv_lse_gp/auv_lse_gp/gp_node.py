@@ -17,6 +17,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.support import compiled
+from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.topics.map_codecs import MARKERS
 from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_common.vocabulary.health import Recent
@@ -97,6 +98,7 @@ class GpNode(VehicleNode):
         isobath = self._map.isobath(field)
         for index in range(len(MARKERS)):
             self._isobath.publish((now_s, index, isobath, level_set.level_m))
+        return_free_memory()  # of this process's other nodes, too
         self._maps_took_s = time.perf_counter() - began
 
     def _publish_health(self, now_s: float) -> None:
