@@ -29,7 +29,7 @@ from auv_lse_shore.judge import figures_of_merit as merit
 from auv_lse_shore.judge import isobath
 from auv_lse_shore.judge.reward import Curves, reward_curves
 from auv_lse_shore.judge.summary import Summary
-from auv_lse_shore.judge.team_map import TeamMap, map_of, mission_settings, team_map
+from auv_lse_shore.judge.team_map import TeamMap, map_of, mission_settings, placed
 from auv_lse_shore.judge.tracks import true_positions
 
 Array = NDArray[np.float64]
@@ -119,12 +119,12 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
         ValueError: if there is no vehicle, or the true ground is not on the map's grid.
         ParameterError: if the parameters cannot be used.
     """
-    team = team or team_map(run)
-    run = team.run
+    run, make_map = placed(run) if team is None else (team.run, lambda: team)
     settings = mission_settings(run.parameters, max(v.vehicle for v in run.vehicles))
     settings = [settings[v.vehicle - 1] for v in run.vehicles]
-    first, area = settings[0], team.area
-    scored = team.field.grid.inside.copy()
+    first, area = settings[0], OperatingArea(settings[0].area)
+    grid = area.grid(first.gp.map_resolution_m, "gp.map_resolution_m")
+    scored = grid.inside.copy()
     if run.ground is not None:
         if run.ground.depth_m.shape != scored.shape:
             raise ValueError(
@@ -132,16 +132,16 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
                 "ground_grid()"
             )
         scored &= np.isfinite(run.ground.depth_m)
-    some = _thinned(team.field.grid, scored)
-    papers = first.planner.entry.of_paper
+    some = _thinned(grid, scored)
     others = partial(_other_maps, run, settings, area, some)
-    other_maps = run_in_background(others) if len(scored[scored]) > CELLS_OF_TWO_PROCESSES else others
-    curves = reward_curves(run, settings, area, bounds if papers else 2, some)
+    other_maps = run_in_background(others) if np.count_nonzero(scored) > CELLS_OF_TWO_PROCESSES else others
+    final = make_map()
+    curves = reward_curves(run, settings, area, bounds if first.planner.entry.of_paper else 2, some)
     local, ideal, alone_risk = other_maps()
     return Evaluation(
         run=run,
         settings=settings,
-        team_map=team,
+        team_map=final,
         local=local,
         ideal=ideal,
         alone_risk=alone_risk,

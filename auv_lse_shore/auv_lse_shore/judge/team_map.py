@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,12 @@ def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int)
 
 
 def team_map(run: RunData) -> TeamMap:
-    """The map of a mission.
+    """The map of a mission; as `placed`."""
+    return placed(run)[1]()
+
+
+def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
+    """A mission with its soundings at their best places, and a function that makes its map.
 
     Where places are corrected, the map includes their remaining uncertainty (`Posterior.place_variance`); the classes
     of the isobath's pieces use it as the vehicles' place error.
@@ -87,9 +93,14 @@ def team_map(run: RunData) -> TeamMap:
     first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
     area = OperatingArea(first.area)
     if corrects_places(run):
-        return adjusted_map(adjust([run]), first)
-    depth_map = map_of(first, area, Soundings.join(v.soundings for v in run.vehicles))
-    return _team_map(run, first, area, depth_map, depth_map.field())
+        adjustment = adjust([run])
+        return merged(adjustment.runs), partial(adjusted_map, adjustment, first)
+
+    def as_recorded() -> TeamMap:
+        depth_map = map_of(first, area, Soundings.join(v.soundings for v in run.vehicles))
+        return _team_map(run, first, area, depth_map, depth_map.field())
+
+    return run, as_recorded
 
 
 def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:

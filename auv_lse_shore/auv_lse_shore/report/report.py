@@ -12,7 +12,7 @@ from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.judge.summary import Summary
-from auv_lse_shore.judge.team_map import team_map, write_isobath
+from auv_lse_shore.judge.team_map import write_isobath
 from auv_lse_shore.report import report_figures, words
 from auv_lse_shore.report.page import embed, number, render
 from auv_lse_shore.report.progress import Show, show_nothing
@@ -41,10 +41,8 @@ def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summa
     Raises:
         OSError: if the files cannot be written; the folder then has none of them.
     """
-    show(f"mapping {sum(len(v.soundings) for v in run.vehicles):,} soundings")
-    team = team_map(run)
-    show("comparing the map with the vehicles' own and with the bounds")
-    evaluation = evaluate(run, team=team)
+    show(f"computing maps and bounds from {sum(len(v.soundings) for v in run.vehicles):,} soundings")
+    evaluation = evaluate(run)
     show("drawing figures")
     summary = write_outputs(evaluation, folder)
     show("")
