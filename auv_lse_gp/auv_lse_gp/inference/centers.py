@@ -45,6 +45,29 @@ class Centers:
         kept = None if effect is None else effect[numbers]
         return Centers(self.places_m[numbers], self.depths_m[numbers], self.noise_std_m[numbers], kept)
 
+    def averaged(self, groups: NDArray[np.int64]) -> Centers:
+        """One center in place of each group: the mean of its members, whose errors are independent.
+
+        The new centers are in the order of the groups' first members. The curvature of the ground within a group is
+        neglected.
+
+        Args:
+            groups: Keys (n, k); centers with equal keys form a group.
+        """
+        _, first, group = np.unique(groups, axis=0, return_index=True, return_inverse=True)
+        ranks = np.empty(len(first), dtype=np.int64)
+        ranks[np.argsort(first)] = np.arange(len(first))
+        number = ranks[group.ravel()]
+        count = np.bincount(number)
+
+        def mean(columns: Array) -> Array:
+            return np.stack([np.bincount(number, column) / count for column in columns.T], axis=1)
+
+        effect = self.place_effect_m
+        noise_std_m = np.sqrt(np.bincount(number, self.noise_std_m**2)) / count
+        averaged_effect = None if effect is None or not effect.shape[1] else mean(effect)
+        return Centers(mean(self.places_m), mean(self.depths_m[:, None])[:, 0], noise_std_m, averaged_effect)
+
     def joined(self, others: Centers) -> Centers:
         """These centers, then `others`."""
         return Centers(

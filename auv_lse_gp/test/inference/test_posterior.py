@@ -288,3 +288,17 @@ def test_theorem_1_holds_for_random_fields():
         # Variances are differences: their rounding, 1e-13 of the signal's, moves the benefit by as much.
         assert np.all(np.diff(benefits, axis=0) >= -1e-11 * scale)
     assert broken > 0.02 * checked  # the paper's approximation breaks it
+
+
+def test_averaged_centers_are_the_means_of_their_groups():
+    centers = Centers(
+        np.array([[0.0, 0.0], [10.0, 0.0], [4.0, 2.0], [30.0, 0.0]]),
+        np.array([10.0, 12.0, 14.0, 20.0]),
+        np.array([0.3, 0.4, 0.4, 0.5]),
+        np.array([[1.0], [3.0], [5.0], [7.0]]),
+    )
+    found = centers.averaged(np.array([[2, 0], [1, 0], [2, 0], [0, 0]]))
+    assert found.places_m.tolist() == [[2.0, 1.0], [10.0, 0.0], [30.0, 0.0]]
+    assert found.depths_m.tolist() == [12.0, 12.0, 20.0]
+    assert found.noise_std_m.tolist() == [0.25, 0.4, 0.5]  # sqrt(.3^2 + .4^2) / 2
+    assert found.place_effect_m.tolist() == [[3.0], [3.0], [7.0]]

@@ -2,8 +2,8 @@
 
 A short mission plans with the whole map. In a long one, the cost of a decision would grow with the area and with the
 number of soundings. The window is therefore *focused* on the path of the next legs, and focused anew every so many
-legs. In between, only the cells of the window and the centers near them are updated. Elsewhere, the risk is updated
-when the window is focused, tile by tile, where centers have come or gone.
+legs. In between, only the cells of the window and the centers near them are updated. Centers near the window's border
+are averaged. Elsewhere, the risk is updated when the window is focused, tile by tile, where centers have come or gone.
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ STALE_SCALES = 2.0
 TILE_M = 300.0
 #: Centers, and places to be measured, count if they are at most this far from a cell of the window, in length scales.
 DATA_SCALES = 2.5
+#: Centers farther than this from all cells of the window, in length scales, are averaged in square cells of this side,
+#: in the kernel's lengths.
+AVERAGED_SCALES, AVERAGED_SIDE = 1.25, 0.4
 
 
 class GroundWindow:
@@ -40,6 +43,8 @@ class GroundWindow:
         posterior: The posterior given the centers near the cells.
         is_focused: Whether it covers only a part of the map.
         elsewhere_risk: Risk of the map's other cells when the window was focused.
+        most_centers: Largest number of centers before the first focus, if not None; more are averaged. So a planner
+            that is started again late in a long mission does not condition on all of them.
     """
 
     def __init__(
@@ -48,6 +53,7 @@ class GroundWindow:
         self.posterior = posterior
         self.is_focused = False
         self.elsewhere_risk = 0.0
+        self.most_centers: int | None = None
         self._scale_m = max(gp.length_scale_m, gp.length_scale_2_m)
         self._levels = LevelSet.of(level_set)
         self._grid, self._coarse_grid = map_grid, coarse_grid
@@ -112,15 +118,34 @@ class GroundWindow:
     def release(self) -> None:
         """Covers the whole map again."""
         if self.is_focused:
-            self.is_focused, self.elsewhere_risk = False, 0.0
+            self.is_focused, self.elsewhere_risk, self.most_centers = False, 0.0, None
             self._fine = self._coarse = self._cells = None
             self._follow()
 
     def _follow(self) -> None:
         c = self._centers
         if self.is_focused and len(c):
-            c = c.take(np.flatnonzero(self.near(c.places_m)))
+            c = self._thinned(c.take(np.flatnonzero(self.near(c.places_m))))
+        elif self.most_centers is not None:
+            c = self._averaged(c, self.most_centers)
         self.posterior.follow(c)
+
+    def _averaged(self, centers: Centers, most: int) -> Centers:
+        """At most `most` centers: averages in square cells, if there are more."""
+        scaled, found, side = self.posterior.kernel.scale(centers.places_m), centers, AVERAGED_SIDE
+        while len(found) > most:
+            found, side = centers.averaged(np.floor(scaled / side).astype(np.int64)), 1.5 * side
+        return found
+
+    def _thinned(self, centers: Centers) -> Centers:
+        """The centers, those far from the window's cells averaged."""
+        if not len(centers):
+            return centers
+        far = self._far_at(centers.places_m) > AVERAGED_SCALES * self._scale_m
+        keys = np.column_stack([np.arange(len(centers)), np.full((len(centers), 2), -1)])
+        cells = np.floor(self.posterior.kernel.scale(centers.places_m[far]) / AVERAGED_SIDE)
+        keys[far] = np.column_stack([np.full(len(cells), -1), cells])
+        return centers.averaged(keys)
 
     def _update_elsewhere(self, window: Mask) -> None:
         """Updates the risk of all cells outside of the window (ny, nx) near which centers have come or gone."""

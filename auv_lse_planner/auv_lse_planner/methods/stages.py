@@ -1,9 +1,9 @@
 """Plans a long mission in stages: the next legs in detail, and the rest as a line that is followed later.
 
 At the start, the best naive path over the whole mission becomes the *line*. A stage covers the next `STAGE_LEGS` legs.
-It bends them as if they were a short mission, except that it ends on the line. Planning is limited to the ground near
-the stage (`ground_window.py`); the places of the line after it count as measured at its end. After `RENEW_LEGS` legs,
-the next stage begins: what is left of this one, and more of the line.
+It bends them as if they were a short mission, except that it ends on the line and is bent less often. Planning is
+limited to the ground near the stage (`ground_window.py`); the places of the line after it count as measured at its end.
+After `RENEW_LEGS` legs, the next stage begins: what is left of this one, and more of the line.
 
 The account of the bound continues. Let R be the risk of the map now, E the drop of risk expected until the mission's
 end, and E_s the drop that the stage computes for its ground. Then E = E_s + d, where d belongs to the rest of the
@@ -33,7 +33,11 @@ Array = NDArray[np.float64]
 #: A longer mission is planned in stages.
 MAX_WHOLE_LEGS = 200
 #: Legs of a stage, and legs after which the next one begins. The last one is longer by up to as many legs.
-STAGE_LEGS, RENEW_LEGS = 150, 40
+STAGE_LEGS, RENEW_LEGS = 100, 40
+#: The stage is bent after so many times `planner.tour_interval` legs.
+INTERVALS = 2
+#: Largest number of centers with which a planner that was started again makes its first stage.
+MAX_UNFOCUSED = 1000
 #: Largest number of segments of the tour that stands for the rest in a packet, and their smallest length in legs.
 REST_SEGMENTS, REST_SEGMENT_LEGS = 30, 4
 #: Largest numbers of the map's cells, of a path's legs, and of the team's legs for which the naive paths are compared.
@@ -52,6 +56,7 @@ class Stages:
         self._line_step = 0
         self._drop = 0.0
         self._end_risk = math.nan  # expected at the mission's end, of the last choice
+        context.window.most_centers = MAX_UNFOCUSED
 
     @staticmethod
     def needed(context: PlanningContext) -> bool:

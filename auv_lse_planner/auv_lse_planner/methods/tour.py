@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
-from auv_lse_planner.methods.stages import Stages
+from auv_lse_planner.methods.stages import INTERVALS, Stages
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -158,7 +158,7 @@ class Tour(Method):
         return "shallow ground" if in_area else "border of the area"
 
     def _interval_is_over(self, s: Situation) -> bool:
-        every = s.planner.tour_interval
+        every = s.planner.tour_interval * (1 if self._stages is None else INTERVALS)
         return bool(every and s.step - self._optimized_at >= every)
 
     def _search(self, problem: TourProblem, last: Followed | None, heads: list[Actions]) -> Candidates:

@@ -248,6 +248,7 @@ class VehiclePlanner:
             raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
+        method = self._method  # before it takes the map, whose size it may bound
         self._take_centers()
         self._keep_off_shallows(state)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
@@ -260,7 +261,7 @@ class VehiclePlanner:
             off_plan=reanchored,
             deadline=deadline,
         )
-        choice = self._method.decide(situation)
+        choice = method.decide(situation)
         path = choice.chosen.path
         self._followed = Followed(choice.chosen.plan, path)
         leg = self.motion.leg(step, path.states[0], int(path.actions[0]))

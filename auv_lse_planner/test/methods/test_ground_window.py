@@ -31,6 +31,18 @@ def _lanes(seed):
     return Centers(places, depth + 0.3 * rng.normal(size=len(places)), np.full(len(places), 0.2))
 
 
+def _dense_lanes():
+    """Centers as close as after the legs of a team: lanes 20 to 60 m apart, centers every 14 m."""
+    rng = np.random.default_rng(6)
+    lanes = [np.column_stack([np.arange(rng.uniform(0, 300.0), 1400.0, 14.0)] * 2) for _ in range(30)]
+    for lane, east in zip(lanes, np.cumsum(rng.uniform(20.0, 60.0, 30)), strict=True):
+        lane[:, 1] = east + 5.0 * np.sin(lane[:, 0] / 50.0)
+    places = np.concatenate(lanes)
+    depth = 15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0) + 0.3 * rng.normal(size=len(places))
+    effect = np.column_stack([0.3 * np.sin(places[:, 0] / 200.0), 0.2 * np.cos(places[:, 1] / 300.0)])
+    return Centers(places, depth, np.full(len(places), 0.2), effect)
+
+
 def _window(config):
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, SIDE_M, 0.0, SIDE_M, SIDE_M, 0.0, SIDE_M)))
     grid = area.grid(20.0)
@@ -69,6 +81,35 @@ def test_window_is_close_to_the_dense_posterior(prior, mean, std):
         everywhere, variance = dense.moments(grid.places_m)
         whole = LevelSet.of(LevelSetConfig()).risk(everywhere, np.sqrt(variance)).sum()
         assert _total_risk(window) == pytest.approx(whole, rel=RISK)
+
+
+def test_centers_near_the_border_of_the_window_are_averaged():
+    """Within the tolerances of mean and standard deviation, a sixth of the centers within the margin is gone."""
+    data, (window, _) = _dense_lanes(), _window(GpConfig())
+    window.set_centers(data)
+    window.focus(PATH_M)
+    near = data.take(np.flatnonzero(window.near(data.places_m)))
+    assert window.posterior.data_rows < 0.85 * len(near)
+    exact = Posterior(GpConfig())
+    exact.follow(near)
+    now, (mean_m, variance) = window.fine.current(), exact.moments(window.fine.places_m)
+    assert np.abs((now.mean_m - mean_m) / np.sqrt(variance)).max() < 0.04
+    assert np.abs(np.sqrt(now.data_var_m2 / variance) - 1.0).max() < 0.005
+
+
+def test_many_centers_are_averaged_until_the_first_focus():
+    data, (window, grid) = _dense_lanes(), _window(GpConfig())
+    window.most_centers = 300
+    window.set_centers(data)
+    assert 50 < window.posterior.data_rows <= 300
+    dense = Posterior(GpConfig())
+    dense.follow(data)
+    off = window.posterior.mean_m(grid.places_m) - dense.mean_m(grid.places_m)
+    assert np.sqrt(np.mean(off**2)) < 2.0  # of a ground that varies by 8 m: enough to find shallows and a first line
+    window.focus(PATH_M)
+    assert window.posterior.data_rows > 300
+    window.release()
+    assert window.posterior.data_rows == len(data)
 
 
 def test_later_centers_elsewhere_count_at_the_next_focus():

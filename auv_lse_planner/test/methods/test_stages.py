@@ -93,6 +93,13 @@ def test_naive_paths_of_a_large_team_are_compared_at_few_of_its_legs(monkeypatch
     assert compared[0] == -(-STEPS // 5)
 
 
+def test_stage_is_bent_less_often_than_a_short_mission():
+    planner = _planner()
+    interval = stages.INTERVALS * planner.planner.tour_interval
+    bent = [step for step in range(2 * interval + 1) if _decide(planner, step).bound.iterations]
+    assert bent == [0, interval, 2 * interval]
+
+
 def test_short_mission_has_no_stages():
     planner = _planner(STEPS - 1)
     _decide(planner, 0)

@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.online import OnlineGp
-from auv_lse_planner.methods import team_routes
+from auv_lse_planner.methods import stages, team_routes
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -575,7 +575,8 @@ def test_the_first_decision_ends_soon_after_its_deadline(steps, vehicles, work_a
 @pytest.mark.parametrize("steps", [40, 210])
 def test_a_later_decision_past_its_deadline_evaluates_the_last_plan_alone(steps, work_after):
     planner = VehiclePlanner(1, settings(steps=steps, vehicles=2), np.random.default_rng(1))
-    leg = _fly(planner, until=planner.planner.tour_interval)[-1].leg
+    intervals = stages.INTERVALS if steps > stages.MAX_WHOLE_LEGS else 1
+    leg = _fly(planner, until=intervals * planner.planner.tour_interval)[-1].leg
     work_after[:] = [Deadline(1), 0]
     decision = planner.decide(1000.0, work_after[0])
     assert decision.leg.step == leg.step + 1
