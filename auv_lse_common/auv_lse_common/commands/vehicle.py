@@ -79,7 +79,7 @@ class Crew:
         def command(start_number: int) -> Sequence[str]:
             return [*once.command(0), "-p", f"record.folder:={unused_folder(folder)}"]
 
-        return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True)
+        return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True, node=once.node)
 
 
 def vehicle_number(name: str) -> int:

@@ -76,6 +76,7 @@ def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
     names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
     assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
     assert found.recording == tmp_path / "dive" / "bag"
+    assert all(task.node is not None for task in found.tasks()), "forked, also the recorder, and watched"
     assert not found.simulated
     assert not found.lockstep
     bare = crew(write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""}))
