@@ -79,15 +79,21 @@ def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConf
     return found
 
 
-def of_team(now_s: float, team: Team, planner: PlannerConfig) -> dict[str, str]:
-    """Relevant plans of team mates that are missing, getting old or expired."""
-    found, ages = {}, team.age_s(now_s)
+def of_team(now_s: float, team: Team, planner: PlannerConfig, travelled_s: float) -> dict[str, str]:
+    """Relevant plans of team mates that are missing, getting old or expired.
+
+    Args:
+        travelled_s: How long this vehicle's mission has run; a first plan is expected as soon as any later one.
+    """
+    found, ages, limit_s = {}, team.age_s(now_s), SILENT_SHARE * planner.plan_expiry_s
     for mate in team.others if planner.family.all_mates else team.before:
+        if mate not in ages and travelled_s < limit_s:
+            continue
         if mate not in ages:
             found[f"plan of {mate} missing"] = f"team: no plan received from vehicle {mate} yet; planning without it"
         elif ages[mate] >= planner.plan_expiry_s:
             found[f"plan of {mate} expired"] = f"team: plan of vehicle {mate} expired, received {ages[mate]:.0f} s ago"
-        elif ages[mate] >= SILENT_SHARE * planner.plan_expiry_s:
+        elif ages[mate] >= limit_s:
             found[f"{mate} silent"] = (
                 f"team: no plan from vehicle {mate} for {ages[mate]:.0f} s; its last plan expires after "
                 f"{planner.plan_expiry_s:g} s (planner.plan_expiry_s)"

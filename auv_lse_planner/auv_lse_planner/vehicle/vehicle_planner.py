@@ -214,7 +214,8 @@ class VehiclePlanner:
         found |= problems.of_place(self._travel, self.space)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
-            found |= problems.of_team(now_s, self.team, self.planner)
+            travelled_s = self._travel.decided * self.motion.leg_length_m / self.settings.vehicle.speed_mps
+            found |= problems.of_team(now_s, self.team, self.planner, travelled_s)
         found |= problems.of_leg(now_s, self._travel)
         if self._blocked_reason and not self.finished:
             found["held"] = f"mission is not running: {self._blocked_reason}"

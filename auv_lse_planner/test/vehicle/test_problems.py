@@ -48,9 +48,10 @@ def test_missing_or_expired_plans_of_preceding_mates():
     team = Team(3, 4, "id", 20.0, 600.0, follow)
     team.receive_plan(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
     missing = {"plan of 1 missing": "team: no plan received from vehicle 1 yet; planning without it"}
-    assert problems.of_team(249.0, team, PLANNER) == missing  # vehicle 4 comes after this one
-    assert "no plan from vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER)["2 silent"]
-    assert problems.of_team(700.0, team, PLANNER) == {
+    assert problems.of_team(249.0, team, PLANNER, 149.0) == {}, "no slot of vehicle 1 may have come yet"
+    assert problems.of_team(249.0, team, PLANNER, 150.0) == missing  # vehicle 4 comes after this one
+    assert "no plan from vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER, 250.0)["2 silent"]
+    assert problems.of_team(700.0, team, PLANNER, 700.0) == {
         **missing,
         "plan of 2 expired": "team: plan of vehicle 2 expired, received 600 s ago",
     }
