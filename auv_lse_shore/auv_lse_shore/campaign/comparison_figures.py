@@ -21,14 +21,14 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
     ("isobath_error_m", "isobath error, whole line (m)", False),
     ("isobath_found", "isobath found (share)", True),
     ("isobath_found_error_m", "isobath error, part found (m)", False),
-    ("risk_after", "final map risk (cost/place)", False),
-    ("loss_expected", "expected loss (cost/place)", False),
-    ("loss_after", "actual loss (cost/place)", False),
-    ("mowing_risk", "lawnmower bound (cost/place)", False),
-    ("risk_third", "map risk after a third (cost/place)", False),
+    ("risk_after", "final map risk (cost per place)", False),
+    ("loss_expected", "expected loss (cost per place)", False),
+    ("loss_after", "actual loss (cost per place)", False),
+    ("mowing_risk", "lawnmower bound (cost per place)", False),
+    ("risk_third", "map risk after a third (cost per place)", False),
     ("f1", "F1", True),
     ("misclassified_m2", "misclassified (m²)", False),
-    ("local_risk_error", "own-map risk difference (cost/place)", False),
+    ("local_risk_error", "own-map risk difference (cost per place)", False),
     ("delivery", "packets received (share)", True),
     ("planning_median_s", "median decision time (s)", False),
     ("busy_s", "simulation and evaluation time (s)", False),
@@ -41,8 +41,8 @@ HEADINGS = {column: heading for column, heading, _ in MEASURES}
 MAIN = ("isobath_error_m", "isobath_found", "risk_after", "loss_after")
 
 #: Curves over steps with the labels of their axes: of the map, and of the paper's reward beside it.
-MAP_CURVES = (("risk", "map risk (cost/place)"), ("expected_risk", "map risk expected at the end (cost/place)"))
-PAPER_CURVES = (("risk", "map risk (cost/place)"), ("stepwise", "team reward, stepwise (cost)"))
+MAP_CURVES = (("risk", "map risk (cost per place)"), ("expected_risk", "map risk expected at the end (cost per place)"))
+PAPER_CURVES = (("risk", "map risk (cost per place)"), ("stepwise", "team reward, stepwise (cost)"))
 
 #: Number of settings that `curves` shows.
 MAX_CURVES = 16

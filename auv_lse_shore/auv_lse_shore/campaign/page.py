@@ -24,6 +24,7 @@ from auv_lse_shore.campaign.rows import Row, Rows, by_group, by_seed, columns_of
 from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec
 from auv_lse_shore.campaign.statistics import paired
+from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.report.figures import save
 from auv_lse_shore.report.page import embed, number, render
 
@@ -33,8 +34,8 @@ _CURVES = (
     "confidence interval."
 )
 _RELIABILITY = (
-    "Left: share of places that are safe against the P(safe) that the final maps report; on the dotted line a map is "
-    "calibrated, above it conservative, below it overconfident. Right: how the places spread over P(safe). All places "
+    f"Left: share of places that are safe against the {P_DEEP} that the final maps report; on the dotted line a map is "
+    "calibrated, above it conservative, below it overconfident. Right: how the places spread over it. All places "
     "of all missions of a setting; 95 % bootstrap interval over missions."
 )
 

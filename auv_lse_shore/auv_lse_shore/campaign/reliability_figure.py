@@ -1,4 +1,4 @@
-"""The reliability diagram of a campaign: share of places that are safe against the P(safe) of the final maps."""
+"""The reliability diagram of a campaign: share of places that are safe against the P(deep enough) of the final maps."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from auv_lse_shore.campaign.rows import Row
 from auv_lse_shore.campaign.statistics import bootstrap
+from auv_lse_shore.judge.quantity_names import P_DEEP
 from auv_lse_shore.judge.reliability import EDGES, Reliability
 from auv_lse_shore.report.figures import COLORS, WIDTH_IN, add_grid, new_figure, styled
 
@@ -31,7 +32,7 @@ def reliability_of(rows: Sequence[Row]) -> list[Reliability]:
 
 @styled
 def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
-    """For each setting the share of places that are safe against P(safe), and how the places spread over it.
+    """For each setting the share of places that are safe against P(deep enough), and how the places spread over it.
 
     None where no mission has a known truth.
     """
@@ -50,12 +51,12 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
         (line,) = left.plot(pooled.probabilities[has], pooled.shares[has], "o-", ms=3.5, lw=1.3, color=color)
         right.stairs(np.array(pooled.cells) / max(sum(pooled.cells), 1.0), range(len(EDGES)), color=color, lw=1.3)
         handles.append(line)
-    left.set_xlabel("P(safe) reported by the map")
+    left.set_xlabel(f"{P_DEEP} reported by the map")
     left.set_ylabel("share that is safe")
     left.set_aspect("equal")
     right.set_yscale("log")
     right.set_xticks(range(len(EDGES)), [f"{edge:g}" for edge in EDGES], fontsize=7.0, rotation=60)
-    right.set_xlabel("class of P(safe)")
+    right.set_xlabel(f"class of {P_DEEP}")
     right.set_ylabel("share of all places")
     for axis in (left, right):
         add_grid(axis)

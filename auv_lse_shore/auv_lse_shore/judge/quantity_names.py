@@ -1,4 +1,4 @@
-"""The names of quantities that a user meets on several screens: terminal, report, live page and charts."""
+"""The names of quantities that a user meets on several screens: terminal, report, live page, maps and charts."""
 
 from __future__ import annotations
 
@@ -11,5 +11,14 @@ EXPECTED_LOSS = "expected loss"
 #: Mean cost of a map's wrong calls per place, where the truth is known.
 ACTUAL_LOSS = "actual loss"
 
-#: Unit of all three.
+#: Unit of these three.
 COST_PER_PLACE = "cost per place"
+
+#: Probability that a place is at least as deep as the isobath.
+P_DEEP = "P(deep enough)"
+
+#: Estimated depth of the water, and its uncertainty.
+DEPTH, DEPTH_STD = "depth", "standard deviation"
+
+#: Name of each layer of a vehicle's map. A published map's risk uses the standard deviation that the soundings show.
+MAP_LAYERS = {"risk": EXPECTED_LOSS, "p_safe": P_DEEP, "depth": DEPTH, "std": DEPTH_STD}

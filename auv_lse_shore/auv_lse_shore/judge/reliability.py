@@ -1,4 +1,4 @@
-"""Reliability of P(safe), the probability of being deep enough (Murphy and Winkler, 1977).
+"""Reliability of P(deep enough), the probability of being deep enough (Murphy and Winkler, 1977).
 
 A map is reliable if a share p of all places that it calls safe with probability p is safe. Most places of a map are
 nearly certain, so the classes of probability are narrow at both ends.

@@ -82,11 +82,11 @@ class Summary:
         "cost/place", "actual loss: mean cost of the final map's wrong calls; equals loss_expected if it is calibrated"
     )
     reliability_error: float | None = figure(
-        "", "mean over the map of |share safe - mean P(safe)| of a place's class of P(safe); 0 is calibrated"
+        "", "mean over the map of |share safe - mean P(deep enough)| of a place's class of it; 0 is calibrated"
     )
     reliability_cells: tuple[float, ...] | None = figure(
         "",
-        "places in each class of P(safe), the probability of being at least the level deep (limits of the classes: "
+        "places in each class of P(deep enough), the probability of being at least the level deep (limits of classes: "
         "`judge/reliability.py`)",
     )
     reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe places in each class")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from auv_lse_gp.map.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_shore.judge.evaluation import Evaluation
+from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, DEPTH, DEPTH_STD, MAP_RISK
 from auv_lse_shore.judge.tracks import navigation_error, track
 from auv_lse_shore.report.map_marks import add_graticule
 
@@ -130,7 +131,10 @@ def risk_maps(e: Evaluation) -> Figure:
     figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(e, 5))
     axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     top = max(float(np.nanmax(e.prior.risk)), 1e-9)
-    titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
+    titles = (
+        rf"$\bf{{a}}$  {MAP_RISK.capitalize()} before the mission",
+        rf"$\bf{{b}}$  {MAP_RISK.capitalize()} given all soundings",
+    )
     image: Any = None
     for axis, title, field in zip(axes, titles, (e.prior, e.team), strict=True):
         image = draw_map(axis, e, field.risk, title, cmap=RISK_COLORS, vmin=0.0, vmax=top)
@@ -138,7 +142,7 @@ def risk_maps(e: Evaluation) -> Figure:
         draw_isobath(axis, e.truth, "true")
     draw_pieces(axes[1], e.pieces)
     outer_labels(axes, columns, e.run.origin)
-    add_color_bar(figure, image, axes.tolist(), "Bayes risk per place (units of cost)")
+    add_color_bar(figure, image, axes.tolist(), f"{MAP_RISK} ({COST_PER_PLACE})")
     map_legend(figure, e, truth=bool(e.truth), estimate=True)
     return figure
 
@@ -163,7 +167,7 @@ def local_risk_error(e: Evaluation) -> Figure:
     for axis in axes[count:]:
         axis.set_visible(False)
     outer_labels(axes[:count], columns, e.run.origin)
-    label = "own risk − risk given all\n(units of cost per place)"
+    label = f"own map's − team map's\n{MAP_RISK} ({COST_PER_PLACE})"
     add_color_bar(figure, image, axes[:count].tolist(), label, aspect=26 * rows)
     map_legend(figure, e, truth=False, estimate=False)
     return figure
@@ -174,8 +178,8 @@ def depth_map(e: Evaluation) -> Figure:
     """The estimated depth, its standard deviation, and its error where the truth is known."""
     std_scale: dict[str, Any] = {"cmap": RISK_COLORS, "vmin": 0.0}
     panels: list[tuple[str, str, Array, dict[str, Any]]] = [
-        (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
-        (r"$\bf{b}$  Its standard deviation", "standard deviation (m)", e.team.std_m, std_scale),
+        (r"$\bf{a}$  Estimated depth", f"{DEPTH} (m)", e.team.mean_m, {"cmap": "viridis_r"}),
+        (r"$\bf{b}$  Its standard deviation", f"{DEPTH_STD} (m)", e.team.std_m, std_scale),
     ]
     if e.run.ground is not None:
         error = e.team.mean_m - e.run.ground.depth_m
@@ -183,7 +187,7 @@ def depth_map(e: Evaluation) -> Figure:
         scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
         panels.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
     panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.05
-    figure = new_figure(WIDTH_IN, panel_in + 0.6)
+    figure = new_figure(WIDTH_IN, panel_in + 0.8)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
     for axis, (title, label, values, scale) in zip(axes, panels, strict=True):
         image = draw_map(axis, e, values, title, **scale)

@@ -11,6 +11,7 @@ from auv_lse_record.run_data import RunData
 from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
+from auv_lse_shore.judge.quantity_names import MAP_RISK
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.judge.team_map import write_isobath
 from auv_lse_shore.report import report_figures, words
@@ -20,8 +21,8 @@ from auv_lse_shore.report.progress import Show, show_nothing
 #: Columns of the table of vehicles.
 VEHICLE_COLUMNS = (
     "vehicle", "steps", "distance (m)", "soundings", "samples received", "packets sent / received",
-    "map risk, own soundings only (cost/place)", "map risk, own map (cost/place)", "its difference to the team map",
-    "F1, own map", "position error, RMS (m)", "sounding position error (m)",
+    f"{MAP_RISK}, own soundings only", f"{MAP_RISK}, own map", "difference to team map",
+    "F1, own map", "position error, RMS (m)", "sounding error, RMS (m)",
 )  # fmt: skip
 
 

@@ -29,7 +29,8 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     ),
     (
         "risk_maps.png",
-        "Bayes risk, the expected cost of calling a place deep enough or not. Bright places are uncertain. (a) Before "
+        "Map risk: at each place the Bayes risk, the expected cost of calling it deep enough or not. Bright places are "
+        "uncertain. (a) Before "
         "the mission. (b) Given the soundings of all vehicles.",
         risk_maps,
     ),
@@ -41,8 +42,7 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     ),
     (
         "local_risk_error.png",
-        "Risk of each vehicle's own map minus the risk given all soundings: the cost of lost, late and thinned "
-        "samples.",
+        "Map risk of each vehicle's own map minus that of the team's: the cost of lost, late and thinned samples.",
         local_risk_error,
     ),
     ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),

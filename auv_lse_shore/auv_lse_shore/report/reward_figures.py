@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_shore.judge.evaluation import Evaluation
+from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, MAP_RISK
 from auv_lse_shore.report.figures import WIDTH_IN, add_grid, new_figure, styled
 
 #: Lines of what happened, of what was expected, of the running maximum, and of a lawnmower.
@@ -31,7 +32,7 @@ def map_risk(e: Evaluation) -> Figure | None:
     axis.plot(ahead, c.expected_risk[ahead], label="expected at the end with the current plans", **EXPECTED)
     if e.summary.mowing_risk is not None:
         axis.axhline(c.mowing_risk, label="expected of a lawnmower", **LAWNMOWER)
-    axis.set_ylabel("map risk (cost/place)")
+    axis.set_ylabel(f"{MAP_RISK} ({COST_PER_PLACE})")
     _finish(axis, len(c.risk) - 1, "upper right")
     axis.set_ylim(bottom=0.0)
     return figure
@@ -58,7 +59,7 @@ def paper_reward(e: Evaluation) -> Figure | None:
     _bound(right, c.whole_bound, c.whole_bound_max, "expected at the end with the current plans")
     right.axhline(c.naive_value, label="expected of a lawnmower", **LAWNMOWER)
     for axis in (left, right):
-        axis.set_ylabel("reward (drop of Bayes risk, units of cost)")
+        axis.set_ylabel("reward (drop of Bayes risk, cost)")
         axis.set_ylim(min(0.0, float(np.nanmin(c.stepwise))), axis.get_ylim()[1] * 1.32)
         _finish(axis, max(len(c.stepwise) - 1, 1), "upper left")
     return figure

@@ -53,7 +53,7 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
     lost = s.packets_sent * (s.vehicles - 1) - s.packets_received
     lines.append(
         f"packets: {s.packets_sent} sent, {s.packets_received} received"
-        + (f", {lost} receptions lost" if s.vehicles > 1 else "")
+        + (f", {lost} reception{'' if lost == 1 else 's'} lost" if s.vehicles > 1 else "")
     )
     return lines
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from auv_lse_shore.judge.evaluation import Evaluation
+from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, MAP_RISK
 from auv_lse_shore.report import figures
 from auv_lse_shore.report.figures import WIDTH_IN, add_grid, new_figure, styled
 from auv_lse_shore.report.reward_figures import EXPECTED, LAWNMOWER, MAXIMUM
@@ -30,7 +31,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
             figures.draw_isobath(axis, e.truth, "true")
         figures.draw_pieces(axes[1, column], e.pieces)
     figures.outer_labels(axes.ravel(), len(missions))
-    label = "Bayes risk per place (units of cost)"
+    label = f"{MAP_RISK} ({COST_PER_PLACE})"
     figures.add_color_bar(figure, image, axes.ravel().tolist(), label, shrink=0.85, aspect=36)
     figures.map_legend(figure, first, truth=bool(first.truth), estimate=True)
     return figure
@@ -63,7 +64,7 @@ def reward_figure(missions: Mapping[str, Evaluation]) -> Figure:
         right.axhline(c.naive_value, label="lawnmower, expected", **LAWNMOWER)
     for axis in (left, right):
         axis.set_xlabel("step")
-        axis.set_ylabel("team reward (units of cost)")
+        axis.set_ylabel("team reward (cost)")
         axis.set_xlim(left=0)
         axis.set_ylim(0.0, axis.get_ylim()[1] * 1.02)
         add_grid(axis)

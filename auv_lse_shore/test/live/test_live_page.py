@@ -52,11 +52,29 @@ def test_it_shows_the_mission_and_reports_no_error(browser):
     assert browser.ask("document.querySelectorAll('.vehicle').length") == 2
     assert "12 of 30" in text(browser, "vehicles")
     assert text(browser, "slots-words").startswith("Slot of auv")
+    assert browser.ask("[...document.querySelectorAll('#layers button')].map(b => b.textContent)") == [
+        "Expected loss",
+        "P(deep enough)",
+        "Depth",
+        "Standard deviation",
+    ]
     assert browser.ask("document.getElementById('problem').hidden")
     assert browser.errors == []
     for canvas in ("map", "slots", "reward", "risk"):
         shown = pixels(browser, canvas)
         assert len(np.unique(shown.reshape(-1, 4), axis=0)) > 20, f"{canvas} is blank"
+
+
+def test_a_reward_is_shown_with_what_the_terminal_shows(browser):
+    at(browser, 200.0)
+    assert text(browser, "reward-title") == "Path reward (cost)"
+    assert re.match(r"Now: so far \d+", text(browser, "reward-words"))
+    browser.ask("(liveView.store.facts.reward_of = 'map', liveView.store.changes++)")
+    at(browser, 201.0)
+    assert text(browser, "reward-title") == "Map reward (cost)"
+    words = text(browser, "reward-words")
+    assert re.match(r"Now: so far \d+, expected \d+ \(dashed\)\. Drop of the map", words), "its bound is not known here"
+    browser.ask("(liveView.store.facts.reward_of = 'path', liveView.store.changes++)")
 
 
 def test_the_place_under_the_pointer_has_latitude_and_longitude(browser):

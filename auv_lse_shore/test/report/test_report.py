@@ -10,10 +10,13 @@ import pytest
 import yaml
 from browser import CHROMIUM, Browser
 from jinja2 import UndefinedError
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.summary import table
 from auv_lse_shore.report.page import number, page_environment
 from auv_lse_shore.report.report import write_report
+from auv_lse_shore.report.report_figures import FIGURES
 
 #: What the first screen does without: words of the method, the judge and the acoustic link.
 JARGON = re.compile(r"bayes|risk|loss|cost|prior|posterior|packet|seed|method|bound", re.IGNORECASE)
@@ -131,7 +134,7 @@ def test_stretches_that_were_not_found_have_latitude_and_longitude(folder):
 
 
 @pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
-def test_the_summary_table_is_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6_printed_pages(folder, tmp_path):
+def test_the_tables_are_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6_printed_pages(folder, tmp_path):
     with Browser(tmp_path) as browser:
         for width in (360, 1400):
             browser.size(width, 800, mobile=width < 500)
@@ -139,11 +142,24 @@ def test_the_summary_table_is_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6
             browser.wait("document.readyState === 'complete' && !!document.querySelector('table.stacked')")
             assert browser.ask("document.documentElement.scrollWidth") == width
             outside = browser.ask(
-                "[...document.querySelectorAll('table.stacked tbody td')].filter(cell => { const box = "
-                "cell.getBoundingClientRect(); return box.left < 0 || box.right > innerWidth || (cell.textContent && "
-                "box.height < 8) || cell.scrollWidth > cell.clientWidth + 1; }).map(cell => cell.textContent)"
+                "[...document.querySelectorAll('table[class] :is(th, td)')].filter(cell => { const box = "
+                "cell.getBoundingClientRect(); return cell.offsetParent && (box.left < 0 || "
+                "box.right > cell.closest('.scroll').getBoundingClientRect().right + 1 || (cell.textContent && "
+                "box.height < 8) || cell.scrollWidth > cell.clientWidth + 1); }).map(cell => cell.textContent)"
             )
             assert outside == []
         pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
         assert browser.errors == []
     assert 1 < len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 6
+
+
+def test_nothing_of_a_figure_is_cut_off(synthetic_run):
+    e = evaluate(synthetic_run(steps=8))
+    for name, _, draw in FIGURES:
+        if (figure := draw(e)) is None:
+            continue
+        FigureCanvasAgg(figure)
+        figure.draw_without_rendering()
+        drawn, (width_in, height_in) = figure.get_tightbbox(), figure.get_size_inches()
+        beyond_in = (-drawn.x0, -drawn.y0, drawn.x1 - width_in, drawn.y1 - height_in)
+        assert max(beyond_in) < 0.01, (name, "left, bottom, right, top (inches)", beyond_in)

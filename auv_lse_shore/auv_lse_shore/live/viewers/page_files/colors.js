@@ -30,13 +30,13 @@ function table(name) {
 
 const CIVIDIS = table("cividis"), VIRIDIS_R = table("viridis_r"), PUOR = table("PuOr");
 
-// The map layers: name, key, label, title and color table.
+// The map layers: name, key, title and color table. Their labels come with the mission's facts.
 export const LAYERS = [
-  { name: "risk", key: "r", label: "Risk", title: "Bayes risk (cost units)", colors: CIVIDIS },
-  { name: "p_safe", key: "p", label: "P(safe)", title: "Probability that it is at least as deep as the isobath",
+  { name: "risk", key: "r", title: "Expected cost of calling a place deep enough or not", colors: CIVIDIS },
+  { name: "p_safe", key: "p", title: "Probability that it is at least as deep as the isobath",
     colors: PUOR },
-  { name: "depth", key: "d", label: "Depth", title: "Estimated depth of water (m)", colors: VIRIDIS_R },
-  { name: "std", key: "s", label: "Uncertainty", title: "Standard deviation of the depth (m)", colors: CIVIDIS },
+  { name: "depth", key: "d", title: "Estimated depth of water (m)", colors: VIRIDIS_R },
+  { name: "std", key: "s", title: "Standard deviation of the depth (m)", colors: CIVIDIS },
 ];
 
 // The current theme's colors.

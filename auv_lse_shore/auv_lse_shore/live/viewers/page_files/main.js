@@ -29,10 +29,12 @@ let link = null, source = { connection: "connecting" }, begun = null, drawn = ""
 function rewardCurves() {
   const share = store.facts.reward_of === "map" ? 1 / store.facts.vehicles.length : 1; // the map's risk belongs to the whole team
   const of = (value) => teamSum(store, value).map(({ t, value: sum }) => ({ t, value: sum * share }));
-  const soFar = of((b) => b.reward), bound = of((b) => b.bound_max), { ink, accent } = themeColors();
-  const hasBound = bound.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods have a bound
-  const curves = [{ name: "reward so far", color: ink, steps: true, points: soFar }];
-  if (hasBound) curves.push({ name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound });
+  const ofMap = store.facts.reward_of === "map", { ink, accent } = themeColors(), soFar = of((b) => b.reward);
+  // the lower bound of the map's reward needs the soundings of all vehicles: only the report has it
+  const ahead = of((b) => (ofMap ? b.reward !== null && b.jbar !== null ? b.reward + b.jbar : null : b.bound_max));
+  const isKnown = ahead.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods know it
+  const curves = [{ name: "so far", color: ink, steps: true, points: soFar }];
+  if (isKnown) curves.push({ name: ofMap ? "expected" : "bound", color: accent, dash: [6, 4], steps: true, points: ahead });
   return curves;
 }
 
@@ -57,7 +59,8 @@ function draw() {
   const kinds = reward.draw(t, end), risks = risk.draw(t, end);
   const words = (values, digits) => values.map(({ name, value }) => `${name} ${number(value, digits)}`).join(", ");
   const ofMap = store.facts.reward_of === "map";
-  const counted = ofMap ? "Decrease of the map’s total risk, averaged over the vehicles" : "Sum over the vehicles";
+  const counted = ofMap ? "Drop of the map’s total risk, averaged over the vehicles" : "Sum over the vehicles";
+  setText($("reward-name"), ofMap ? "Map reward" : "Path reward");
   setText($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
   setText($("risk-words"), `Now: ${risks.length > 8 ? range(risks) : words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);
@@ -79,8 +82,7 @@ function describeMap(t) {
   const age = shown ? `Updated at ${clock(shown.t - store.startS)}` : "No map yet";
   const continuation = plan?.continued ? `; the plan continues as ${plan.continued}` : "";
   setText($("map-words"), `${age}${continuation}.`);
-  const { label } = LAYERS.find((l) => l.name === map.layer);
-  map.canvas.setAttribute("aria-label", `Map of the area, colored by ${label}, with the vehicles’ tracks and plans`);
+  map.canvas.setAttribute("aria-label", `Map of the area, colored by ${facts.names.layers[map.layer]}, with the vehicles’ tracks and plans`);
 }
 
 function describeState() {
@@ -110,6 +112,7 @@ function describeMission() {
   const { facts } = store, n = facts.vehicles.length;
   setText($("title"), facts.name);
   document.title = `${facts.name} · live view`;
+  for (const button of $("layers").children) setText(button, facts.names.layers[button.dataset.layer]);
   setText($("risk-name"), facts.names.expected_loss);
   setText($("risk-unit"), facts.names.cost_per_place);
   const status = store.at("status", "", player.t);
@@ -150,8 +153,8 @@ function chooseLayer(name) {
 }
 
 function makeLayers() {
-  for (const { name, key, label, title } of LAYERS) {
-    const button = element("button", { type: "button", role: "radio", title: `${title} (${key})`, "data-layer": name }, label);
+  for (const { name, key, title } of LAYERS) {
+    const button = element("button", { type: "button", role: "radio", title: `${title} (${key})`, "data-layer": name });
     button.addEventListener("click", () => chooseLayer(name));
     $("layers").append(button);
   }
@@ -176,10 +179,10 @@ function drawLegend() {
     c.fillRect(i, 0, 1, 12);
   }
   const scale = facts.layers.find((l) => l.name === layer.name);
-  const ends = { risk: ["0", `${number(facts.largest_risk, 1)} cost units`], p_safe: ["0", "1"], std: ["0", "largest here (m)"],
+  const ends = { risk: ["0", `${number(facts.largest_risk, 1)} (${facts.names.cost_per_place})`], p_safe: ["0", "1"], std: ["0", "largest here (m)"],
     depth: [`${number(scale.low)} m`, `${number(scale.low + 254 * scale.step)} m`] }[layer.name];
   const words = (text) => element("span", {}, text);
-  root.append(element("span", { title: layer.title }, words(layer.label), words(ends[0]), bar, words(ends[1])));
+  root.append(element("span", { title: layer.title }, words(facts.names.layers[layer.name]), words(ends[0]), bar, words(ends[1])));
   const toggles = { band: "95 % band", plans: "Plans", samples: "Received samples" };
   if (facts.origin_deg) toggles.graticule = "Latitude and longitude";
   if (facts.true_isobath.length) toggles.true_isobath = "True isobath (dashed)";

@@ -461,7 +461,7 @@ export class MapView {
       const of = (layer) => this.store.value(layer, map.layers[layer][row * map.columns + column]);
       if (of("risk") !== null) {
         const level = number(this.store.facts.level_m, 1);
-        parts.push(`depth ${number(of("depth"), 1)} ± ${number(of("std"), 1)} m`, `risk ${number(of("risk"), 2)}`);
+        parts.push(`depth ${number(of("depth"), 1)} ± ${number(of("std"), 1)} m`, `expected loss ${number(of("risk"), 2)}`);
         parts.push(`P(at least ${level} m) ${number(of("p_safe"), 2)}`);
       }
     }
