@@ -106,14 +106,17 @@ def test_every_dependency_has_a_rosdep_key_on_jazzy_and_lyrical() -> None:
 
 def test_all_packages_have_one_version_a_changelog_and_a_website() -> None:
     (version,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
-    assert re.search(r"^## (\S+) \(", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+    (released,) = re.findall(r'^date-released: "(.*)"$', (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    newest = re.search(r"^## (\S+) \((.*)\)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert newest.groups() == (version, released)
+    assert f'LABEL version="{version}"' in (ROOT / "Dockerfile").read_text()
     for package in ALL:
         tree = ElementTree.parse(ROOT / package / "package.xml").getroot()
         assert tree.findtext("version") == version, package
         assert tree.findtext("url"), package
         lines = (ROOT / package / "CHANGELOG.rst").read_text().splitlines()
         assert lines[:3] == ["^" * len(lines[1]), f"Changelog for package {package}", "^" * len(lines[1])]
-        assert re.fullmatch(rf"{re.escape(version)} \(\d{{4}}-\d\d-\d\d\)", lines[4])
+        assert lines[4] == f"{version} ({released})", package
         assert lines[5] == "-" * len(lines[4]), "what bloom reads: catkin's format"
         if package in PACKAGES:
             assert f'"{package}", "{version}"' in (ROOT / package / "setup.py").read_text()
