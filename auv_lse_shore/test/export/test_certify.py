@@ -229,3 +229,4 @@ def test_the_calibration_is_that_of_the_evidence():
     assert float(cells[5]) == 100.0 * calibration.LIMIT_HOLDS
     assert float(cells[6]) == calibration.LOSS_RATIO
     assert float(cells[7]) == 100.0 * calibration.BAND_HOLDS
+    assert float(cells[8]) == 100.0 * calibration.WIDE_HOLDS

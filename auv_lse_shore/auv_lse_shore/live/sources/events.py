@@ -194,7 +194,10 @@ class MissionEvents:
     def _pieces(
         self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
     ) -> list[Piece]:
-        """The estimated isobath in pieces of one certainty each, as the report has it but without place errors."""
+        """The estimated isobath in pieces of one certainty each.
+
+        As the report's, but without place errors, and with the mean variance factor of the map at every place.
+        """
         inside = np.isfinite(layers["depth"])
         before = np.where(inside, self._settings.vehicle(vehicle).gp.signal_std_m, np.nan)
         field, prior = (
