@@ -20,15 +20,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.process.background import run_in_background
 from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.online import OnlineGp
+from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.lawnmower import flown_map_risk, lawnmower_map_risk, lawnmower_path_reward, risk_if_measured
 from auv_lse_shore.judge.planned_paths import PlannedPaths, soundings_by_leg
@@ -100,10 +103,22 @@ class _Replay:
         self.soundings = [soundings_by_leg(v, own, run.steps) for v, own in zip(run.vehicles, paths, strict=True)]
         self.decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
         self.visited, self.prior_visited = np.empty((0, 2)), np.empty(0)
+        self._tiles: dict[tuple[int, int], Posterior] = {}  # of the last leg, in a large map
 
     def risk(self, gp: OnlineGp, places: Array) -> Array:
         """Bayes risk at places (P, 2), shape (P,)."""
         return self.level_set.risk(*gp.predict(places)) if len(places) else np.empty(0)
+
+    def risk_here(self, places: Array) -> Array:
+        """As `risk`, for the places (P, 2) of a leg; in a large map it updates the posteriors of the last call."""
+        if not self.gp.is_tiled or self.gp.config.local:
+            return self.risk(self.gp, places)
+        tiled, before, risk = self.gp.tiled, self._tiles, np.empty(len(places))
+        self._tiles = {tile: tiled.of_tile(tile, start=before.get(tile)) for tile, _ in tiled.tiles(places)}
+        for tile, members in tiled.tiles(places):
+            mean, variance = self._tiles[tile].moments(places[members])
+            risk[members] = self.level_set.risk(mean, np.sqrt(variance))
+        return risk
 
     def ahead(self, step: int) -> tuple[Array, Array] | None:
         """Places (n, 2) ahead of all vehicles by their plans, searched and naive; None if a plan is missing."""
@@ -147,13 +162,13 @@ class _Replay:
             own.leg(plan) if plan is not None else np.empty((0, 2)) for own, plan in zip(self.paths, plans, strict=True)
         ]
         here = np.concatenate(places)
-        before = self.risk(self.gp, here)
+        before = self.risk_here(here)
         for own in self.soundings:
             self.gp.add_all(own[step].points_m)  # a vehicle's own map discards the same ones, and counts them
         self.visited = np.concatenate([self.visited, here])
         self.prior_visited = np.concatenate([self.prior_visited, self.risk(self.blank, here)])
         owner = np.repeat(np.arange(len(places)), [len(p) for p in places])
-        return before - self.risk(self.gp, here), owner
+        return before - self.risk_here(here), owner
 
     def whole(self) -> float:
         """Whole-path reward of the places visited so far."""
@@ -174,6 +189,8 @@ def reward_curves(
     """
     steps, paths = run.steps, [PlannedPaths(s, area) for s in settings]
     replay = _Replay(run, settings, paths)
+    expected = partial(_expected, run, settings, paths, map_m)
+    expected_values = run_in_background(expected) if steps * len(paths) > MAX_DENSE else expected
     stepwise = np.zeros(steps + 1)
     bound, whole_bound, risk, expected_risk, whole = (np.full(steps + 1, np.nan) for _ in range(5))
     parts = steps if steps <= WHOLE_STEPS else WHOLE_STEPS if settings[0].planner.entry.of_paper else 1
@@ -201,15 +218,26 @@ def reward_curves(
     whole = np.interp(np.arange(steps + 1), known, whole[known])
     bound[steps] = stepwise[steps] if augmented else np.nan
     whole_bound[steps] = whole[steps]
+    naive_value, mowing_risk, flown_risk = expected_values()
     return Curves(
         stepwise=stepwise,
         bound=bound,
         whole=whole,
         whole_bound=whole_bound,
-        naive_value=lawnmower_path_reward(run, settings, paths),
+        naive_value=naive_value,
         per_vehicle=per_vehicle,
         risk=risk,
         expected_risk=expected_risk,
-        mowing_risk=np.nan if map_m is None else lawnmower_map_risk(run, settings, paths, map_m),
-        flown_risk=np.nan if map_m is None else flown_map_risk(run, settings, paths, map_m),
+        mowing_risk=mowing_risk,
+        flown_risk=flown_risk,
     )
+
+
+def _expected(
+    run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths], map_m: Array | None
+) -> tuple[float, float, float]:
+    """What the prior expects of a lawnmower mission and of the legs travelled: the last three numbers of `Curves`."""
+    value = lawnmower_path_reward(run, settings, paths)
+    if map_m is None:
+        return value, np.nan, np.nan
+    return value, lawnmower_map_risk(run, settings, paths, map_m), flown_map_risk(run, settings, paths, map_m)

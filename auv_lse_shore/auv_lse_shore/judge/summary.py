@@ -68,7 +68,8 @@ class Summary:
     )
     mowing_risk: float | None = figure(
         "cost/place",
-        "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early",
+        "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early "
+        "(over part of the places; beyond 1,000 legs of all vehicles tile by tile)",
     )
     flown_risk: float | None = figure("cost/place", "map risk that the prior expected of the path that was flown")
     map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if the mission ended early")
@@ -101,7 +102,11 @@ class Summary:
     depth_rmse_m: float | None = figure("m", "root mean square error of the map's depth")
     area_m2: float = figure("m2", "area evaluated: inside the operating area, of known depth")
     unreachable_m2: float = figure("m2", "area left out because vehicles cannot reach it from their starts")
-    local_risk: tuple[float, ...] = figure("cost/place", "map risk of each vehicle's own final map")
+    local_risk: tuple[float, ...] = figure(
+        "cost/place",
+        "map risk of each vehicle's own final map; from 1,000 centers on, the rest of its mates' samples is taken "
+        "together",
+    )
     alone_risk: tuple[float, ...] = figure(
         "cost/place", "the same from its own soundings only (over part of the places)"
     )

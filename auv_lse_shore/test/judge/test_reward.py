@@ -235,3 +235,15 @@ def test_of_a_long_mission_only_the_papers_methods_get_the_whole_path_reward_in_
     ends = reward_curves(run, *settings_of(run)).whole
     assert ends[-1] == pytest.approx(every[-1])
     assert ends == pytest.approx(np.linspace(0.0, ends[-1], 10))
+
+
+def test_a_legs_risk_in_a_large_map_is_that_of_the_map(synthetic_run, monkeypatch):
+    run = synthetic_run(steps=12)
+    settings, area = settings_of(run)
+    monkeypatch.setattr("auv_lse_gp.map.online.MAX_DENSE", 10)
+    replay = reward._Replay(run, settings, [PlannedPaths(s, area) for s in settings])
+    for step in range(12):
+        replay.travel(step)
+        here = replay.visited[-2:]
+        assert replay.risk_here(here) == pytest.approx(replay.risk(replay.gp, here), rel=1e-9)
+    assert replay.gp.is_tiled

@@ -54,6 +54,14 @@ def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     check(json.loads(file.read_text()))
 
 
+def test_report_certificate_and_export_of_a_recording_are_timed():
+    report_time = importlib.import_module("benchmarks.planning.report_time")
+    rows = report_time.run(smoke=True)
+    check(rows)
+    assert [row["name"].split(":")[0] for row in rows[::3]] == ["report", "certificate", "export"]
+    assert all(row["value"] > 0.0 for row in rows)
+
+
 @pytest.mark.ros
 def test_the_executor_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"
