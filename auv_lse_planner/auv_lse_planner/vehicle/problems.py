@@ -67,7 +67,7 @@ def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
     if outside_m > HOLD_BEYOND_M:
         found["outside"] = f"place: {outside_m:.0f} m outside the area, more than {HOLD_BEYOND_M:.0f} m: holding"
     elif outside_m > 0.0:
-        found["outside"] = f"place: {outside_m:.0f} m outside the area: returning"
+        found["outside"] = f"place: {outside_m:.1f} m outside the area: returning"
     return found
 
 
