@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from auv_lse_common.mission_file.settings import Settings
@@ -37,13 +38,12 @@ COMMANDS = (
 )
 
 
-def measured(run: Path, out: Path) -> list[Row]:
+def measured(run: Path, out: Path) -> Iterator[Row]:
     """The rows of a recording.
 
     Raises:
         RuntimeError: if a command fails.
     """
-    rows: list[Row] = []
     for name, module, options in COMMANDS:
         command = [sys.executable, "-m", module, str(run), *(part.format(out=out) for part in options)]
         began = time.perf_counter()
@@ -56,15 +56,14 @@ def measured(run: Path, out: Path) -> list[Row]:
         if process.returncode not in (0, 1, 3):  # certify: 1 and 3 are verdicts
             raise RuntimeError(f"{' '.join(command)}: exit code {process.returncode}: {errors}")
         is_report = name == "report"
-        rows += [
+        yield from (
             row(f"{name}: time", wall_s, "s", goal=f"<= {REPORT_S:g} s" if is_report else "",
                 holds=wall_s <= REPORT_S if is_report else None),
             row(f"{name}: processor time", usage.ru_utime + usage.ru_stime, "s"),
             row(f"{name}: memory of the largest process", memory_mb, "MB",
                 goal=f"<= {REPORT_MB:g} MB" if is_report else "",
                 holds=memory_mb <= REPORT_MB if is_report else None),
-        ]  # fmt: skip
-    return rows
+        )  # fmt: skip
 
 
 def run(*, smoke: bool = False) -> list[Row]:
@@ -73,7 +72,7 @@ def run(*, smoke: bool = False) -> list[Row]:
     settings = Settings.load(None, {**square(legs, vehicles), "planner.method": "lawnmower"})
     with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
         write_run(Fleet(settings, ground_of(settings)).run(), Path(folder))
-        return measured(Path(folder), Path(folder))
+        return list(measured(Path(folder), Path(folder)))
 
 
 def main() -> int:
@@ -81,13 +80,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.report_time", description=__doc__)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="run folder, or a recording")
     options = parser.parse_args()
-    if options.run is None:
-        rows = run()
-    else:
-        with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
-            rows = measured(options.run, Path(folder))
-    for each in rows:
-        print(f"{each['name']}: {each['value']:.1f} {each['unit']}")
+    with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
+        for each in run() if options.run is None else measured(options.run, Path(folder)):
+            print(f"{each['name']}: {each['value']:.1f} {each['unit']}", flush=True)
     return 0
 
 

@@ -22,6 +22,7 @@ from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.map_layers import OUTSIDE, LayerCoder, scales_of, thinning
+from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import POINTS_PER_LEG, PlanLines
 from auv_lse_shore.live.sources.recording import RecordingFile, find_parameters
 from auv_lse_shore.live.sources.timeline import Timeline
@@ -275,3 +276,13 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
     follower.follow(stop)
     assert followed == [running.RunningMission(7, tmp_path)]
     assert timeline.state == {"growing": False, "control": False, "problem": "", "waiting": "waiting for a mission"}
+
+
+def test_a_large_map_is_recomputed_as_seldom_as_a_vehicle_publishes_it(settings, monkeypatch):
+    vehicle = settings.planner_settings(1)
+    area = OperatingArea(vehicle.area)
+    cells, period_s = len(area.grid(vehicle.gp.map_resolution_m).places_m), vehicle.gp.publish_period_s
+    monkeypatch.setattr("auv_lse_gp.map.depth_map.MANY_CELLS", cells / 3)
+    own = OwnMap(vehicle, area)
+    times = [t for t in np.arange(0.0, 8.0 * period_s, 5.0) if own.field(float(t)) is not None]
+    assert np.diff(times) == pytest.approx(3.0 * period_s)

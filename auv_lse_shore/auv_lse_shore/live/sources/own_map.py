@@ -51,7 +51,7 @@ class OwnMap:
     def field(self, now_s: float) -> DepthField | None:
         """The map, if one is due at `now_s` and the vehicle publishes none."""
         self._first_s = min(self._first_s, now_s)
-        period_s = self._settings.gp.publish_period_s
+        period_s = self._settings.gp.publish_period_s if self._map is None else self._map.publish_period_s
         if self.stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:
             return None
         self._made_s = now_s
