@@ -462,7 +462,7 @@ def real_time(sizes: Sizes = FULL) -> list[Row]:
             stamp = second + tenth / 10.0
             north = 300.0 + 1.5 * stamp
             depth_map.add_soundings([[stamp, north, 350.0, 15.0 + 5.0 * np.sin(north / 80.0)]])
-        depth_map.field()
+        depth_map.recent_field()
         seconds = clock() - begin
         slowest, total = max(slowest, seconds), total + seconds
     cells = int(depth_map.grid.inside.sum())

@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 BAND_PROBABILITY = 0.95
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
-#: Number of multiplications for the tiles of `DepthMap.recent_field`: about a third of a second.
-RECENT_WORK = 5e9
+#: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
+RECENT_WORK = 2e10
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
