@@ -217,7 +217,7 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
             variance[part] -= (v**2).sum(axis=0)  # line 6
             floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
         covariance += local.effect_m @ local.effect_m.T
-        errors[near[home]] = left_out_errors(covariance, residuals, places[near], prior)[home]
+        errors[near[home]] = left_out_errors(covariance, residuals, places[near], np.flatnonzero(home), prior)
     everywhere = (prior.worth + errors.sum()) / (prior.worth + n) if prior.worth > 0.0 else 1.0
     scale = np.full(len(at_m), everywhere)
     for near, _, cells in parts if prior.worth > 0.0 else ():
@@ -232,18 +232,18 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
     )
 
 
-def left_out_errors(covariance: Array, residuals: Array, places_m: Array, prior: DensePrior) -> Array:
-    """Squared standardized error (n,) of each measurement, predicted from those more than .3 length scales away.
+def left_out_errors(covariance: Array, residuals: Array, places_m: Array, numbers: Numbers, prior: DensePrior) -> Array:
+    """Squared standardized errors (m,) of the measurements `numbers` (m,), from those more than .3 length scales away.
 
     Errors of all the measurements left out together are S_BB^-1 (S r)_B, of covariance S_BB^-1, with the inverse S of
     the covariance of all residuals r (RW2006, section 5.4.2, for blocks).
     """
     inverse = cho_solve((cholesky(covariance, lower=True), True), np.eye(len(residuals)))
     weighted = inverse @ residuals
-    squares = np.empty(len(residuals))
-    for i, place in enumerate(places_m):
-        block = np.flatnonzero(((places_m - place) ** 2).sum(axis=1) <= (0.3 * prior.length_m) ** 2)
-        own = block == i
+    squares = np.empty(len(numbers))
+    for i, number in enumerate(numbers):
+        block = np.flatnonzero(((places_m - places_m[number]) ** 2).sum(axis=1) <= (0.3 * prior.length_m) ** 2)
+        own = block == number
         spread = np.linalg.solve(inverse[np.ix_(block, block)], own.astype(float))
         squares[i] = (spread @ weighted[block]) ** 2 / spread[own][0]
     return squares
