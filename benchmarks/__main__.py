@@ -14,9 +14,9 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day", "missed")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day", "missed", "until")
 #: Modules of groups that are not named after them.
-MODULES = {"day": "planning.day", "missed": "planning.missed"}
+MODULES = {"day": "planning.day", "missed": "planning.missed", "until": "planning.until"}
 
 
 def _number(value: Any) -> str:

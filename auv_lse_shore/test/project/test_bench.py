@@ -47,7 +47,7 @@ def survey(tmp_path):
     return file
 
 
-@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet"])
+@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet", "until"])
 def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     file = tmp_path / "rows.json"
     assert bench.main([group, "--smoke", "--json", str(file)]) == 0

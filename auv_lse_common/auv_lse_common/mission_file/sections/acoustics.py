@@ -25,7 +25,7 @@ class TdmaConfig:
         low=0,
         high=127,
         help="owner of each slot in a cycle; a vehicle may own several slots or none, 0 leaves a slot empty; empty"
-        " list: one slot for each vehicle, by number",
+        " list: one for each vehicle",
     )
     slot_s: float = parameter(10.0, unit="s", above=0.0, high=3600.0, help="length of a slot (the paper's window)")
     guard_s: float = parameter(
@@ -106,7 +106,7 @@ class PacketConfig:
     )
     navigation: bool | None = parameter(
         None,
-        help="send the vehicle's dead-reckoned position and last fix, so that receivers can correct the samples' "
+        help="send the vehicle's dead-reckoned position and last fix, to correct the samples' "
         "positions. Left out: true, but false with the paper's methods",
     )
     tag: bool = parameter(

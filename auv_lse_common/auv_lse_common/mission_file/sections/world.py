@@ -237,7 +237,7 @@ class BathymetryConfig:
         high=9000.0,
         unit="m",
         help="elevation of the water surface in the file's datum: depth = water_level_m - elevation. Left out: 0. "
-        "If given, a raster holds elevations, and one with depths is refused",
+        "If given, a raster holds elevations",
     )
 
 
