@@ -1,9 +1,10 @@
-"""A public planner's whole path; runs in the environment that `benchmarks.planning.peer` makes, not in ours.
+"""A public planner's whole path, or its covering paths; runs in the environment that `benchmarks.planning.peer` makes, not in ours.
 
     ENVIRONMENT/bin/python peer_path.py < request.json > path.json
 
 sgptools 2.0.7: inducing points joined by a travelling salesman's path, then `ContinuousSGP` with `IPPTransform`, which
-shifts them to explain the area best within the length allowed.
+shifts them to explain the area best within the length allowed. A request with variances gets a path of `GCBCover` for
+each: places chosen greedily until one measurement each brings the variance everywhere to at most that.
 """
 
 import contextlib
@@ -48,7 +49,25 @@ def planned(request):
     return np.asarray(model.optimize(max_steps=500))[0].tolist()
 
 
+def covering(request):
+    """Waypoints (n, 2), north and east (m), for each variance of a request: area, start, kernel, variances."""
+    import gpflow
+    import numpy as np
+    from sgptools.methods import GCBCover
+
+    (south, west), (north, east) = request["low_m"], request["high_m"]
+    grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
+    kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
+    places = np.stack(grid, -1).reshape(-1, 2)
+    start, paths = np.array([request["start_m"]]), []
+    for variance in request["variances_m2"]:
+        model = GCBCover(len(places), places, kernel=kernel, noise_variance=request["noise_std_m"] ** 2)
+        paths.append(np.asarray(model.optimize(post_var_threshold=variance, start_nodes=start))[0].tolist())
+    return paths
+
+
 if __name__ == "__main__":
     with contextlib.redirect_stdout(sys.stderr):  # the libraries' own words must not get into the answer
-        path = planned(json.load(sys.stdin))
-    print(json.dumps(path))
+        asked = json.load(sys.stdin)
+        found = covering(asked) if "variances_m2" in asked else planned(asked)
+    print(json.dumps(found))

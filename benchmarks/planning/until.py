@@ -80,7 +80,7 @@ def covering(python: Path, folder: Path) -> list[Array]:
     file = folder / "peer_cover.json"
     stored = json.loads(file.read_text()) if file.exists() else {}
     if stored.get("request") != json.loads(json.dumps(wanted)):
-        script = Path(__file__).with_name("peer_cover.py")
+        script = Path(__file__).with_name("peer_path.py")
         done = subprocess.run([python, script], input=json.dumps(wanted), check=False, capture_output=True, text=True)
         if done.returncode:
             raise SystemExit(f"{script.name} failed in {python}:\n{done.stderr.strip()[-2000:]}")
