@@ -1,4 +1,4 @@
-"""A public planner's whole path, or its covering paths; runs in the environment that `benchmarks.planning.peer` makes, not in ours.
+"""A public planner's path, or its covering paths; runs in the environment that `benchmarks.planning.peer` makes.
 
     ENVIRONMENT/bin/python peer_path.py < request.json > path.json
 
