@@ -14,6 +14,10 @@ At the start the reference is the best naive path and the budget is 0; afterward
 telescopes, so the mission's expected end is never below that of the best naive path. An incumbent that the map or a
 current makes void stays the reference, so its loss is charged to the budget. If no plan is left that the budget allows,
 the one with the largest expected end is chosen, and the bound falls by the rest; the bound record gives the reason.
+
+A vehicle alone among shores, on ground that it cannot cover (`coverage.py`), follows the isobath: it tries heads at
+every leg, and the plan with the largest path reward of its next legs wins among those that the budget allows. The
+reference at the start is then the covering strip, which leaves a larger budget.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.stages import INTERVALS, Stages
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
@@ -58,6 +63,7 @@ class Tour(Method):
         self._optimized_at = -1
         self._seeds: list[Actions] = []
         self._stages = Stages(context) if Stages.needed(context) else None
+        self._follows = follows_isobath(context.settings)
 
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
@@ -70,21 +76,23 @@ class Tour(Method):
         reward = self.map_reward(s)
         mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in context.mates_ahead(s))])
         due = situation.last is None or bool(void) or self._interval_is_over(s)
-        heads = self._heads(s, mates_m) if due and last is not None else []
+        heads = self._heads(s, mates_m) if (due or self._follows) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None:
             followed = self._candidates.evaluated(last.plan, last.path, reward)
             reference = followed.value.expected_end
             incumbent = None if void else followed
         found = Candidates(deadline_hit=due and incumbent is not None and s.out_of_time)
-        if due and not found.deadline_hit:
-            floor = NO_FLOOR if reference is None else reference - self.budget
-            found = self._search(TourProblem(s, reward, floor, self._stages), last, heads)
-            self._optimized_at = s.step
-        if last is None:
-            reference = found.floor
-        every = found.plans if incumbent is None else [incumbent, *found.plans]
         floor = NO_FLOOR if reference is None else reference - self.budget
+        problem = TourProblem(s, reward, floor, self._stages)
+        if due and not found.deadline_hit:
+            found = self._search(problem, last, heads)
+            self._optimized_at = s.step
+        elif last is not None:
+            self._candidates.headed(problem, last.path, heads, found)
+        if last is None:
+            reference = floor = found.floor
+        every = found.plans if incumbent is None else [incumbent, *found.plans]
         sound = [c for c in every if c.value.expected_end >= floor]
         chosen = self._best(s, sound or [max(every, key=lambda c: c.value.expected_end)], mates_m)
         if reference is not None:
@@ -168,7 +176,7 @@ class Tour(Method):
 
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
         """The best sequences of a tree search for the path reward, given the mates' places."""
-        early = s.step < HEADS_FROM_SHARE * self.context.settings.mission.steps
+        early = s.step < HEADS_FROM_SHARE * self.context.settings.mission.steps and not self._follows
         early = early or (self._stages is not None and not self._stages.is_last)
         if early or not s.planner.tour_interval or s.out_of_time:
             return []
@@ -181,12 +189,14 @@ class Tour(Method):
     def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
         """The first candidate with the largest score: its anytime value plus `planner.own_share` times its path reward.
 
-        The path reward is that of its next legs, given the mates' places.
+        The path reward is that of its next legs, given the mates' places. A vehicle that follows the isobath goes by
+        its path reward alone.
         """
-        score = np.array([c.value.weighted for c in candidates])
-        if s.planner.own_share and len(candidates) > 1:
+        score = np.array([0.0 if self._follows else c.value.weighted for c in candidates])
+        share = 1.0 if self._follows else s.planner.own_share
+        if share and len(candidates) > 1:
             reward, legs = self.context.path_reward(s, mates_m), s.planner.horizon
             places = [c.path.leg_places_m[:legs].reshape(-1, 2) for c in candidates]
             own = [reward.value(reward.posterior.at(m)) for m in places]
-            score = score + s.planner.own_share * np.array(own)
+            score = score + share * np.array(own)
         return candidates[int(np.argmax(score))]

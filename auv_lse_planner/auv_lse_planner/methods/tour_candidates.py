@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
+from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
 from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.paths.rollout import PlannedPath
@@ -121,6 +122,7 @@ class TourCandidates:
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
         self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
         self._finest = TourSearch(context.space, FINEST_PLACES)
+        self._strips_floor = follows_isobath(context.settings)
         self._earliness = 0  # index into `WEIGHT_SHARES` to try first
         self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
@@ -146,7 +148,7 @@ class TourCandidates:
     # ------------------------------------------------------------------ at the mission's start
 
     def at_start(self, problem: TourProblem) -> Candidates:
-        """Candidates for the mission's start; their floor is the expected end of the lanes of `planner.floor`."""
+        """Candidates for the mission's start, and their floor."""
         s, reward = problem.situation, problem.reward
         naive = self._naive(problem)
         result = Candidates(naive, self._floor(problem, naive), 0, s.out_of_time)
@@ -213,8 +215,8 @@ class TourCandidates:
         return result.plans[-1]
 
     def _floor(self, problem: TourProblem, naive: Sequence[Candidate]) -> float:
-        """Expected end of this vehicle's covering strip, or of the best naive path."""
-        if problem.situation.planner.floor == "lanes":
+        """Expected end of the best naive path, or of this vehicle's covering strip if it follows the isobath."""
+        if not self._strips_floor:
             return max(c.value.expected_end for c in naive)
         strip = problem.plan((), STRIPS[(self._context.vehicle - 1) % len(STRIPS)])
         known = [c for c in naive if c.plan == strip]
@@ -284,12 +286,22 @@ class TourCandidates:
                 found = self._search.improve(waypoints, legs, problem.reward, ITERATIONS, s.deadline)
                 waypoints = found.waypoints_m
             result.add(self._through(problem, waypoints), found)
+        self._add_headed(problem, heads, waypoints, result)
+        return result
+
+    def headed(self, problem: TourProblem, path: PlannedPath, heads: Sequence[Actions], result: Candidates) -> None:
+        """Adds each head followed by the rest of the last tour."""
+        if heads:
+            self._add_headed(problem, heads, self._waypoints_ahead(problem, path), result)
+
+    def _add_headed(
+        self, problem: TourProblem, heads: Sequence[Actions], waypoints_m: Array, result: Candidates
+    ) -> None:
         for actions in heads:
-            if result.deadline_hit or s.out_of_time:
+            if result.deadline_hit or problem.situation.out_of_time:
                 result.deadline_hit = True
                 break
-            result.plans.append(self._headed(problem, actions, waypoints))
-        return result
+            result.plans.append(self._headed(problem, actions, waypoints_m))
 
     def _waypoints_ahead(self, problem: TourProblem, path: PlannedPath) -> Array:
         """Waypoints to optimize from: those of the last optimization that lie ahead, else those of the last path."""

@@ -8,6 +8,8 @@ from planner_helpers import centers, settings
 from auv_lse_common.support.compiled import USE_NUMBA
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_planner.methods import coverage
 from auv_lse_planner.methods.method import Followed, Situation
 from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.methods.tour_candidates import (
@@ -44,7 +46,15 @@ def _travel(planner, decisions, data=None, heard=()):
 
 def _planner(vehicle=1, vehicles=1, steps=STEPS, method="tour", **sections):
     planner = {"method": method, **sections.pop("planner", {})}
+    if "vehicle_section" in sections:
+        sections["vehicle"] = sections.pop("vehicle_section")
     return VehiclePlanner(vehicle, settings(planner, vehicles, steps, **sections), np.random.default_rng(1))
+
+
+def _follow(monkeypatch, follows):
+    """Lets every single vehicle follow the isobath, or none."""
+    monkeypatch.setattr(coverage, "MAX_LANES_APART", 0.0 if follows else 1e9)
+    monkeypatch.setattr(coverage, "OPEN_SHARE", 2.0)
 
 
 def _growing(seed=3):
@@ -74,21 +84,45 @@ def test_budget_grows_by_each_choices_gain_and_the_bound_starts_with_the_lawnmow
     assert any(not r.incumbent_kept for r in records[1:])
 
 
-@pytest.mark.parametrize("vehicle", [1, 2])
-def test_the_floor_is_the_expected_end_of_the_strips_or_of_the_best_naive_path(vehicle):
-    first = {}
-    for floor in ("lanes", "strips"):
-        planner = _planner(vehicle, 2, 40, planner={"floor": floor})
-        first[floor] = _travel(planner, 1)[0].bound
-        strip = planner.rollout.path(0, np.zeros(3), (), STRIPS[vehicle - 1])
-        context = planner._context
-        situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=np.zeros(3))
-        covered = context.map_reward(situation).value(context.map_places(strip)).expected_end
-        promised = first[floor].lower_bound
-        assert promised >= covered - 1e-9
-        if floor == "strips":
-            assert promised == pytest.approx(covered)
-    assert first["strips"].lower_bound < first["lanes"].lower_bound
+@pytest.mark.parametrize(("vehicle", "vehicles", "follows"), [(1, 1, False), (1, 1, True), (2, 2, False)])
+def test_the_floor_is_the_best_naive_path_or_the_strip_of_a_vehicle_that_follows_the_isobath(
+    vehicle, vehicles, follows, monkeypatch
+):
+    _follow(monkeypatch, follows)
+    planner = _planner(vehicle, vehicles, 40)
+    promised = _travel(planner, 1)[0].bound.lower_bound
+    strip = planner.rollout.path(0, np.zeros(3), (), STRIPS[vehicle - 1])
+    context = planner._context
+    situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=np.zeros(3))
+    covered = context.map_reward(situation).value(context.map_places(strip)).expected_end
+    if follows:
+        assert promised == pytest.approx(covered)
+    else:
+        assert promised > covered + 1.0
+
+
+def _far_from_the_isobath_m(planner, legs):
+    """Mean distance of the legs' ends from a straight isobath through the start, with one sounding each 5 m."""
+    places, v = [], planner.settings.vehicle
+    planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
+    for i in range(legs):
+        if places:
+            on = np.concatenate(places)
+            planner.set_centers(Centers(on, 15.0 + 0.12 * (on[:, 1] - 200.0), np.full(len(on), 0.3)), 15.7 * i)
+        end = planner.decide(15.7 * i).leg.end_state
+        start = np.array([v.start_north_m, v.start_east_m]) if not i else places[-1][-1]
+        places.append(start + np.linspace(0.2, 1.0, 5)[:, None] * (end[1:] - start))
+        planner.odometry(15.7 * (i + 1), *(float(x) for x in end))
+    return float(np.abs(np.array([p[-1, 1] for p in places]) - 200.0).mean())
+
+
+def test_a_vehicle_that_cannot_cover_its_ground_follows_the_isobath(monkeypatch):
+    start = {"start_north_m": 20.0, "start_east_m": 200.0}
+    _follow(monkeypatch, True)
+    followed = _far_from_the_isobath_m(_planner(steps=20, vehicle_section=start), 14)
+    _follow(monkeypatch, False)
+    spread = _far_from_the_isobath_m(_planner(steps=20, vehicle_section=start), 14)
+    assert followed < 0.6 * spread
 
 
 def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
@@ -96,12 +130,11 @@ def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
         pytest.skip("routes of a single vehicle need compiled code")
     found = {}
     for searched in (False, True):
-        planner = _planner(steps=30, planner={"anytime_weight": 0.0, "own_share": 0.0})
-        if not searched:
-            monkeypatch.setattr(TeamRoutes, "alone_m", lambda *_: [])
-        else:
-            monkeypatch.undo()
-        found[searched] = _travel(planner, 1)[0].bound.expected_end
+        with monkeypatch.context() as patch:
+            if not searched:
+                patch.setattr(TeamRoutes, "alone_m", lambda *_: [])
+            planner = _planner(steps=30, planner={"anytime_weight": 0.0, "own_share": 0.0})
+            found[searched] = _travel(planner, 1)[0].bound.expected_end
     assert found[True] > 1.005 * found[False]
     team = _planner(1, 2, 40)
     assert team._context.routes.alone_m(np.zeros(2), 40) == []

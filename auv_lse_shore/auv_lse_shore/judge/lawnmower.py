@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
+from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.planned_paths import PlannedPaths
 
@@ -23,11 +24,6 @@ Array = NDArray[np.float64]
 
 #: Number of map places, or a few more, over which each vehicle's lawnmower is chosen.
 CHOICE_PLACES = 300
-
-
-def covers_strips(planner: PlannerConfig) -> bool:
-    """Whether the method's bound is that of the covering strips."""
-    return planner.floor == "strips" and planner.family.bound_of == "map"
 
 
 def risk_if_measured(gp: OnlineGp, planned_m: Array, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
@@ -72,9 +68,8 @@ def lawnmower_map_risk(
 ) -> float:
     """Map risk over `map_m` (P, 2) expected after a lawnmower mission of all vehicles.
 
-    With a method whose floor is that of the covering strips, every vehicle covers its own strip. Otherwise the lesser
-    of two: every vehicle follows the lanes fitted to its own strip, or each in turn takes the lawnmower that is best
-    given those before it.
+    If a vehicle follows the isobath, it covers its strip instead. Otherwise the lesser of two: every vehicle follows
+    the lanes fitted to its own strip, or each in turn takes the lawnmower that is best given those before it.
     """
     level_set, blank = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp)
     some = map_m[:: max(1, len(map_m) // CHOICE_PLACES)]
@@ -87,7 +82,7 @@ def lawnmower_map_risk(
     def strips(ids: Sequence[int]) -> list[Array]:
         return [start.naive(ids[(start.vehicle - 1) % len(ids)]) for start in starts]
 
-    if covers_strips(settings[0].planner):
+    if follows_isobath(settings[0]):
         return expected(strips(STRIPS), map_m)
     in_turn: list[Array] = []
     for start in starts:

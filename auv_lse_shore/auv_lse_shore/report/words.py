@@ -10,9 +10,9 @@ from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_gp.map.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
+from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
-from auv_lse_shore.judge.lawnmower import covers_strips
 from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_PLACE, EXPECTED_LOSS, MAP_RISK
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.report.map_marks import degrees
@@ -260,7 +260,7 @@ def _bound(e: Evaluation) -> str:
             f"reach {_three(s.mowing_risk)}; this mission was {beside} that when it ended. Bounds hold for complete "
             f"missions only.{_promised_instead(s)}"
         )
-    lanes = " with lanes that just cover each vehicle's strip" if covers_strips(first.planner) else ""
+    lanes = " with lanes that just cover the area" if follows_isobath(first) else ""
     bound = f"A lawnmower mission of the same length{lanes} was expected to reach {_three(s.mowing_risk)}"
     if not s.map_bound_promised:
         return f"{text} {bound}; this mission ended {beside} that. The method {s.method} guarantees no such bound."

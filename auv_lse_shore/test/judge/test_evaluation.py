@@ -7,6 +7,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import FOUND, LIKELY, lines_of
 from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_planner.methods import coverage
 from auv_lse_record.run_data import GroundGrid, RunData, VehicleRun
 from auv_lse_shore.judge.evaluation import evaluate, ground_grid, local_map
 from auv_lse_shore.judge.team_map import mission_settings
@@ -81,14 +82,18 @@ def test_the_papers_bounds_are_judged_for_its_methods_alone(synthetic_run):
     assert s.lower_bound is s.bound_kept is s.path_bound_start is s.path_bound_max is s.path_bound_kept is None
 
 
-def test_the_bound_of_covering_strips_is_weaker_and_only_that_of_methods_that_promise_it(synthetic_run):
+def test_the_bound_of_covering_strips_is_weaker_and_only_that_of_methods_that_promise_it(synthetic_run, monkeypatch):
     risks = {}
-    for method, floor in (("tour", "lanes"), ("tour", "strips"), ("augmented", "strips")):
+    for method, follows in (("tour", False), ("tour", True), ("augmented", True)):
+        monkeypatch.setattr(coverage, "MAX_LANES_APART", 0.0 if follows else 1e9)
+        monkeypatch.setattr(coverage, "OPEN_SHARE", 2.0)
         run = synthetic_run(steps=12)
-        run.parameters["/**"]["planner"] = {"method": method, "floor": floor}
-        risks[method, floor] = evaluate(run).summary.mowing_risk
-    assert risks["tour", "lanes"] < risks["tour", "strips"]
-    assert risks["augmented", "strips"] == risks["tour", "lanes"]
+        run.vehicles = run.vehicles[:1]
+        run.parameters["/**"]["mission"]["vehicles"] = 1
+        run.parameters["/**"]["planner"] = {"method": method}
+        risks[method, follows] = evaluate(run).summary.mowing_risk
+    assert risks["tour", False] < risks["tour", True]
+    assert risks["augmented", True] == risks["tour", False]
 
 
 def test_what_mates_brought_is_the_difference_to_working_alone(evaluation):

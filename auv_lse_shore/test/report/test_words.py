@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from auv_lse_planner.methods import coverage
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report.figures import depth_map, risk_maps
 from auv_lse_shore.report.found_figure import found
@@ -96,7 +97,7 @@ def test_the_words_give_lengths_areas_reasons_and_losses_of_the_link(other):
     assert "where no vehicle measured within 20 m" in text
 
 
-def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run):
+def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run, monkeypatch):
     met = judged(synthetic_run, "tour", risk_after=1.0, mowing_risk=1.5, map_bound_kept=True)
     assert met.summary.map_bound_promised
     assert "This bound was met: the mission ended 33 % below it." in text_of(met)
@@ -106,11 +107,16 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run):
     assert "lawnmower bound 1.600: not met" in headlines(missed.summary, 30)[3]
 
     run = synthetic_run(steps=6)
-    run.parameters["/**"]["planner"] = {"method": "tour", "floor": "strips"}
+    run.vehicles = run.vehicles[:1]
+    run.parameters["/**"]["mission"]["vehicles"] = 1
+    run.parameters["/**"]["planner"] = {"method": "tour"}
     covering = evaluate(run)
     covering.summary = met.summary
-    assert "with lanes that just cover each vehicle's strip was expected to reach" in text_of(covering)
-    assert "with lanes that just cover" not in text_of(met)
+    for follows in (True, False):
+        monkeypatch.setattr(coverage, "MAX_LANES_APART", 0.0 if follows else 1e9)
+        monkeypatch.setattr(coverage, "OPEN_SHARE", 2.0)
+        text = text_of(covering)
+        assert ("with lanes that just cover the area was expected to reach" in text) == follows
 
 
 def cut(run, step):

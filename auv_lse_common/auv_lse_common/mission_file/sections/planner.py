@@ -93,11 +93,6 @@ class PlannerConfig:
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
     )
-    floor: str = parameter(
-        "lanes",
-        choices=("strips", "lanes"),
-        help="method tour: whose expected end it promises: covering strips', or the best naive path's (lanes)",
-    )
     team_routes: bool = parameter(
         False,
         help="method tour: start from joint routes of the whole team, and assume team mates on theirs until they are "
