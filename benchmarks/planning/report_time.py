@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.settings import Settings
@@ -75,11 +75,11 @@ def run(*, smoke: bool = False) -> list[Row]:
         return list(measured(Path(folder), Path(folder)))
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the rows of a given recording, or of a mission flown here."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.report_time", description=__doc__)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="run folder, or a recording")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
         for each in run() if options.run is None else measured(options.run, Path(folder)):
             print(f"{each['name']}: {each['value']:.1f} {each['unit']}", flush=True)
