@@ -99,7 +99,8 @@ def _bound_in_brief(s: Summary) -> str:
         return ""
     if not s.map_bound_promised or s.map_bound_kept is None:
         return f"; a lawnmower was expected to reach {s.mowing_risk:.3f}"
-    return f"; lawnmower bound {s.mowing_risk:.3f}: {'met' if s.map_bound_kept else 'not met'}"
+    kept = "met" if s.map_bound_kept else "not met (it bounds the mean over lakes)"
+    return f"; lawnmower bound {s.mowing_risk:.3f}: {kept}"
 
 
 def subtitle(e: Evaluation) -> str:
