@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import (
+    parameters_for,
+    parse_parameters,
+    read_parameter_file,
+    without_retired,
+)
 from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.sounding import Soundings
@@ -68,6 +73,8 @@ def read_run(
 def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
     """The mission file of a recording: `mission` if given, else the recording's own, else `mission.yaml` beside it.
 
+    Parameters of earlier versions are left out.
+
     Args:
         mission: A mission file that replaces the recording's.
 
@@ -76,14 +83,14 @@ def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
         ParameterError: if it is not a parameter file.
     """
     if mission is not None:
-        return read_parameter_file(mission)
+        return without_retired(read_parameter_file(mission))
     with Recording(recording_in(path)) as recording:
         text = recording.text(MISSION_FILE)
     if text is not None:
-        return parse_parameters(text, f"{path}: {MISSION_FILE}")
+        return without_retired(parse_parameters(text, f"{path}: {MISSION_FILE}"))
     for folder in (path, path.parent):
         if (folder / "mission.yaml").is_file():
-            return read_parameter_file(folder / "mission.yaml")
+            return without_retired(read_parameter_file(folder / "mission.yaml"))
     raise RecordingError(
         f"{path}: got no mission file (topic {MISSION_FILE}), and no mission.yaml beside it; expected the mission's "
         f"file: --mission FILE"

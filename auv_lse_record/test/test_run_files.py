@@ -154,6 +154,22 @@ def test_recording_contains_the_mission_file_and_the_software_version(tmp_path, 
         assert read_run(path).steps == 2
 
 
+def test_recording_with_a_parameter_of_an_earlier_version_is_read(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    flown = dict(run.parameters)
+    for pattern in ("/**", "/auv1/**"):
+        values = dict(flown.get(pattern, {}))
+        run.parameters[pattern] = {**values, "planner": {**values.get("planner", {}), "floor": "lanes"}}
+    run.parameters["/auv1/**"]["planner.floor"] = "strips"
+    write_run(run, tmp_path)
+    for mission in (None, tmp_path / "mission.yaml"):
+        back = flown_parameters(tmp_path, mission)
+        assert "floor" not in str(back)
+        assert back["/**"]["planner"] == flown["/**"].get("planner", {})
+    kept = read_parameter_file(tmp_path / "mission.yaml")["/**"]["planner"]
+    assert kept["floor"] == "lanes", "a new mission file is checked as it is"
+
+
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])
 def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     run = synthetic_run(steps=3)

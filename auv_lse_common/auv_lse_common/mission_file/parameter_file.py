@@ -14,6 +14,9 @@ from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.mission_file.places_file import with_places
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
+#: Parameters of earlier versions. Recordings made with them remain readable; a new mission file must not set them.
+RETIRED = ("planner.floor",)
+
 
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
     """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; places are in metres.
@@ -40,6 +43,18 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
             raise ParameterError(f"{where}: under {pattern!r}: ros__parameters: got {values!r}; expected parameters")
         patterns[str(pattern)] = {str(name): value for name, value in (values or {}).items()}
     return patterns
+
+
+def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The mission file of a recording without the parameters that this version lacks (`RETIRED`)."""
+    kept = {pattern: dict(values) for pattern, values in patterns.items()}
+    for values in kept.values():
+        for name in RETIRED:
+            values.pop(name, None)
+            parent, _, key = name.rpartition(".")
+            if isinstance(section := values.get(parent), Mapping):
+                values[parent] = {k: v for k, v in section.items() if k != key}
+    return kept
 
 
 def read_yaml(path: Path) -> Any:

@@ -13,7 +13,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file, without_retired
 from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError
 
 #: Whether a message of a topic, serialized (CDR), is wanted; None: every message.
@@ -161,6 +161,8 @@ def open_recording(path: Path) -> RecordingFile | WholeRecording:
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
     """The flown mission file and its source: inside the recording, else beside it or above it.
 
+    Parameters of earlier versions are left out.
+
     Raises:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
@@ -168,10 +170,10 @@ def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
     with suppress(RecordingError):  # a damaged recording is read with the mission file beside it
         for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
             where = f"{recording} ({MISSION_FILE})"
-            return parse_parameters(str(message.data), where), where
+            return without_retired(parse_parameters(str(message.data), where)), where
     for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
-            return read_parameter_file(path), str(path)
+            return without_retired(read_parameter_file(path)), str(path)
     raise RecordingError(
         f"{recording}: got no mission file in it, beside it or above it; expected mission.yaml. Name it: --mission FILE"
     )
