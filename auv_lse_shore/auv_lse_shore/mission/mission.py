@@ -168,7 +168,8 @@ def fly(
     if not settings.record.folder or settings.sim.apart:  # separate vehicles make their own recordings
         return 130 if interrupt.came else 0
     interrupt.release()
-    return report_mission(folder, settings, wall_s, phases, console, is_complete=not interrupt.came, report=report)
+    whole = not interrupt.came
+    return report_mission(folder, settings, wall_s, phases, console, is_complete=whole, report=report, loading=load)
 
 
 def report_mission(
@@ -180,11 +181,17 @@ def report_mission(
     *,
     is_complete: bool,
     report: bool = True,
+    loading: threading.Thread | None = None,
 ) -> int:
-    """Evaluates the mission; returns the exit code: 130 if the mission or the evaluation was interrupted."""
+    """Evaluates the mission, once `loading` has ended; returns the exit code.
+
+    It is 130 if the mission or the evaluation was interrupted.
+    """
     code = 0 if is_complete else 130
     mission = "the mission is complete" if is_complete else "the mission was interrupted"
     try:
+        if loading is not None and loading.is_alive():
+            loading.join()  # Ctrl-C during imports of two threads can leave Python's import lock taken for good
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:
         _say(console, f"interrupted: {mission} and recorded. For its report: scripts/replay {folder} --report")

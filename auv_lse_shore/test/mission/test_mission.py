@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,24 @@ STEPS = 12
 
 def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "auv_lse_shore.mission.command", *arguments]
+
+
+@contextlib.contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A mission's process; one that still runs when a test fails is killed, so that the test ends."""
+    with subprocess.Popen(
+        command(*arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**environment(), "PYTHONUNBUFFERED": "1"},
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise
 
 
 def environment() -> dict[str, str]:
@@ -237,14 +256,7 @@ def test_a_mission_over_a_survey(tmp_path: Path) -> None:
 
 def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with subprocess.Popen(
-        command("--vehicles", "1", "--out", str(folder), "--no-report"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=environment(),
-        start_new_session=True,
-    ) as process:
+    with started("--vehicles", "1", "--out", str(folder), "--no-report") as process:
         until = time.monotonic() + 90.0
         while not list((folder / "bag").glob("*.mcap")) or (folder / "bag" / "bag.mcap").stat().st_size < 20_000:
             assert time.monotonic() < until, "the mission did not get going"
@@ -283,14 +295,7 @@ def test_ctrl_c_before_the_first_tick_and_during_the_report_prints_what_was_reco
         (tmp_path / "early", "to watch from another terminal", "interrupted before the first tick", False),
         (tmp_path / "late", None, "For its report: scripts/replay", True),
     ):
-        with subprocess.Popen(
-            command("--vehicles", "1", "--steps", "1", "--out", str(folder)),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**environment(), "PYTHONUNBUFFERED": "1"},
-            start_new_session=True,
-        ) as process:
+        with started("--vehicles", "1", "--steps", "1", "--out", str(folder)) as process:
             until = time.monotonic() + 90.0
             while sign is None and not (folder / "logs" / "times.json").exists() and time.monotonic() < until:
                 time.sleep(0.01)
@@ -307,6 +312,27 @@ def test_ctrl_c_before_the_first_tick_and_during_the_report_prints_what_was_reco
         assert not nodes_of(folder)
 
 
+def test_the_report_begins_when_its_libraries_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both would import at the same time otherwise, and Ctrl-C then could stop both for good."""
+    settings = Settings.load(None, {"record.folder": str(tmp_path / "bag")})
+    events: list[str] = []
+
+    def load() -> None:
+        time.sleep(0.3)
+        events.append("loaded")
+
+    def conduct(*arguments: Any) -> dict[str, float]:
+        arguments[-1]()
+        return {"mission": 1.0}
+
+    monkeypatch.setattr(mission_module, "preload_report", load)
+    monkeypatch.setattr(mission_module, "conduct", conduct)
+    monkeypatch.setattr(mission_module, "conclude", lambda *_, **__: events.append("report"))
+    console = Console(file=io.StringIO())
+    assert mission_module.fly(settings, tmp_path, console, [], contextlib.nullcontext(7)) == 0
+    assert events == ["loaded", "report"]
+
+
 def _reads(process: subprocess.Popen[str], text: str) -> bool:
     """Whether a process says `text`; reads on until it does."""
     assert process.stdout is not None
@@ -315,13 +341,7 @@ def _reads(process: subprocess.Popen[str], text: str) -> bool:
 
 def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with subprocess.Popen(
-        command("--vehicles", "1", "--out", str(folder), "--no-report"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=environment(),
-    ) as process:
+    with started("--vehicles", "1", "--out", str(folder), "--no-report") as process:
         until = time.monotonic() + 90.0
         victim: Any = None
         while victim is None:
