@@ -14,7 +14,7 @@ from auv_lse_common.topics.table import VEHICLE_TOPICS
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record import run_writer
-from auv_lse_shore.certify import calibration
+from auv_lse_shore.certify import calibration, checks
 from auv_lse_shore.certify.__main__ import main
 from auv_lse_shore.judge.evaluation import local_map
 from auv_lse_shore.judge.team_map import mission_settings
@@ -133,6 +133,23 @@ def test_an_altered_map_is_contradicted_at_its_place(monkeypatch, synthetic_run,
     error = capsys.readouterr().err
     assert "auv2: depth, against the recorded kernel centers" in error
     assert "north 183 m, east 123 m (46.50" in error
+
+
+@pytest.mark.parametrize(("by_m", "code"), [(0.03, 0), (-60.0, 1)])
+def test_old_parts_of_a_large_map_are_noted_and_compared_with_the_soundings(
+    monkeypatch, synthetic_run, tmp_path, by_m, code
+):
+    def alter(field):
+        field.mean_m[30, 20] += by_m
+
+    monkeypatch.setattr(checks, "DENSE_CENTERS", 1)  # every map counts as a large one
+    monkeypatch.setattr(checks, "TILED_SIGMAS", 0.0)
+    folder = write(monkeypatch, made(synthetic_run), tmp_path / "run", alter)
+    assert main([str(folder)]) == code
+    found = certificate(folder)
+    bad = [check["what"] for check in found["checks"] if not check["passed"]]
+    assert bad == code * ["depth, against the soundings"]
+    assert any(text.startswith("auv2: 1 of ") and "published in parts" in text for text in found["cannot_certify"])
 
 
 def test_a_map_that_no_sounding_supports_is_contradicted(monkeypatch, synthetic_run, tmp_path, capsys):
