@@ -1,4 +1,4 @@
-"""Time and memory of what is done with a long mission's recording: its report, certificate and export.
+"""Time and memory of the report, certificate and export of a long mission's recording.
 
     python -m benchmarks.planning.report_time [RUN]
 
