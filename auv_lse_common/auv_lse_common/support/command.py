@@ -41,6 +41,8 @@ def main() -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    finally:
+        exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
     return 0
 
 

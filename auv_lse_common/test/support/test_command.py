@@ -41,6 +41,14 @@ def test_exit_code_and_arguments_belong_to_the_module(tmp_path: Path, end: str, 
     assert process.returncode == code
 
 
+def test_a_caught_interrupt_within_an_evaluated_string_keeps_the_exit_code(tmp_path: Path) -> None:
+    """Python would end by SIGINT instead; libraries evaluate strings, rosbags for one."""
+    text = "import sys\ntry:\n    exec('raise KeyboardInterrupt')\nexcept KeyboardInterrupt:\n    sys.exit(7)\n"
+    with start(tmp_path, text) as process:
+        process.communicate(timeout=30)
+    assert process.returncode == 7
+
+
 def test_every_python_script_uses_the_command_module() -> None:
     for script in sorted((ROOT / "scripts").iterdir()):
         assert "exec python -m" not in script.read_text() or script.name == "environment.sh", script.name

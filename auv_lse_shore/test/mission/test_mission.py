@@ -43,7 +43,7 @@ STEPS = 12
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "auv_lse_shore.mission.command", *arguments]
+    return [sys.executable, "-m", "auv_lse_common.support.command", "auv_lse_shore.mission.command", *arguments]
 
 
 @contextlib.contextmanager
