@@ -54,7 +54,12 @@ use_environment() {
 }
 
 # Runs a Python module in the environment, in place of this script: run_module MODULE ARGUMENTS...
+# Ctrl-C while Python starts waits until it can answer without a traceback.
 run_module() {
+    trap 'echo interrupted >&2; exit 130' INT
     use_environment || exit $?
-    AUV_LSE_SCRIPT="scripts/$(basename "$0")" exec python -m auv_lse_common.support.command "$@"
+    export AUV_LSE_SCRIPT="scripts/$(basename "$0")"
+    local wait_with=(env --block-signal=INT)
+    "${wait_with[@]}" true 2>/dev/null || wait_with=()
+    exec "${wait_with[@]}" python -m auv_lse_common.support.command "$@"
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
 import sys
 
 from auv_lse_common.support.missing_packages import is_installed
@@ -37,6 +38,7 @@ def main() -> int:
         return 2
     sys.argv = [module, *arguments]
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/environment.sh blocks it until now
         runpy.run_module(module, run_name="__main__", alter_sys=True)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,19 @@ ROOT = Path(__file__).resolve().parents[3]
 SLOW = "import sys, time\nprint('there', flush=True)\n{}time.sleep(60)\n"
 
 
-def start(folder: Path, text: str, *arguments: str) -> subprocess.Popen[str]:
+def default_interrupt() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # tests in the background ignore it
+
+
+def held_interrupt() -> None:
+    """As scripts/environment.sh starts Python."""
+    default_interrupt()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+def start(
+    folder: Path, text: str, *arguments: str, prepare: Callable[[], None] = default_interrupt
+) -> subprocess.Popen[str]:
     (folder / "slow.py").write_text(text)
     paths = [str(folder), str(ROOT / "auv_lse_common"), os.environ.get("PYTHONPATH", "")]
     return subprocess.Popen(
@@ -21,7 +34,7 @@ def start(folder: Path, text: str, *arguments: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests in the background ignore it
+        preexec_fn=prepare,
     )
 
 
@@ -29,6 +42,13 @@ def test_ctrl_c_during_an_import_prints_one_word_and_returns_130(tmp_path: Path)
     with start(tmp_path, SLOW.format("")) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "there\n"
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
+def test_ctrl_c_while_python_starts_is_answered_when_it_can_be(tmp_path: Path) -> None:
+    with start(tmp_path, SLOW.format(""), prepare=held_interrupt) as process:
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=30)
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
