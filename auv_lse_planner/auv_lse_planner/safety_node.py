@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import auv_lse_common.node.early_stop  # noqa: F401  # first: a signal during the imports
+import auv_lse_common.node.executable  # noqa: F401  # first: prepares the process
 
 # isort: split
 

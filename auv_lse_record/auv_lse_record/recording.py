@@ -221,8 +221,8 @@ class Recording:
 
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(
-            f"{self.path}: cannot be read as a rosbag2 recording: {error}. If the recorder was killed, repair it: "
-            f"scripts/recover {self.path}"
+            f"{self.path}: cannot be read as a rosbag2 recording: {str(error).rstrip('.')}. If the recorder was "
+            f"killed, repair it: scripts/recover {self.path}"
         )
 
 

@@ -85,9 +85,14 @@ def _report_of(folder, variables):
     if importlib.util.find_spec("auv_lse_shore") is None:
         return LogInfo(msg="no progress and no report: the package auv_lse_shore, which makes them, is not installed")
     command = [sys.executable, "-m", "auv_lse_shore.mission.launched", str(folder)]
-    # Shutdown sends SIGINT, upon which the report is made.
+    # Shutdown sends SIGINT, upon which the report is made. It ends before that when the simulator stops the mission.
     return ExecuteProcess(
-        cmd=command, name="mission", output="screen", additional_env=variables, sigterm_timeout=str(_REPORT_S)
+        cmd=command,
+        name="mission",
+        output="screen",
+        additional_env=variables,
+        sigterm_timeout=str(_REPORT_S),
+        on_exit=[EmitEvent(event=Shutdown(reason="the mission's display ended"))],
     )
 
 

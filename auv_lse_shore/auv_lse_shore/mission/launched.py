@@ -2,7 +2,7 @@
 
 The launch file starts `python -m auv_lse_shore.mission.launched RUN_FOLDER` where this package is installed. SIGINT
 starts the report; `ros2 launch` sends it when the mission has ended or Ctrl-C is pressed. A second one interrupts the
-report.
+report. If the simulator stops the mission, the process reports why and ends, which ends the launch.
 """
 
 from __future__ import annotations
@@ -31,8 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     settings, console, interrupt = Settings.load(folder / "mission.yaml"), Console(), Interrupt()
     progress = progress_of(settings)
-    marks = _follow(progress, console, interrupt)
+    marks, message = _follow(progress, console, interrupt)
     is_complete = progress.phase == "finished"
+    if progress.phase == "failed":
+        console.print(f"error: the simulator stopped the mission: {message}", soft_wrap=True)
+        return 1
     if "running" not in marks:
         console.print("interrupted before the first tick: nothing was recorded")
         return 130
@@ -47,18 +50,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return report_mission(folder, settings, time.monotonic() - marks["began"], phases, console, is_complete=is_complete)
 
 
-def _follow(progress: MissionProgress, console: Console, interrupt: Interrupt) -> dict[str, float]:
-    """Shows the progress until the mission ends or is interrupted; returns wall-clock times as `write_times` does."""
-    marks = {"began": time.monotonic()}
+def _follow(progress: MissionProgress, console: Console, interrupt: Interrupt) -> tuple[dict[str, float], str]:
+    """Shows the progress until the mission ends or is interrupted.
+
+    Returns:
+        Wall-clock times as `write_times` takes them, and the simulator's last message.
+    """
+    marks, message = {"began": time.monotonic()}, ""
     with MissionWatch(progress, dict(os.environ)) as watch, Display(progress, console) as display:
         while not interrupt.came and progress.phase not in ("finished", "failed"):
-            state, _ = watch.wait(_PERIOD_S)
+            state, message = watch.wait(_PERIOD_S)
             progress.started_s = time.monotonic() - marks["began"]
             if state != "waiting":
                 progress.phase = state
                 marks.setdefault("running", time.monotonic())
             display.refresh()
-    return marks | {"ended": time.monotonic()}
+    return marks | {"ended": time.monotonic()}, message
 
 
 def _is_closed(settings: Settings) -> bool:

@@ -100,6 +100,7 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert variables["AUV_LSE_DIVE"].startswith("sim-")
     assert all(action.kwargs["additional_env"] == variables for action in (*nodes, report))
     assert report.kwargs["cmd"][1:] == ["-m", "auv_lse_shore.mission.launched", str(out)]
+    assert all(action.kwargs["on_exit"] for action in (*nodes, report)), "the launch ends with any of them"
     assert float(report.kwargs["sigterm_timeout"]) > 600, "SIGINT starts the report, which takes a while"
     with pytest.raises(ValueError, match="exists and is not empty"):
         start()

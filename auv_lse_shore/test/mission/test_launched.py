@@ -56,7 +56,7 @@ def _run(
             if state == "SIGINT":
                 os.kill(os.getpid(), signal.SIGINT)
                 state = "running"
-            return state, ""
+            return state, "tick 1: no answer for 60 s" if state == "failed" else ""
 
     def sleep(seconds: float) -> None:
         """The simulator ends, `ros2 launch` stops the others, and the recorder completes its folder."""
@@ -83,13 +83,20 @@ def _run(
     [
         (["waiting", "running", "finished"], 0, [True]),
         (["waiting", "running", "SIGINT"], 130, [False]),
-        (["waiting", "running", "failed"], 130, [False]),
+        (["waiting", "running", "failed"], 1, []),
     ],
 )
 def test_a_launched_mission_ends_with_a_report_of_what_was_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, states: list[str], code: int, reports: list[bool]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    states: list[str],
+    code: int,
+    reports: list[bool],
 ) -> None:
     assert _run(tmp_path, monkeypatch, states) == (code, reports)
+    stopped = "error: the simulator stopped the mission: tick 1: no answer for 60 s"
+    assert (stopped in capsys.readouterr().out) == (code == 1)
 
 
 def test_without_a_recording_there_is_no_report(

@@ -1,4 +1,4 @@
-"""A node that is interrupted while it starts."""
+"""What the process of a node's executable does before anything else."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NODE = """\
 import sys
 from importlib import import_module
 
-started = import_module("auv_lse_common.node.early_stop")
+started = import_module("auv_lse_common.node.executable")
 print("importing", flush=True)
 from auv_lse_planner.safety_node import main
 
@@ -50,10 +50,26 @@ def test_sigint_during_the_start_leaves_no_traceback(tmp_path: Path) -> None:
         assert "Traceback" not in output
 
 
+@pytest.mark.parametrize(("name", "given", "threads"), [("a_node", None, "1"), ("a_node", "2", "2"), ("x", None, None)])
+def test_a_nodes_linear_algebra_runs_on_one_thread(
+    tmp_path: Path, name: str, given: str | None, threads: str | None
+) -> None:
+    script = tmp_path / name
+    script.write_text(
+        "import os\nimport auv_lse_common.node.executable\n"
+        "print([os.environ.get(f'{library}_NUM_THREADS') for library in ('OMP', 'OPENBLAS')])\n"
+    )
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    environment = {key: value for key, value in os.environ.items() if key not in names}
+    environment |= dict.fromkeys(names, given) if given else {}
+    shown = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == str([threads, threads])
+
+
 def test_every_node_imports_it_first() -> None:
     root = Path(__file__).resolve().parents[3]
     modules = [path for path in root.glob("auv_lse_*/auv_lse_*/**/*_node.py") if "\nmain = Main(" in path.read_text()]
     assert len(modules) >= 8
     for path in modules:
         imports = [line for line in path.read_text().splitlines() if line.startswith(("import ", "from "))]
-        assert imports[1].startswith("import auv_lse_common.node.early_stop  #"), path
+        assert imports[1].startswith("import auv_lse_common.node.executable  #"), path
