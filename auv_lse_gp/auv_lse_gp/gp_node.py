@@ -19,8 +19,9 @@ from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.support import compiled
 from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.topics.map_codecs import MARKERS
-from auv_lse_common.topics.records import CentersReport, FieldReport
+from auv_lse_common.topics.records import CentersReport, FieldReport, RunReport
 from auv_lse_common.vocabulary.health import Recent
+from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_gp.health import map_health, map_totals
@@ -44,6 +45,7 @@ class GpNode(VehicleNode):
         self._maps = Periodic(self._map.publish_period_s)
         self._reports = Periodic(config.publish_period_s)
         self._maps_took_s = 0.0
+        self._is_over = self._is_final_map_due = False  # the mission is; its complete map is not published yet
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
         self._revisions = 0  # number of revisions published, which count from 0
         self._places = 0  # number of corrected positions published
@@ -60,6 +62,7 @@ class GpNode(VehicleNode):
         self.listen("fix", self._intake.add_fix)
         self.listen("team/navigation", self._intake.add_navigation)
         self.listen("team/samples", self._on_samples)
+        self.listen("mission/state", self._on_state)
         self.phase("gp", self.step, lambda: (self._revisions, self._places))
         self._intake.restore(self.journal.records)
         self.begin()
@@ -67,6 +70,11 @@ class GpNode(VehicleNode):
     def _on_samples(self, samples: Soundings) -> None:
         for packet in samples.packets():
             self._intake.add_samples(float(packet.stamp_s[0]), int(packet.vehicle[0]), packet.points_m)
+
+    def _on_state(self, report: RunReport) -> None:
+        is_over = report.status.state in (RunState.ENDED, RunState.ABORTED)
+        self._is_final_map_due |= is_over and not self._is_over
+        self._is_over = is_over
 
     def step(self, now_s: float) -> None:
         """Applies new inputs and publishes changes."""
@@ -82,8 +90,9 @@ class GpNode(VehicleNode):
             self._corrected.publish(place)
         if taken:
             self._update_s = time.perf_counter() - began
-        if self._maps.is_due(now_s):
+        if self._is_final_map_due or self._maps.is_due(now_s):
             self._maps.done(now_s)
+            self._is_final_map_due = False
             self._publish_maps(now_s)
         if self._reports.is_due(now_s):
             self._reports.done(now_s)
@@ -91,7 +100,7 @@ class GpNode(VehicleNode):
 
     def _publish_maps(self, now_s: float) -> None:
         began = time.perf_counter()
-        field, level_set = self._map.recent_field(), self._map.level_set
+        field, level_set = self._map.field() if self._is_over else self._map.recent_field(), self._map.level_set
         report = _field_report(now_s, field, level_set.level_m)
         self._field.publish(report)
         self._risk.publish((report, level_set.largest_risk))

@@ -85,7 +85,7 @@ class PlannerNode(VehicleNode):
         self._path = self.publisher("path")
         self._waypoint = self.publisher("waypoint")
         self._bound = self.publisher("planner/bound")
-        self._command = self.publisher("mission/command")
+        self._end = self.publisher("mission/end")
         self.listen("odometry", self._on_odometry)
         self.listen("corrected", self._on_corrected)
         self.listen("kernel_centers", self._on_centers)
@@ -173,7 +173,7 @@ class PlannerNode(VehicleNode):
             self._judge()
         if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)
-            self._command.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
+            self._end.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
         self._diagnose(now_s)
 
     def _judge(self) -> None:

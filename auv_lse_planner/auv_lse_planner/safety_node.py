@@ -53,6 +53,7 @@ class SafetyNode(VehicleNode):
         self.listen("altitude", lambda altitude: self._safety.watch.altitude(altitude.altitude_m))
         self.listen("autopilot", self._safety.watch.autopilot)
         self.listen("mission/command", self._on_command)
+        self.listen("mission/end", self._on_command)
         self.listen("team/command", self._on_command)
         self.create_service(RunMission, "mission/run", self._on_call)
         self.phase("safety", self.step, lambda: (self._published,))

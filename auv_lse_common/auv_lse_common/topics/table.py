@@ -156,9 +156,14 @@ _ROWS = (
         total=lambda message: int(message.number), encode=encode_record, decode=codecs.decode_order,
     ),
     Topic(
+        name="mission/end", kind="auv_lse_msgs/msg/MissionCommand", about="END: the vehicle's last leg is complete",
+        writer="planner_node", readers=("safety_node",), command=True,
+        encode=encode_record, decode=codecs.decode_order,
+    ),
+    Topic(
         name="mission/state", kind="auv_lse_msgs/msg/MissionState", about="state of the mission, and the action",
-        writer="safety_node", readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
-        delivery="latched", command=True, phase="safety", awaited_by=("planner", "modem_sent", "vehicle_link"),
+        writer="safety_node", readers=("gp_node", "planner_node", "modem_node", "vehicle_link_node|sim_node"),
+        delivery="latched", command=True, phase="safety", awaited_by=("gp", "planner", "modem_sent", "vehicle_link"),
         total=lambda message: int(message.revision), encode=plan_codecs.encode_run, decode=plan_codecs.decode_run,
     ),
     Topic(

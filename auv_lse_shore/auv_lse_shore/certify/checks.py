@@ -5,8 +5,8 @@ another path, so they differ by rounding alone. Then with the map of its recorde
 shows whether the centers come from what was measured. Vehicles average, weigh and position soundings under way, with
 less data than is known afterwards, so this tolerance is wider (docs/evidence/gp.md).
 
-A map of more than `DENSE_CENTERS` centers may have been published in parts of different age (`DepthMap.recent_field`).
-Cells that differ from its centers are then noted, and only the comparison with the soundings decides.
+The last map of an interrupted mission may have parts of different age (`DepthMap.recent_field`) if it has more than
+`DENSE_CENTERS` centers. Cells that differ from its centers are then noted, and only the soundings decide.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
         if late:
             cells = max(check.cells for check in late)
             notes.append(
-                f"{vehicle}: {cells} of {len(at)} cells of its map differ from its recorded kernel centers. Large maps "
-                "are published in parts, which may be some maps old; those cells were compared with the soundings only"
+                f"{vehicle}: {cells} of {len(at)} cells of its map differ from its recorded kernel centers. Before a "
+                "mission is over, large maps are published in parts; those cells were compared with the soundings only"
             )
     own = next((v for v in run.vehicles if v.vehicle == published.vehicle), None)
     if own is None:

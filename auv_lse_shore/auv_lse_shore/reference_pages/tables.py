@@ -26,9 +26,6 @@ from auv_lse_comms.packet.navigation import RAW, RAW_AND_FIX, SIZES
 from auv_lse_shore.judge import summary
 from auv_lse_shore.reference_pages.blocks import code, item, table
 
-#: Nodes that write a topic which operators write, too.
-_ALSO_WRITE = {"mission/command": ("planner_node",)}
-
 
 def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
     readers = ", ".join(code(reader.replace("|", " or ")) for reader in topic.readers)
@@ -71,9 +68,7 @@ def nodes() -> str:
             named = {**VEHICLE_TOPICS, **MISSION_TOPICS}.items()
             shown = [(code(name), topic) for name, topic in named if not topic.lockstep and name != "/clock"]
             reads = [name for name, topic in shown if any(node in reader.split("|") for reader in topic.readers)]
-            writes = [
-                name for name, topic in shown if node in (*topic.writer.split("|"), *_ALSO_WRITE.get(topic.name, ()))
-            ]
+            writes = [name for name, topic in shown if node in topic.writer.split("|")]
             reading = "every recorded topic" if recorder else ", ".join(reads)
             rows.append((code(node), code(setup.parent.name), reading, ", ".join(writes)))
     return table(("node", "package", "reads", "writes"), rows)

@@ -26,8 +26,10 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from ground_helpers import SURVEY_FILES, write_survey
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
+from auv_lse_record.recording import Recording, recording_in
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.size_estimate import size_of
 from auv_lse_shore.mission import mission as mission_module
@@ -124,6 +126,25 @@ def test_a_mission_leaves_a_whole_run_folder(mission: tuple[Path, subprocess.Com
     again = Settings.load(folder / "mission.yaml")
     assert again.mission.seed == 5
     assert again.to_parameter_file() == (folder / "mission.yaml").read_text(), "the file is complete"
+
+
+def test_the_recording_ends_with_every_vehicles_end_and_its_map_then(
+    mission: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    folder, _ = mission
+    states: dict[int, list[tuple[float, RunState]]] = {}
+    maps: dict[int, list[float]] = {}
+    with Recording(recording_in(folder)) as recording:
+        for value in recording.values({"mission/state", "field"}):
+            if value.topic.name == "field":
+                maps.setdefault(value.vehicle, []).append(value.stamp_s)
+            else:
+                states.setdefault(value.vehicle, []).append((value.stamp_s, value.value.status.state))
+    assert set(states) == {1, 2, 3}
+    for vehicle, found in states.items():
+        ended_s, state = found[-1]
+        assert state is RunState.ENDED, f"auv{vehicle} ends in {state}"
+        assert maps[vehicle][-1] >= ended_s
 
 
 def test_two_independent_readers_find_every_packet_whole_and_in_its_slot(

@@ -94,6 +94,7 @@ VALUES: dict[str, Any] = {
     "altitude": Altitude(stamp_s=1.0, altitude_m=12.5, min_m=0.25, max_m=128.0),
     "pressure": Pressure(stamp_s=1.0, pressure_pa=201325.0),
     "mission/command": ORDER,
+    "mission/end": ORDER,
     "mission/state": RunReport(stamp_s=1.5, revision=4, status=STATUS, warnings=("battery: low",)),
     "kernel_centers": CentersReport(
         stamp_s=1.0,

@@ -228,8 +228,12 @@ class Fleet:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled all its legs or aborted its mission."""
-        return all(cores.planner.finished or cores.safety.run.status.state is RunState.ABORTED for cores in self.cores)
+        """Whether every vehicle's mission is over: its legs are travelled and its end reported, or it is aborted."""
+        states = [cores.safety.run.status.state for cores in self.cores]
+        return all(
+            state is RunState.ABORTED or (cores.planner.finished and state is not RunState.RUNNING)
+            for cores, state in zip(self.cores, states, strict=True)
+        )
 
     def tick(self) -> None:
         """Runs one tick of the mission."""

@@ -121,9 +121,11 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled its last leg or aborted its mission."""
-        aborted = (run is RunState.ABORTED for run in self.runs)
-        return all(done or stopped for done, stopped in zip(self._finished, aborted, strict=True))
+        """Whether every vehicle's mission is over: its last leg is travelled and its end reported, or it is aborted."""
+        return all(
+            run is RunState.ABORTED or (done and (run is not RunState.RUNNING or self._settings.sim.apart))
+            for done, run in zip(self._finished, self.runs, strict=True)
+        )
 
     def begin(self) -> None:
         """Allows the first tick, because every topic has its readers."""

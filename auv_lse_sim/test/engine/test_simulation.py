@@ -76,6 +76,7 @@ def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
     for tick in range(1, 6):
         sim.advance()
         handle(sim, tick, finished=tick == 5)
+    sim.take_state(1, 1, RunState.ENDED, None)
     sim.take_recorded(4)
     assert sim.finished
     assert not sim.ready(), "the end of the recording would be lost"
@@ -88,14 +89,17 @@ def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
     assert sim.stalled(61.0) == ""
 
 
-def test_the_mission_ends_when_every_planner_is_finished() -> None:
+def test_the_mission_ends_when_every_planner_is_finished_and_every_end_is_reported() -> None:
     sim = simulation(vehicles=2)
     sim.advance()
     sim.take_done(1, "planner", 1, (0, 0), True)
+    sim.take_state(1, 1, RunState.ENDED, None)
     assert not sim.finished
     sim.take_done(2, "planner", 1, (0, 0), True)
-    assert sim.finished
     assert sim.steps == [4, 4]
+    assert not sim.finished, "the recording would lack the end of vehicle 2"
+    sim.take_state(2, 1, RunState.ENDED, None)
+    assert sim.finished
     assert sim.advance() == {}
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
 

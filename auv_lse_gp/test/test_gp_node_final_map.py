@@ -1,0 +1,96 @@
+"""gp_node at the end of a mission: a large map is published whole."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from auv_lse_common.topics.map_codecs import DEPTH_STEP_M, decode_field
+from auv_lse_common.topics.quality import LATCHED
+from auv_lse_common.topics.records import FieldReport, RunReport
+from auv_lse_common.topics.ros_conversions import encoded
+from auv_lse_common.topics.table import VEHICLE_TOPICS
+from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
+from auv_lse_gp.gp_node import GpNode
+from auv_lse_gp.map import depth_map, online
+from auv_lse_msgs.msg import LevelSetField, MissionState
+
+pytestmark = pytest.mark.ros
+
+PARAMETERS = """\
+/**:
+  ros__parameters:
+    area: {polygon_m: [0.0, 0.0, 900.0, 0.0, 900.0, 900.0, 0.0, 900.0], raster_m: 20.0}
+    gp: {publish_period_s: 1000.0, map_resolution_m: 20.0, length_scale_m: 60.0}
+    places: {correct: false}
+"""
+
+
+def lane(stamp_s: float, east_m: float, deeper_m: float) -> np.ndarray:
+    """Soundings along a lane: stamp, north, east, depth (m)."""
+    north = np.arange(20.0, 880.0, 20.0)
+    depth = 15.0 + 6.0 * np.sin(north / 90.0) + deeper_m
+    return np.column_stack([stamp_s + north, north, np.full_like(north, east_m), depth])
+
+
+@pytest.mark.parametrize("state", [RunState.ENDED, RunState.ABORTED])
+def test_gp_node_publishes_a_complete_map_when_the_mission_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: RunState
+) -> None:
+    monkeypatch.setattr(online, "MAX_DENSE", 50)
+    file = tmp_path / "p.yaml"
+    file.write_text(PARAMETERS)
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
+    node, bench = GpNode(), rclpy.create_node("bench", use_global_arguments=False)
+    executor, fields = SingleThreadedExecutor(), []
+    try:
+        executor.add_node(node)
+        executor.add_node(bench)
+        bench.create_subscription(LevelSetField, "/auv2/field", lambda m: fields.append(decode_field(m)), LATCHED)
+        states = bench.create_publisher(MissionState, "/auv2/mission/state", LATCHED)
+
+        def until(condition) -> None:
+            end = time.monotonic() + 60.0
+            while not condition():
+                assert time.monotonic() < end
+                executor.spin_once(timeout_sec=0.05)
+
+        def is_complete(field: FieldReport) -> bool:
+            return bool(np.nanmax(np.abs(field.mean_m - node._map.field().mean_m)) <= DEPTH_STEP_M)
+
+        def step(now_s: float, published: int) -> None:
+            node.step(now_s)
+            until(lambda: len(fields) >= published)
+
+        for i, east_m in enumerate(range(40, 900, 120)):
+            node._intake.add_soundings(lane(1000.0 * i, east_m, 0.0))
+        step(1.0, 1)
+        monkeypatch.setattr(depth_map, "RECENT_WORK", 0.0)
+        for i, east_m in enumerate(range(100, 900, 120)):
+            node._intake.add_soundings(lane(1e5 + 1000.0 * i, east_m, 4.0))
+        step(1001.0, 2)
+        assert not is_complete(fields[1]), "this large map is published in parts"
+        status = RunStatus(state=state, stop=Stop(action=Action.HOLD))
+        states.publish(
+            encoded(VEHICLE_TOPICS["mission/state"], RunReport(stamp_s=1002.0, revision=1, status=status), 2)
+        )
+        until(lambda: node._is_over)
+        step(1002.0, 3)
+        assert (fields[2].stamp_s, is_complete(fields[2])) == (1002.0, True)
+        node.step(1003.0)
+        assert not node._is_final_map_due
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        bench.destroy_node()
+        rclpy.try_shutdown()
