@@ -28,8 +28,8 @@ _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Period (s) at which a waiting node checks for its readers.
 _MATCHED_PERIOD_S = 0.05
-#: In lockstep, wall clock (s) without a simulator after which a node warns.
-_NO_SIMULATOR_S = 30.0
+#: In lockstep, wall clock (s) without a simulator after which a node warns, and how often it looks before that (s).
+_NO_SIMULATOR_S, _LOOK_S = 30.0, 1.0
 
 
 class BaseNode(Node):
@@ -58,7 +58,8 @@ class BaseNode(Node):
         self._tunable: tuple[str, ...] = ()
         self._apply: Callable[[dict[str, Any]], None] | None = None
         if self.lockstep:
-            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator)
+            self._alone_since_s = time.monotonic()
+            self._lonely = self.create_timer(_LOOK_S, self._look_for_simulator)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
         """A timer on a steady clock; on the system's clock it would stop when that is set back."""
@@ -66,8 +67,10 @@ class BaseNode(Node):
         return super().create_timer(timer_period_sec, callback, *others, **options)
 
     def _look_for_simulator(self) -> None:
-        """Lockstep: warns once if there is no simulator."""
-        if self.count_publishers("/lockstep/tick") == 0:
+        """Lockstep: warns once if no simulator appears; one that ends later is no reason to warn."""
+        if self.count_publishers("/lockstep/tick"):
+            self._lonely.cancel()
+        elif time.monotonic() - self._alone_since_s >= _NO_SIMULATOR_S:
             self._lonely.cancel()
             self.get_logger().warning(
                 f"no simulator for {_NO_SIMULATOR_S:g} s although sim.lockstep is true: this node waits for a tick. "

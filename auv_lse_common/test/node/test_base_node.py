@@ -28,7 +28,7 @@ from auv_lse_common.node import base_node, vehicle_node
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_msgs.msg import Bound
+from auv_lse_msgs.msg import Bound, LockstepTick
 
 pytestmark = pytest.mark.ros
 
@@ -183,11 +183,27 @@ def test_missing_simulator_in_lockstep_is_logged_once(
     lockstep: bool,
 ) -> None:
     monkeypatch.setattr(base_node, "_NO_SIMULATOR_S", 0.1)
+    monkeypatch.setattr(base_node, "_LOOK_S", 0.02)
     node = make(f"sim: {{lockstep: {str(lockstep).lower()}}}")
-    end = time.monotonic() + 1.0
-    while time.monotonic() < end:
+    for _ in range(20):  # the timer comes due every 0.02 s
         rclpy.spin_once(node, timeout_sec=0.05)
     assert capfd.readouterr().err.count("sim.lockstep is true") == int(lockstep)
+
+
+def test_simulator_that_has_ended_is_not_missing(
+    make: Callable[[str], BaseNode], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(base_node, "_NO_SIMULATOR_S", 60.0)
+    monkeypatch.setattr(base_node, "_LOOK_S", 0.02)
+    node = make("sim: {lockstep: true}")
+    ticks = node.create_publisher(LockstepTick, "/lockstep/tick", 1)
+    for _ in range(20):
+        rclpy.spin_once(node, timeout_sec=0.05)
+    node.destroy_publisher(ticks)
+    monkeypatch.setattr(base_node, "_NO_SIMULATOR_S", 0.1)
+    for _ in range(20):
+        rclpy.spin_once(node, timeout_sec=0.05)
+    assert "sim.lockstep is true" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("recorder_comes", [True, False])
