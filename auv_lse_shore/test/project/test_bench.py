@@ -19,8 +19,9 @@ from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import __main__ as bench
 from benchmarks import vehicle
 from benchmarks.command import end_with
-from benchmarks.planning import peer
-from benchmarks.planning.missed import missed_m, pairs, table
+from benchmarks.planning import missed, peer
+from benchmarks.planning.missed import missed_pieces, pairs, table
+from benchmarks.planning.planner_loop import settings_for
 from benchmarks.rows import KEYS
 
 
@@ -344,6 +345,10 @@ LINE = np.column_stack([NORTH, np.zeros_like(NORTH)])
 SQUARE = np.array([[20.0, 340.0], [40.0, 340.0], [40.0, 300.0], [0.0, 300.0], [0.0, 340.0], [20.0, 340.0]])
 
 
+def missed_m(truth, estimate):
+    return [piece.length_m for piece in missed_pieces(truth, estimate)]
+
+
 def test_a_stretch_that_the_estimate_does_not_come_near_is_missed():
     assert missed_m([LINE], [np.add(LINE, (0.0, 9.0))]) == []
     assert missed_m([LINE], [LINE[:101]]) == [pytest.approx(90.0, abs=3.0)]  # it is near up to 10 m beyond its end
@@ -353,25 +358,57 @@ def test_a_stretch_that_the_estimate_does_not_come_near_is_missed():
 
 def test_a_stretch_through_a_closed_lines_start_is_one_piece():
     west = np.column_stack([np.linspace(0.0, 40.0, 21), np.full(21, 300.0)])
-    (length,) = missed_m([SQUARE, LINE], [LINE, west])
-    assert length == pytest.approx(40.0 + 2.0 * 30.0, abs=4.0)
+    (piece,) = missed_pieces([SQUARE, LINE], [LINE, west])
+    assert piece.length_m == pytest.approx(40.0 + 2.0 * 30.0, abs=4.0)
+    assert piece.line_m == pytest.approx(160.0)
+    east, north = piece.places_m[:, 1], piece.places_m[:, 0]
+    assert east.min() > 309.0  # the places are those of the stretch
+    assert north[0] == pytest.approx(0.0, abs=2.0)
+    assert north[-1] == pytest.approx(40.0, abs=2.0)
     assert missed_m([SQUARE], [LINE]) == [pytest.approx(160.0, abs=4.0)]
+
+
+PIECE = {"length_m": 50.0, "line_m": 90.0, "track_m": 31.0, "std_m": 1.2, "error_stds": 2.5, "slope": 0.3}
 
 
 def test_variants_are_compared_lake_by_lake():
     def line(variant, lake, error, missed):
         figures = {"isobath_error_m": error, "isobath_found": 0.9, "risk_third": 2.0, "risk_after": error / 10.0}
         losses = {"loss_expected": 0.1, "loss_after": 0.2, "isobath_undiscovered_m": 1.0}
-        names = {"variant": variant, "vehicles": 3, "lake": lake, "missed_m": missed}
+        names = {"variant": variant, "vehicles": 3, "lake": lake, "pieces": [PIECE] * missed}
+        names["lengths_m"] = {"near": [60.0, 0.0], "middle": [30.0, 10.0], "far": [10.0, 10.0], "border": [20.0, 5.0]}
         within = {"isobath_found_within_m": 9.0, "isobath_found_error_p95_m": None}
         return {**names, **figures, **losses, **within, "isobath_undiscovered_limit_m": 2.0}
 
-    lines = [line("tour", "1", 2.0, []), line("tour", "2", 4.0, [50.0]), line("joint routes", "2", 5.0, [])]
+    lines = [line("tour", "1", 2.0, 0), line("tour", "2", 4.0, 1), line("joint routes", "2", 5.0, 0)]
     text = table(lines)
-    assert "| made up, 3: tour | 2 | 1 | 1 | 50 | 3.0 | 4.0 |" in text[2]
-    assert "| 3, 2: tour | 50 | 4.0 |" in text[-1]
+    assert "| made up, 3: tour | 2 | 0.50 (0.09 to 0.91) | 1 | 50 | 3.0 | 4.0 |" in text[2]
+    assert "| made up, 3: tour | far | 0.100 | 1.000 | 0.500 |" in text
+    assert "| made up, 3: tour | border | 0.200 | 0.250 | 0.250 |" in text
+    assert "| 3, 2: tour | 50 | 90 | 31 | 1.2 | 2.5 | 0.30 | 4.0 |" in text[-1]
     assert "| 3: joint routes | 1 | +1.00 (" in pairs(lines)[-1]
     assert "+25 %" in pairs(lines)[-1]
+
+
+@pytest.mark.parametrize("north", [True, False])
+def test_ideal_lanes_are_as_long_as_the_distance_and_equally_far_apart(north):
+    places = missed.lanes((0.0, 600.0, 0.0, 700.0), 7000.0, north)
+    across = np.unique(places[:, 1 if north else 0])
+    assert np.ptp(np.diff(across)) < 1e-9
+    along_m = len(places) * missed.ALONG_M  # the ways between the lanes add the area's breadth
+    assert along_m + np.ptp(across) == pytest.approx(7000.0, rel=0.1)
+
+
+def test_free_soundings_go_where_the_isobath_is():
+    settings = settings_for("tour", 1)
+    cells = np.stack(np.meshgrid(np.arange(0.0, 300.0, 20.0), np.arange(0.0, 300.0, 20.0)), axis=-1).reshape(-1, 2)
+
+    def depth_m(north, east):  # the isobath lies at 200 m north
+        return 15.0 + 0.1 * (200.0 - north) + 0.0 * east
+
+    places = missed.free_places(settings, depth_m, cells, 60, np.random.default_rng(0))
+    assert len(np.unique(places, axis=0)) == 60
+    assert np.mean(np.abs(places[20:, 0] - 200.0)) < 0.8 * np.mean(np.abs(cells[:, 0] - 200.0))
 
 
 def test_a_path_given_by_waypoints_is_flown_and_judged_like_a_mission():
