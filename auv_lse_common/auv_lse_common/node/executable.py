@@ -12,5 +12,5 @@ import sys
 if os.path.basename(sys.argv[0]).endswith("_node"):  # `ros2 run`: not a test, a command or the fork server
     for _number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(_number, lambda number, frame: os._exit(0))
-    for _library in ("OMP", "OPENBLAS"):
-        os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+    for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(_name, "1")

@@ -27,6 +27,8 @@ _MOST = 232
 #: UDP ports of RTPS (DDSI-RTPS 9.6.1): the first one, that of the next domain, that of its first and next participant.
 _FIRST_PORT, _DOMAIN_GAIN, _PARTICIPANT, _PARTICIPANT_GAIN = 7400, 250, 10, 2
 _PARTICIPANTS = 40
+#: Environment of a process whose linear algebra runs on one thread: a mission is many processes on few cores.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 #: Variables with which a user sets the range of DDS.
 RANGE_VARIABLES = (
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
@@ -349,6 +351,4 @@ def node_environment(domain: int | None = None) -> dict[str, str]:
         environment["ROS_DOMAIN_ID"] = str(domain)
     environment["RCUTILS_COLORIZED_OUTPUT"] = "0"
     environment["PYTHONUNBUFFERED"] = "1"
-    environment["OMP_NUM_THREADS"] = "1"
-    environment["OPENBLAS_NUM_THREADS"] = "1"
-    return environment
+    return environment | ONE_THREAD
