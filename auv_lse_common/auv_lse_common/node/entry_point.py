@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.node.executable import leave
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.local_post import POST
 from auv_lse_common.process.heartbeat import BEAT_PERIOD_S, Heartbeat
@@ -135,7 +136,9 @@ class Main:
             return 0
         mains = (self, *beside)
         POST.share([main.name for main in mains])
-        return _run([main.make for main in mains], arguments)
+        code = _run([main.make for main in mains], arguments)
+        leave(code)
+        return code
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:

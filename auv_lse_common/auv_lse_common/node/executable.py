@@ -2,15 +2,30 @@
 
 SIGINT or SIGTERM during the imports ends the node without a traceback; `auv_lse_common.node.entry_point` then replaces
 the handlers. Linear algebra runs on one thread unless the environment says otherwise: a mission is many processes on
-few cores, and waiting threads would take the cores from each other.
+few cores, and waiting threads would take the cores from each other. `leave` ends the process.
 """
 
 import os
 import signal
 import sys
 
-if os.path.basename(sys.argv[0]).endswith("_node"):  # `ros2 run`: not a test, a command or the fork server
+#: Whether `ros2 run` or `ros2 launch` has started this process: it is not a test, a command or the fork server.
+IS_EXECUTABLE = os.path.basename(sys.argv[0]).endswith("_node")
+
+if IS_EXECUTABLE:
     for _number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(_number, lambda number, frame: os._exit(0))
     for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(_name, "1")
+
+
+def leave(code: int) -> None:
+    """Ends the process of an executable at once, after its nodes' clean-up; elsewhere it returns.
+
+    Python would take down the compiled loops one by one, which takes seconds of a slow or busy core; `ros2 launch`
+    kills a node that takes longer than 15 s.
+    """
+    if IS_EXECUTABLE:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)

@@ -66,6 +66,17 @@ def test_a_nodes_linear_algebra_runs_on_one_thread(
     assert shown.stdout.strip() == str([threads, threads])
 
 
+@pytest.mark.parametrize(("name", "shown", "code"), [("a_node", "before\n", 3), ("x", "before\nafter\n", 0)])
+def test_an_executable_leaves_without_taking_python_down(tmp_path: Path, name: str, shown: str, code: int) -> None:
+    script = tmp_path / name
+    script.write_text(
+        "from auv_lse_common.node.executable import leave\nimport atexit\natexit.register(print, 'after')\n"
+        "print('before')\nleave(3)\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.returncode) == (shown, code)
+
+
 def test_every_node_imports_it_first() -> None:
     root = Path(__file__).resolve().parents[3]
     modules = [path for path in root.glob("auv_lse_*/auv_lse_*/**/*_node.py") if "\nmain = Main(" in path.read_text()]
