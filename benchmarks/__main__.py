@@ -16,7 +16,7 @@ from benchmarks.rows import KEYS, Row
 
 GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day", "missed", "until")
 #: Modules of groups that are not named after them.
-MODULES = {"day": "planning.day", "missed": "planning.missed", "until": "planning.until"}
+MODULES = {"day": "planning.day", "missed": "planning.missed", "until": "planning.quality.until"}
 
 
 def _number(value: Any) -> str:

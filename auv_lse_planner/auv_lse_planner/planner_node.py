@@ -36,6 +36,7 @@ from auv_lse_planner.methods.decision import BoundRecord, Decision
 from auv_lse_planner.vehicle.health import planner_health, warnings_of
 from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_planner.vehicle.problems import of_state
+from auv_lse_planner.vehicle.until import IN_A_ROW
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
@@ -182,7 +183,7 @@ class PlannerNode(VehicleNode):
             return
         until = self._planner.until
         self.journal.write("judged", until.snapshot())
-        if until.reached:
+        if until.met == IN_A_ROW:
             self.get_logger().info(
                 f"step {self._planner.decided}: the map has the quality asked for: {until.asked.text}"
             )

@@ -79,10 +79,10 @@ def environment(folder: Path) -> Path:
     return python
 
 
-def request(seed: int) -> dict[str, Any]:
-    """What the peer has to plan: the small area, the default prior, and the length of the mission."""
-    settings = settings_for("fixed_tour", 1, area(WHERE)[1])
-    height, width, margin = AREAS[WHERE]
+def request(seed: int, where: str = WHERE) -> dict[str, Any]:
+    """What the peer has to plan: an area, the default prior, and the length of the mission."""
+    settings = settings_for("fixed_tour", 1, area(where)[1])
+    height, width, margin = AREAS[where]
     edge = settings.area.margin_m
     gp = settings.gp
     return {

@@ -1,9 +1,10 @@
 """When a mission ends before its last step: the team's maps have the quality that `mission.until` asks for.
 
-Each vehicle judges its own map every `JUDGE_LEGS` legs. Once the map has the quality, every packet of the vehicle
-announces it (`Plan.quality_reached`), also after its end. The vehicle makes its next leg the last one when every team
-mate has announced the same, or has been silent for `planner.plan_expiry_s`. A lost packet only delays the end, and no
-packet can end a vehicle whose own map lacks the quality.
+Each vehicle judges its own map every `JUDGE_LEGS` legs. New soundings can lower an estimated quality again. So a map
+has the quality once `IN_A_ROW` judgements in a row have found it. While it has, every packet of the vehicle announces
+it (`Plan.quality_reached`), also after its end. The vehicle makes its next leg the last one when every team mate has
+announced the same, or has been silent for `planner.plan_expiry_s`. A lost packet only delays the end, and no packet
+can end a vehicle whose own map lacks the quality.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import UNKNOWN, Quality, QualityJudge
 
-#: Legs between two judgements of the map.
-JUDGE_LEGS = 5
+#: Legs between two judgements of the map, and judgements in a row that have to find the quality
+#: (docs/evidence/gp.md#when-to-end).
+JUDGE_LEGS, IN_A_ROW = 5, 2
 
 
 class Until:
@@ -25,7 +27,7 @@ class Until:
 
     Attributes:
         quality: Of the map judged last.
-        reached: Whether a judged map had the quality asked for.
+        met: Number of the last judgements in a row that found the quality asked for.
     """
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea, mates: Sequence[int]) -> None:
@@ -36,11 +38,16 @@ class Until:
         """
         self.asked = settings.mission.until
         self.quality = UNKNOWN
-        self.reached = False
+        self.met = 0
         self._judge = QualityJudge(settings.gp, settings.level_set, area) if self.asked.is_asked else None
         self._heard: dict[int, tuple[float, bool]] = {}
         self._mates = tuple(mates)
         self._began_s: float | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the map has the quality asked for."""
+        return self.met >= IN_A_ROW
 
     def hear(self, now_s: float, mate: int, reached: bool) -> None:
         """Takes what a mate's packet announced, received at `now_s` (s)."""
@@ -56,17 +63,17 @@ class Until:
 
     def judge(self, decided: int, posterior: Posterior) -> bool:
         """Judges the map if that is due after `decided` decisions; returns whether it was."""
-        if self._judge is None or self.reached or decided % JUDGE_LEGS or not len(posterior):
+        if self._judge is None or decided % JUDGE_LEGS or not len(posterior):
             return False
         self.quality = self._judge.judge(posterior)
-        self.reached = self.quality.meets(self.asked)
+        self.met = self.met + 1 if self.quality.meets(self.asked) else 0
         return True
 
     def snapshot(self) -> dict[str, Any]:
         """The state, for a journal; what mates announced is in the plans that it holds."""
         q = self.quality
         return {
-            "reached": self.reached,
+            "met": self.met,
             "began_s": self._began_s,
             "quality": [q.found_share, q.undiscovered_m, q.deviation_m],
         }
@@ -75,4 +82,4 @@ class Until:
         """Continues from a `snapshot`."""
         found_share, undiscovered_m, deviation_m = values["quality"]
         self.quality = Quality(found_share=found_share, undiscovered_m=undiscovered_m, deviation_m=deviation_m)
-        self.reached, self._began_s = values["reached"], values["began_s"]
+        self.met, self._began_s = values["met"], values["began_s"]

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import Quality
-from auv_lse_planner.vehicle.until import JUDGE_LEGS, Until
+from auv_lse_planner.vehicle.until import IN_A_ROW, JUDGE_LEGS, Until
 
 SILENCE_S = 600.0
 
@@ -24,7 +24,7 @@ def until(reached: bool = True, **asked: float) -> Until:
         {"mission": {"vehicles": 3, "until": asked or {"undiscovered_m": 100.0}}}, "test", 1
     )
     made = Until(settings, OperatingArea(settings.area), [2, 3])
-    made.reached = reached
+    made.met = IN_A_ROW if reached else 0
     return made
 
 
@@ -95,12 +95,29 @@ def test_a_map_is_judged_every_few_legs_and_the_state_survives_a_restart() -> No
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
     assert not own.judge(JUDGE_LEGS + 1, posterior)
     assert own.judge(JUDGE_LEGS, posterior)
+    assert not own.reached, "found once only"
+    assert own.judge(2 * JUDGE_LEGS, posterior)
     assert own.reached
     assert 100.0 < own.quality.undiscovered_m < 1e5
     assert not own.agreed(7.0, SILENCE_S)
     again = until(reached=False, undiscovered_m=1e5)
     again.restore(json.loads(json.dumps(own.snapshot())))
-    assert again.snapshot()["reached"] is True
+    assert again.reached
     assert again.quality.undiscovered_m == own.quality.undiscovered_m
     assert not again.agreed(606.0, SILENCE_S)
     assert again.agreed(608.0, SILENCE_S), "silent since before the restart"
+
+
+def test_a_quality_that_is_lost_again_is_no_longer_announced() -> None:
+    own = until(reached=False, undiscovered_m=1e5)
+    posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
+    posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
+    for judged in (1, 2):
+        own.judge(judged * JUDGE_LEGS, posterior)
+    assert own.reached
+    own.asked = dataclasses.replace(own.asked, undiscovered_m=0.1)  # no map has that
+    own.judge(3 * JUDGE_LEGS, posterior)
+    assert not own.reached
+    own.asked = dataclasses.replace(own.asked, undiscovered_m=1e5)
+    own.judge(4 * JUDGE_LEGS, posterior)
+    assert not own.reached, "the count begins anew"

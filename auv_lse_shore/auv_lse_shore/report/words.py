@@ -86,7 +86,7 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
     if s.quality_reached:
         return [
             f"The mission ended because the quality asked for was reached, at step {s.steps} of {planned_steps}: "
-            f"{s.quality_asked}."
+            f"{s.quality_asked}. Each vehicle returned at least {planned_steps - s.steps} steps of its budget."
         ]
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "

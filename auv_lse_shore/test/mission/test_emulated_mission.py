@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import subprocess
 import sys
@@ -97,3 +98,16 @@ def test_through_mavlink_the_mission_is_the_same_to_the_rounding_of_its_messages
         count = min(len(a.truth), len(b.truth))
         assert abs(len(a.truth) - len(b.truth)) <= 2
         assert abs(a.truth[:count, 1:3] - b.truth[:count, 1:3]).max() < 0.05
+
+
+def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_place(tmp_path: Path) -> None:
+    until = ("--steps", "40", "--set", "mission.until.undiscovered_m=5000.0", "--set", "planner.method=plain")
+    place = ("--set", "vehicle.recovery_north_m=120.0", "--set", "vehicle.recovery_east_m=60.0")
+    paced = ("--vehicle-link", "mavlink", "--real-time-factor", "20", "--set", "vehicle.at_end=go_to")
+    run = fly(tmp_path / "run", *until, *place, *paced)
+    for vehicle in run.vehicles:
+        assert 10 < len(vehicle.decisions) < 40
+        assert vehicle.decisions[-1].plan.quality_reached
+        assert math.dist(vehicle.truth[-1, 1:3], (120.0, 60.0)) < 30.0, "it circles there"
+    log = (tmp_path / "run" / "logs" / "auv1.planner_node.log").read_text()
+    assert "the map has the quality asked for: at most 5000 m undiscovered" in log

@@ -55,6 +55,21 @@ def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     check(json.loads(file.read_text()))
 
 
+def test_a_rule_ends_a_mission_at_the_first_run_of_judgements_that_is_long_enough():
+    stop_rule = importlib.import_module("benchmarks.planning.quality.stop_rule")
+    met = [False, True, False, True, True, True]
+    assert [stop_rule.ended(met, rule) for rule in (1, 2, 3, 4)] == [1, 4, 5, None]
+
+
+def test_the_path_along_a_known_isobath_takes_the_nearer_part_of_it():
+    until = importlib.import_module("benchmarks.planning.quality.until")
+    near = np.array([[0.0, 0.0], [0.0, 300.0]])
+    far = near + np.array([400.0, 0.0])
+    half, whole = (until.along_isobath([near, far], np.zeros(2), share) for share in (0.5, 1.0))
+    assert until.length_m(half) == pytest.approx(290.0), "to the middle of the last 20 m"
+    assert until.length_m(whole) == pytest.approx(290.0 + 400.0 + 280.0, rel=0.02)
+
+
 def test_report_certificate_and_export_of_a_recording_are_timed():
     report_time = importlib.import_module("benchmarks.planning.report_time")
     rows = report_time.run(smoke=True)
@@ -291,7 +306,7 @@ def modules_in_pages():
     """Every benchmark that a page or a docstring tells to run by `python -m`."""
     root = Path(__file__).resolve().parents[3]
     files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/**/*.py")]
-    command = re.compile(r"python -m (benchmarks\.[a-z_]+(?:\.[a-z_]+)?)")
+    command = re.compile(r"python -m (benchmarks\.[a-z_]+(?:\.[a-z_]+)*)")
     return sorted({name for file in files for name in command.findall(file.read_text())})
 
 

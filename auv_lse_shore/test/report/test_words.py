@@ -155,7 +155,8 @@ def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmow
     assert "not met" not in " ".join([*headlines(s, 100), text])
     evaluation.summary = done = dataclasses.replace(s, quality_reached=True, quality_asked="90 % found")
     assert headlines(done, 100)[0] == (
-        "The mission ended because the quality asked for was reached, at step 22 of 100: 90 % found."
+        "The mission ended because the quality asked for was reached, at step 22 of 100: 90 % found. Each vehicle "
+        "returned at least 78 steps of its budget."
     )
     share = s.isobath_found_m / (s.isobath_found_m + s.isobath_undiscovered_m)
     promised = f"promised a quality instead: 90 % found. The final map of all soundings has {100 * share:.0f} % found"

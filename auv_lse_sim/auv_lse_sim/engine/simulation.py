@@ -98,6 +98,7 @@ class Simulation:
         self._transmissions: list[tuple[float, int, bytes]] = []
         self._legs: dict[int, Leg] = {}  # the last leg of each vehicle
         self._thens: dict[int, Stop | None] = {}  # the stop after it
+        self._begun_legs = [0] * len(self.vehicles)
         self._begun = False
         self._held_s = 0.0  # time in which every vehicle waited or held
         self._present: set[tuple[int, str]] = set()
@@ -162,6 +163,8 @@ class Simulation:
             self.state, self.message = MissionState.FINISHED, "every vehicle has travelled its last leg"
             if aborted:
                 self.message = f"aborted: {', '.join(aborted)}; the others have travelled their last leg"
+            elif max(self._steps_of(k) for k in self.vehicles) < self.steps_total:
+                self.message = f"the quality asked for was reached: {self._settings.mission.until.text}"
             return {}
         self.tick += 1
         self.now_s = self.tick * self._settings.sim.tick_s
@@ -186,7 +189,12 @@ class Simulation:
         return outputs
 
     def _steps_of(self, k: int) -> int:
-        """Steps of vehicle `k`: fewer than planned if its last leg came early (`mission.until`)."""
+        """Steps of vehicle `k`: fewer than planned if its last leg came early (`mission.until`).
+
+        The waypoints of a vehicle with an autopilot do not come here; the legs that it has begun count instead.
+        """
+        if k in self.links.autopilots and self._settings.mission.until.is_asked:
+            return min(self._begun_legs[k - 1], self.steps_total)
         is_last = self._thens.get(k) is not None
         return self._legs[k].step + 1 if is_last else self.steps_total
 
@@ -210,7 +218,10 @@ class Simulation:
         return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {', '.join(missing)}"
 
     def _count(self, k: int, output: VehicleOutput) -> None:
-        i, steps = k - 1, self._steps_of(k)
+        i = k - 1
+        if not self._finished[i] and self.runs[i] is not RunState.ENDED:
+            self._begun_legs[i] = output.truth.step + 1
+        steps = self._steps_of(k)
         self.soundings[i] += len(output.soundings)
         packets = [arrival for arrival in output.arrivals if MiniPacket.read(arrival.payload) is None]
         if k not in self.links.modems:
@@ -218,7 +229,8 @@ class Simulation:
         self.fixes[i] += len(output.fixes) if k not in self.links.autopilots else 0
         self.received += len(packets)
         if not self._lockstep:
-            ended = self.runs[i] is RunState.ENDED or output.truth.step >= steps - 1
+            last = self.steps_total if k in self.links.autopilots else steps
+            ended = self.runs[i] is RunState.ENDED or output.truth.step >= last - 1
             self._finished[i] = ended and output.truth.loitering
         self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
 

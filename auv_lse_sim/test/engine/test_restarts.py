@@ -50,7 +50,7 @@ class Journalled(Fleet):
         if decided:
             cores.planner.restore(decided[-1][0])
         judged = [values for kind, *values in planner.records if kind in ("decided", "judged")]
-        if judged and "reached" in judged[-1][0]:
+        if judged and "met" in judged[-1][0]:
             cores.planner.until.restore(judged[-1][0])
         hear, decide, judge = cores.planner.receive_plan, cores.planner.decide, cores.planner.judge_map
 

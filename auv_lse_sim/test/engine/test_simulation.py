@@ -104,6 +104,18 @@ def test_the_mission_ends_when_every_planner_is_finished_and_every_end_is_report
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
 
 
+def test_a_mission_that_ends_early_says_why() -> None:
+    settings = Settings.load(None, {"mission.vehicles": 1, "mission.steps": 4, "mission.until.found": 0.8})
+    sim = Simulation(settings, ground_of(settings), lockstep=True, recorded=False)
+    sim.advance()
+    leg = leg_to(0.0, 0.0, 0.0, (20.0, 0.0), 15.0, step=1)
+    sim.take_waypoint(1, leg, then=Stop(action=Action.HOLD))
+    sim.take_done(1, "planner", 1, (1, 1), True)
+    assert sim.advance() == {}
+    assert sim.steps == [2]
+    assert sim.message == "the quality asked for was reached: 80 % found"
+
+
 def test_an_item_that_cannot_be_sent_is_reported_once() -> None:
     sim = simulation()
     sim.advance()

@@ -87,7 +87,7 @@ function describeMap(t) {
 
 function describeState() {
   const pill = $("state"), status = store.at("status", "", player.t);
-  const complete = source.source === "mission" && store.at("status", "", Infinity)?.state === "finished";
+  const final = store.at("status", "", Infinity), complete = source.source === "mission" && final?.state === "finished";
   let [text, level] = ["", ""];
   if (complete && (source.connection === "lost" || !source.growing)) [text, level] = ["mission complete", "ok"];
   else if (source.connection === "lost") [text, level] = ["connection lost, reconnecting", "error"];
@@ -100,8 +100,11 @@ function describeState() {
   setText(pill, text);
   pill.dataset.level = level;
   const problem = source.problem || (status?.state === "failed" ? status.text : "");
-  $("ending").hidden = !(complete && source.connection === "lost" && source.run);
-  setText($("ending"), `The live view has ended. The results are in ${source.run}; scripts/live ${source.run} shows the mission again.`);
+  const left = complete && source.connection === "lost" && source.run;
+  const early = complete && final.text?.startsWith("the quality asked for") ? `Mission complete: ${final.text}.` : "";
+  $("ending").hidden = !(early || left);
+  const results = left ? `The live view has ended. The results are in ${source.run}; scripts/live ${source.run} shows the mission again.` : "";
+  setText($("ending"), [early, results].filter(Boolean).join(" "));
   $("problem").hidden = !problem;
   setText($("problem"), problem);
   $("live").hidden = !source.growing;

@@ -1,0 +1,125 @@
+"""How often the quality at which `mission.until` ends a mission is true, for several rules of when to end.
+
+    python -m benchmarks.planning.quality.stop_rule --flights undiscovered.jsonl --vehicles 1 2
+
+Takes missions flown by `benchmarks.planning.undiscovered`. The map of the soundings until then is judged every five
+legs, as the planner does, from `FIRST_LEG` on, and compared with the true isobath. A rule ends a mission at the first
+judgement at which the quality was met so many times in a row. Judgements are appended to a results file, so a run can
+be stopped and continued.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.lines import near, resample
+from auv_lse_gp.map.certainty import FOUND, classify, lines_of
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.quality import QualityJudge
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.vehicle.until import JUDGE_LEGS
+from auv_lse_shore.judge.isobath import length_m, trace
+from benchmarks.command import end_with, existing_file
+from benchmarks.planning.undiscovered_flights import ground_of, settings, where_of
+from benchmarks.results_file import FOLDER, fly, read
+
+#: Legs of a mission, and those after which maps are judged.
+LEGS, FIRST_LEG = 100, 60
+#: Limits (m) and shares that are asked for.
+LIMITS_M, SHARES = (100.0, 150.0, 200.0, 300.0), (0.7, 0.8, 0.9)
+#: Numbers of judgements in a row that have to meet the quality.
+RULES = (1, 2, 3)
+
+Line = dict[str, Any]
+
+
+def judgements(kind: str, vehicles: int, name: str, real: str, soundings: Sequence[Sequence[float]]) -> Line:
+    """Each judgement of a mission: legs; share found and limit (m) promised; share found and length missed (m)."""
+    chosen = settings(vehicles)
+    area, level = OperatingArea(chosen.area), chosen.level_set.level_m
+    depth_map = DepthMap(chosen.gp, chosen.level_set, area)
+    prior, grid, judge = depth_map.field(), depth_map.grid, QualityJudge(chosen.gp, chosen.level_set, area)
+    ground = ground_of(kind, name, where_of(vehicles), real)
+    depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
+    lines = trace(grid.north_m, grid.east_m, depth, level)
+    truth = resample(lines)
+    rows, leg_s = np.array(soundings), MotionTable(chosen.motion).leg_length_m / chosen.vehicle.speed_mps
+    taken, found = 0, []
+    for legs in range(FIRST_LEG, LEGS + 1, JUDGE_LEGS):
+        until = int(np.searchsorted(rows[:, 0], legs * leg_s, side="right"))
+        depth_map.add_soundings(rows[taken:until])
+        taken = until
+        posterior = Posterior(chosen.gp)
+        posterior.extend(depth_map.centers)
+        quality = judge.judge(posterior)
+        places = np.column_stack([rows[:until, 1:3], np.zeros(until)])
+        pieces = classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+        share = float(np.mean(near(lines_of(pieces, FOUND))(truth))) if len(truth) else 1.0
+        found.append([legs, quality.found_share, quality.undiscovered_m, share, length_m(lines) * (1.0 - share)])
+    return {"kind": kind, "vehicles": vehicles, "lake": name, "judgements": np.round(found, 4).tolist()}
+
+
+def ended(met: Sequence[bool], rule: int) -> int | None:
+    """Number of the judgement at which a rule ends a mission; None if it does not."""
+    for i in range(rule - 1, len(met)):
+        if all(met[i - rule + 1 : i + 1]):
+            return i
+    return None
+
+
+def table(lines: Sequence[Line]) -> str:
+    """What each rule did for each quality, in Markdown."""
+    text = [
+        "| asked | rule | ended | after (legs) | true at the end | promised again at every later judgement |",
+        "|---" * 6 + "|",
+    ]
+    asked = [(f"at most {limit:.0f} m undiscovered", 2, -limit) for limit in LIMITS_M]
+    asked += [(f"{100.0 * share:.0f} % found", 1, share) for share in SHARES]
+    for name, column, value in asked:
+        sign, actual = (-1.0, 4) if column == 2 else (1.0, 3)
+        for rule in RULES:
+            legs, true, kept = [], [], []
+            for line in lines:
+                met = [sign * j[column] >= value for j in line["judgements"]]
+                at = ended(met, rule)
+                if at is not None:
+                    legs.append(line["judgements"][at][0])
+                    true.append(sign * line["judgements"][at][actual] >= value)
+                    kept.append(all(met[at:]))
+            if legs:
+                shares = f"{100.0 * np.mean(true):.0f} % | {100.0 * np.mean(kept):.0f} %"
+                text.append(
+                    f"| {name} | {rule} in a row | {len(legs)} of {len(lines)} | {np.mean(legs):.0f} | {shares} |"
+                )
+    return "\n".join(text)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Judges what is missing in the file, and prints the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.quality.stop_rule", description=__doc__)
+    parser.add_argument("--flights", type=existing_file, required=True, metavar="FILE", help="missions flown")
+    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 2, 3], help="teams (default: all)")
+    parser.add_argument("--out", type=Path, default=FOLDER / "stop_rule.jsonl", help="results (default: %(default)s)")
+    parser.add_argument("--processes", type=int, default=2, help="missions judged at once (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    done = {(line["kind"], line["vehicles"], line["lake"]) for line in read(options.out)}
+    flown = [line for line in read(options.flights) if line["vehicles"] in options.vehicles]
+    jobs = [(f["kind"], f["vehicles"], f["lake"], f["real"], f["soundings"]) for f in flown]
+    for _ in fly(judgements, [job for job in jobs if job[:3] not in done], options.out, options.processes):
+        pass
+    print(table([line for line in read(options.out) if line["vehicles"] in options.vehicles]))
+
+
+if __name__ == "__main__":
+    end_with(main)
