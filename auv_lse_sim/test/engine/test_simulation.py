@@ -111,6 +111,7 @@ def test_a_mission_that_ends_early_says_why() -> None:
     leg = leg_to(0.0, 0.0, 0.0, (20.0, 0.0), 15.0, step=1)
     sim.take_waypoint(1, leg, then=Stop(action=Action.HOLD))
     sim.take_done(1, "planner", 1, (1, 1), True)
+    sim.take_state(1, 1, RunState.ENDED, None)
     assert sim.advance() == {}
     assert sim.steps == [2]
     assert sim.message == "the quality asked for was reached: 80 % found"
