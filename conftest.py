@@ -1,4 +1,11 @@
-"""Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them."""
+"""Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them.
+
+It also removes what killed nodes leave in memory.
+"""
+
+from collections.abc import Iterator
+
+import pytest
 
 import auv_lse_common
 import auv_lse_comms
@@ -8,6 +15,7 @@ import auv_lse_planner
 import auv_lse_record
 import auv_lse_shore
 import auv_lse_sim
+from auv_lse_common.node.state_file import forget_copy
 
 __all__ = [
     "auv_lse_common",
@@ -19,3 +27,11 @@ __all__ = [
     "auv_lse_shore",
     "auv_lse_sim",
 ]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_copies_of_state_files_remain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Removes the copies in memory of the tests' state files, which would stay until the computer reboots."""
+    yield
+    for path in tmp_path_factory.getbasetemp().rglob("*.state"):
+        forget_copy(path)

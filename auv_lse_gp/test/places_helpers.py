@@ -8,11 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.places.position_corrector import PositionCorrector
 from auv_lse_gp.places.smoother import PositionSmoother
 from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_gp.places.track_segments import segment_track
@@ -20,6 +26,9 @@ from auv_lse_gp.places.track_segments import segment_track
 Array = NDArray[np.float64]
 
 LEG_M = 24.0
+#: Area and parameters of the map that `played` returns.
+AREA = OperatingArea(AreaConfig(polygon_m=(-300.0, -300.0, 300.0, -300.0, 300.0, 300.0, -300.0, 300.0)))
+GP = GpConfig()
 #: What a packet tells: of its sender's navigation, and the raw places of its samples (n, 2).
 Heard = tuple[MateNavigation, Array]
 
@@ -189,3 +198,27 @@ def terrain_of(rng: np.random.Generator, team: list[Sailed], own: int, ground: G
     all_rows = np.concatenate(rows)
     pieces = segment_track(all_rows[:, 0].astype(np.int64), all_rows[:, 1], all_rows[:, 2:4], all_rows[:, 4])
     return Terrain(pieces, Kernel(gp), prior_mean(gp), gp.noise_std_m)
+
+
+def played(team: list[Sailed], ground: Ground, config: PlacesConfig) -> MapIntake:
+    """The first vehicle's map after it has received all its inputs, tick by tick."""
+    rng = np.random.default_rng(5)
+    depth_map = DepthMap(GP, LevelSet(), AREA)
+    intake = MapIntake(depth_map, PositionCorrector(1, config, depth_map))
+    heard = messages(rng, team, 0)
+    own, depths = team[0], [ground.depth_m(sailed.true) for sailed in team]
+    for i, t in enumerate(own.times.tolist()):
+        north, east = own.raw[i]
+        intake.add_dead_reckoning(
+            DeadReckoning(stamp_s=t, heading_rad=own.headings[i], north_m=north, east_m=east, depth_m=3.0)
+        )
+        intake.add_soundings([(t, north, east, depths[0][i], north, east)])
+        for fix in own.fixes:
+            if fix.stamp_s == t:
+                intake.add_fix(fix)
+        for mate, samples in [entry for entry in heard if t - 1.0 < entry[0].sent_s <= t]:
+            at = [int(np.argmin(((team[mate.source - 1].raw - s) ** 2).sum(axis=1))) for s in samples]
+            intake.add_navigation(mate)
+            intake.add_samples(t, mate.source, np.column_stack([samples, depths[mate.source - 1][at]]))
+        intake.step(t)
+    return intake

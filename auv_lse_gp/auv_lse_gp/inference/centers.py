@@ -124,6 +124,10 @@ class CenterTable:
         """Gives center `number` a new place (2,), depth and noise."""
         self._table.rows[number] = (*place_m, depth_m, noise_std_m)
 
+    def shift(self, by_m: Array) -> None:
+        """Moves all centers by (n, 2)."""
+        self._table.rows[:, :2] += by_m
+
     def truncate(self, size: int) -> None:
         """Drops all centers from number `size` on."""
         self._table.resize(min(len(self), size))

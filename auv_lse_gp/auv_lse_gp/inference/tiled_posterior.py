@@ -23,6 +23,10 @@ Corner = tuple[int, int]
 
 #: Distance from a tile up to which centers count, in kernel lengths (of a Wendland kernel: supports).
 MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25, "wendland_c4": 1.25}
+#: Shift of centers (kernel lengths) relative to their neighbors' mean that leaves the slopes at centers as they are.
+SLOPES_MOVED = 0.05
+#: Places (kernel lengths) that differ by less are the same.
+_ROUNDING = 1e-9
 #: Share of the margin for slopes at centers and for gates, which need no more accuracy.
 ROUGH_SHARE = 0.5
 #: Centers within this share of the margin count as close to a tile.
@@ -60,6 +64,26 @@ class _Data:
         return a.shape == b.shape and bool(np.abs(a - b).max(initial=0.0) <= EFFECT_SHARE * largest)
 
 
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """The centers near a tile: places before any shift, shifts since then (kernel lengths), depths and noise."""
+
+    home: Array
+    drift: Array
+    depths_m: Array
+    noise_std_m: Array
+
+    def same_slopes(self, other: _Near) -> bool:
+        """Whether slopes from the other data hold for these: relative shifts are at most `SLOPES_MOVED`."""
+        if self.home.shape != other.home.shape or np.abs(self.home - other.home).max(initial=0.0) > _ROUNDING:
+            return False
+        for mine, theirs in ((self.depths_m, other.depths_m), (self.noise_std_m, other.noise_std_m)):
+            if not np.array_equal(mine, theirs):
+                return False
+        moved = self.drift - other.drift
+        return not moved.any() or bool(np.abs(moved - moved.mean(axis=0)).max() <= SLOPES_MOVED)
+
+
 class TiledPosterior:
     """The posterior of the depth given many centers, each place given those near its tile."""
 
@@ -75,7 +99,8 @@ class TiledPosterior:
         self._centers = NO_CENTERS
         self._scaled = np.zeros((0, 2))
         self._effect_std_m: Array | None = None
-        self._slopes: dict[Corner, tuple[int, Array]] = {}
+        self._slopes: dict[Corner, tuple[_Near, Array]] = {}
+        self._drift = np.zeros((0, 2))  # how far the first centers were shifted since `forget`
 
     @property
     def centers(self) -> Centers:
@@ -87,6 +112,17 @@ class TiledPosterior:
         self._centers, effect = centers, centers.place_effect_m
         self._scaled = self._prior.kernel.scale(centers.places_m)
         self._effect_std_m = None if effect is None else np.sqrt(np.einsum("nr,nr->n", effect, effect))
+
+    def forget(self) -> None:
+        """Forgets slopes and shifts, so that the next slopes depend on the data alone."""
+        self._slopes.clear()
+        self._drift = np.zeros((0, 2))
+
+    def shift(self, by_m: Array) -> None:
+        """Announces that the next data are the same centers, moved by (n, 2): `slopes` keeps their tiles."""
+        drift = self._prior.kernel.scale(by_m)
+        drift[: len(self._drift)] += self._drift
+        self._drift = drift
 
     def near(self, places_m: Array) -> Iterator[tuple[Numbers, Posterior]]:
         """For each tile of places (P, 2): the numbers of the places in it, and a rough posterior (`ROUGH_SHARE`).
@@ -130,7 +166,11 @@ class TiledPosterior:
 
     def tiles(self, places_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
         """The tiles of places (P, 2), and the numbers of the places in each; `together`: in squares of n x n tiles."""
-        corners = np.floor(self._prior.kernel.scale(places_m) / (together * self._side)).astype(np.int64)
+        yield from self._tiles_of(self._prior.kernel.scale(places_m), together)
+
+    def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+        """As `tiles`, of scaled places (P, 2)."""
+        corners = np.floor(scaled / (together * self._side)).astype(np.int64)
         found, group = np.unique(corners, axis=0, return_inverse=True)
         order = np.argsort(group.ravel(), kind="stable")
         bounds = np.searchsorted(group.ravel()[order], np.arange(len(found) + 1))
@@ -161,13 +201,23 @@ class TiledPosterior:
         return mean, variance, planned_variance
 
     def slopes(self) -> Array:
-        """Slope (n, 2) of the mean depth at the centers; only tiles whose data have changed are recomputed."""
+        """Slope (n, 2) of the mean depth at the centers; only tiles whose data have changed are recomputed.
+
+        Centers that have been shifted count where they were, and slopes stay after small relative shifts
+        (`SLOPES_MOVED`).
+        """
         slopes, found = np.zeros((len(self._centers), 2)), {}
-        for tile, members in self.tiles(self._centers.places_m):
-            near = self._numbers_near(tile, tile, ROUGH_SHARE)
-            data, known = self._hash(near), self._slopes.get(tile)
-            if known is None or known[0] != data:
-                known = data, self.of_tile(tile, ROUGH_SHARE).slopes(self._centers.places_m[members])
+        c, drift = self._centers, np.zeros_like(self._scaled)
+        drift[: len(self._drift)] = self._drift
+        home = self._scaled - drift
+        for tile, members in self._tiles_of(home):
+            near = self._numbers_near(tile, tile, ROUGH_SHARE, home)
+            data = _Near(home[near], drift[near], c.depths_m[near], c.noise_std_m[near])
+            known = self._slopes.get(tile)
+            if known is None or len(known[1]) != len(members) or not data.same_slopes(known[0]):
+                local = self._prior.blank()
+                local.follow(c.take(near))
+                known = data, local.slopes(c.places_m[members])
             slopes[members] = known[1]
             found[tile] = known
         self._slopes = found

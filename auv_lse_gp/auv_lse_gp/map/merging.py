@@ -51,6 +51,10 @@ class MergedCenter:
         self._places_m.append((float(place_m[0]), float(place_m[1])))
         self._depth_sum_m += depth_m
 
+    def shift(self, by_m: Sequence[float]) -> None:
+        """Moves all its soundings by (2,); their covariances stay the same."""
+        self._places_m = [(north_m + by_m[0], east_m + by_m[1]) for north_m, east_m in self._places_m]
+
     def summary(self) -> tuple[Array, float, float]:
         """Place (2,), depth and noise variance of the center."""
         n, kernel, variance = len(self._places_m), self._kernel, self._kernel.signal_variance_m2

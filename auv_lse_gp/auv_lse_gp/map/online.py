@@ -266,10 +266,33 @@ class OnlineGp:
         if self.is_tiled:
             yield from self.tiled.near(soundings[:, :2])
 
+    @property
+    def can_shift(self) -> bool:
+        """Whether `shift` is possible: the map is tiled, and its centers can be factorized wherever they are."""
+        return self.is_tiled and self._is_well_conditioned(len(self))
+
+    def shift(self, by_m: Array) -> None:
+        """Moves each center by (n, 2), with what was merged into it; the soundings are not compared with the map again.
+
+        Raises:
+            ValueError: if the map cannot be shifted (`can_shift`).
+        """
+        if not self.can_shift or by_m.shape != (len(self), 2):
+            raise ValueError(f"shift: got {by_m.shape}; expected ({len(self)}, 2) and a tiled map (can_shift)")
+        self._apply_merges()
+        self._table.shift(by_m)
+        self._index.shift(by_m)
+        self._tiled.shift(by_m)
+        for center, by in zip(self._merged[-MERGE_WINDOW:], by_m[-MERGE_WINDOW:].tolist(), strict=False):
+            center.shift(by)
+        self._outdated = True
+        self.revision += 1
+
     def clear(self) -> None:
         """Drops all soundings."""
         self.counts = Counts()
         self._table = CenterTable()
+        self._tiled.forget()
         self._outdated = True
         self._index = SpacingIndex(self.config.min_spacing_m)
         self._merged.clear()
@@ -369,16 +392,20 @@ class OnlineGp:
             warnings.warn(text, stacklevel=3)
 
     def _always_factorizable(self, size: int) -> bool:
-        """Whether `size` centers can be factorized wherever they are, so that the factorization can be postponed.
+        """Whether the factorization of `size` centers can be postponed; the outlier gate needs the factor each time."""
+        return self.config.outlier_sigmas == 0.0 and self._is_well_conditioned(size)
+
+    def _is_well_conditioned(self, size: int) -> bool:
+        """Whether `size` centers can be factorized wherever they are.
 
         No pivot is less than the smallest noise variance, and rounding errors are below about size^2 eps times the
-        largest variance (Higham 2002, theorems 10.3 and 10.7). With an outlier gate the factor is needed each time.
+        largest variance (Higham 2002, theorems 10.3 and 10.7).
         """
         noise_m2 = self.config.noise_std_m**2
         least_noise_m2 = noise_m2 / (MAX_MERGED if self.config.merge else 1)
         largest = 4.0 * self.kernel.signal_variance_m2 + noise_m2  # merging adds at most 4 k(p, p) of noise
         rounding = 4.0 * (size + 1) ** 2 * _EPSILON * largest
-        return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding
+        return least_noise_m2 > rounding
 
     def _append(self, centers: Centers) -> None:
         """Appends centers, or changes nothing if it raises IllConditionedError."""

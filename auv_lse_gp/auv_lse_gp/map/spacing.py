@@ -32,6 +32,10 @@ class SpacingIndex:
         """Appends a place."""
         self._places.append([north_m, east_m])
 
+    def shift(self, by_m: Array) -> None:
+        """Moves all places by (n, 2)."""
+        self._places.rows[:] += by_m
+
     def truncate(self, size: int) -> None:
         """Drops all places from number `size` on."""
         self._places.resize(min(len(self), size))

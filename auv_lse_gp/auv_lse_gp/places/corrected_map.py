@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 
 #: Number of the strongest error modes passed to the map, in addition to the two that a fix would remove.
 MODES = 8
+#: A map in tiles is rebuilt when more than this share of its centers has shifted by more than this share of their
+#: spacing since the last rebuild.
+MANY_CENTERS, FAR_SHIFT = 0.1, 0.5
 
 
 class CorrectedMap:
@@ -32,6 +35,7 @@ class CorrectedMap:
         self.paused = False
         self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
         self._seeds: list[int] = []  # number in the log of the first sounding of each center
+        self._drift_m = np.zeros((0, 2))  # how far the first centers were shifted since the last rebuild
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
         """Takes soundings of a vehicle in `own`."""
@@ -52,16 +56,42 @@ class CorrectedMap:
         outcomes = self.map.add_samples(np.column_stack([places, samples.depth_m]), vehicle)
         self._remember(outcomes, np.arange(len(self.log) - len(samples), len(self.log)))
 
-    def moved_m(self, places_m: Array) -> float:
-        """Largest distance (m) between the positions in the map and new positions (n, 2)."""
-        moved = np.sqrt(((places_m - self.log.mapped_m) ** 2).sum(axis=1))
-        return float(np.nanmax(moved)) if np.isfinite(moved).any() else 0.0
+    def follow(self, correction: Correction, moved_m: float) -> bool:
+        """Moves the soundings to their corrected positions if one of them has moved by more than `moved_m` (m).
+
+        A map in tiles keeps its centers, which move with their first soundings, until many have moved far since the
+        last rebuild (`MANY_CENTERS`, `FAR_SHIFT`). Then it is rebuilt, as are other maps at once.
+
+        Returns:
+            Whether the map was rebuilt.
+        """
+        gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
+        if not gp.can_shift:
+            places = self.log.corrected_m(correction)
+            if _lengths_m(places - self.log.mapped_m).max(initial=0.0) <= moved_m:
+                return False
+            self.rebuild(places)
+            return True
+        places = self.log.corrected_m(correction, seeds)
+        by = places - self.log.mapped_m[seeds]
+        if _lengths_m(by).max(initial=0.0) <= moved_m:
+            return False
+        drift = by.copy()
+        drift[: len(self._drift_m)] += self._drift_m
+        if (_lengths_m(drift) > FAR_SHIFT * gp.config.min_spacing_m).mean() > MANY_CENTERS:
+            self.rebuild(self.log.corrected_m(correction))
+            return True
+        self._drift_m = drift
+        self.log.set_mapped(places, seeds)
+        gp.shift(by)
+        return False
 
     def rebuild(self, places_m: Array) -> None:
         """Rebuilds the map at positions (n, 2): own soundings by time, then each mate's samples in order of arrival."""
         self.paused = False
         self.log.set_mapped(places_m)
         self._seeds.clear()
+        self._drift_m = np.zeros((0, 2))
         self.map.clear()
         vehicles, stamps, depths = self.log.vehicles, self.log.stamps_s, self.log.depths_m
         is_own, packets = np.isin(vehicles, sorted(self.own)), np.array(self._packets, dtype=np.int64)
@@ -91,11 +121,26 @@ class CorrectedMap:
         gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
         if not len(seeds):
             return None
-        rows = self.log.derivatives(correction, gp.slopes(), seeds)
         root = np.linalg.cholesky(correction.covariance)
-        spread, fixed = rows @ root, correction.fix_sensitivity(vehicle) @ root
-        left = spread @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
-        values, ways = np.linalg.eigh(left.T @ left)
-        effect = np.column_stack([spread @ fixed.T, left @ ways[:, ::-1][:, : min(MODES, len(values))]])
+        parts = [  # a center depends on the unknowns of one vehicle
+            (centers, correction.model.vehicles[number].block, rows)
+            for centers, number, rows in self.log.derivatives(correction, gp.slopes(), seeds)
+        ]
+        squares = np.zeros_like(root)
+        for _, block, rows in parts:
+            squares[block, block] = rows.T @ rows
+        fixed = correction.fix_sensitivity(vehicle) @ root
+        left = root @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
+        ways = np.linalg.eigh(left.T @ squares @ left)[1][:, ::-1][:, :MODES]
+        modes = np.column_stack([root @ fixed.T, left @ ways])
+        effect = np.zeros((len(seeds), modes.shape[1]))
+        for centers, block, rows in parts:
+            effect[centers] = rows @ modes[block]
         # Round to the 32 bits of the message to the planner.
         return np.asarray(effect.astype(np.float32).astype(float))
+
+
+def _lengths_m(by_m: Array) -> Array:
+    """Lengths (n,) of shifts (n, 2); 0 where they are not finite."""
+    lengths = np.sqrt(np.einsum("nd,nd->n", by_m, by_m))
+    return np.where(np.isfinite(lengths), lengths, 0.0)

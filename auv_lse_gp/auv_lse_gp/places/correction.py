@@ -51,9 +51,16 @@ class Correction:
         """Derivatives (n, 2, unknowns) of `places` with respect to the unknowns."""
         raw = np.asarray(raw_places_m, dtype=float).reshape(-1, 2)
         out = np.zeros((len(raw), 2, self.model.size))
-        if vehicle in self.model.vehicles and len(raw):
-            out[:, :, self.model.vehicles[vehicle].block] = self._positions(vehicle, stamps_s, raw).jacobian(self.theta)
+        own = self.own_jacobian(vehicle, stamps_s, raw)
+        if own is not None:
+            out[:, :, self.model.vehicles[vehicle].block] = own
         return out
+
+    def own_jacobian(self, vehicle: int, stamps_s: Array, raw_places_m: Array) -> Array | None:
+        """Derivatives (n, 2, block) of `places` with respect to the vehicle's unknowns; None for an unknown vehicle."""
+        if vehicle not in self.model.vehicles or not len(raw_places_m):
+            return None
+        return self._positions(vehicle, stamps_s, raw_places_m).jacobian(self.theta)
 
     def fix_sensitivity(self, vehicle: int) -> Array:
         """Matrix F (2, unknowns) of a fix of a vehicle at the end of its track; zero for an unknown vehicle.

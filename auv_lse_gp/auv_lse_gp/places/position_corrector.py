@@ -160,11 +160,13 @@ class PositionCorrector:
         gp = self.corrected_map.map.gp
         terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)
-        places = self.log.corrected_m(self.correction)
         self._repeated += 1
-        overdue = gp.is_tiled and self._repeated >= MAX_REPEATED
-        if rebuild or overdue or self.corrected_map.moved_m(places) > self.config.moved_m:
-            self.corrected_map.rebuild(places)
+        if rebuild or (gp.is_tiled and self._repeated >= MAX_REPEATED):
+            self.corrected_map.rebuild(self.log.corrected_m(self.correction))
+            rebuilt = True
+        else:
+            rebuilt = self.corrected_map.follow(self.correction, self.config.moved_m)
+        if rebuilt:
             self.rebuilds += 1
             self._repeated = 0
         self.corrected_map.set_uncertainty(self.correction, self.vehicle)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,37 +70,42 @@ class SoundingLog:
         self._table.append(np.column_stack([numbers, soundings.stamp_s, raw, mapped, soundings.depth_m]))
         return mapped
 
-    def corrected_m(self, correction: Correction) -> Array:
-        """Positions (n, 2) of the soundings according to a correction."""
-        places, known, numbers = self.mapped_m.copy(), self._correctable, self.vehicles
-        for number in np.unique(numbers[known]).tolist():
-            rows = np.flatnonzero(known & (numbers == number))
-            places[rows] = correction.places(number, self.stamps_s[rows], self.raw_m[rows])
+    def corrected_m(self, correction: Correction, index: Numbers | None = None) -> Array:
+        """Positions (m, 2) according to a correction, of the soundings with numbers `index` (m,); None: of all."""
+        index = np.arange(len(self)) if index is None else index
+        places = self.mapped_m[index]
+        for number, own in self._by_vehicle(index):
+            places[own] = correction.places(number, self.stamps_s[index[own]], self.raw_m[index[own]])
         return places
 
-    def set_mapped(self, places_m: Array) -> None:
-        """Moves all soundings to positions (n, 2)."""
-        self.mapped_m[:] = places_m
+    def set_mapped(self, places_m: Array, index: Numbers | None = None) -> None:
+        """Moves the soundings with numbers `index` (m,) to positions (m, 2); None: all."""
+        self.mapped_m[slice(None) if index is None else index] = places_m
 
-    def derivatives(self, correction: Correction, slopes: Array, index: Numbers) -> Array:
-        """Derivatives (m, unknowns) of the expected depths of soundings with respect to the unknowns.
+    def derivatives(
+        self, correction: Correction, slopes: Array, index: Numbers
+    ) -> Iterator[tuple[Numbers, int, Array]]:
+        """Derivatives of the expected depths of soundings with respect to the unknowns of their vehicle.
 
         Args:
             slopes: Slope of the ground at these soundings (m, 2).
             index: Numbers of the soundings (m,).
+
+        Yields:
+            For each vehicle: its part of the m soundings (k,), its number, and their derivatives (k, its unknowns).
         """
-        rows, numbers, known = np.zeros((len(index), len(correction.theta))), self.vehicles[index], self._correctable
-        for number in np.unique(numbers).tolist():
-            own = np.flatnonzero(known[index] & (numbers == number))
-            jacobian = correction.jacobian(number, self.stamps_s[index[own]], self.raw_m[index[own]])
-            rows[own] = np.einsum("nd,ndu->nu", slopes[own], jacobian)
-        return rows
+        for number, own in self._by_vehicle(index):
+            jacobian = correction.own_jacobian(number, self.stamps_s[index[own]], self.raw_m[index[own]])
+            if jacobian is not None:
+                yield own, number, np.einsum("nd,ndu->nu", slopes[own], jacobian)
+
+    def _by_vehicle(self, index: Numbers) -> Iterator[tuple[int, Numbers]]:
+        """Each vehicle's number, and which of the soundings `index` are its own and correctable."""
+        rows = self._table.rows[index, :4]
+        numbers, known = rows[:, 0].astype(np.int64), np.isfinite(rows[:, 1:]).all(axis=1)
+        for number in np.unique(numbers[known]).tolist():
+            yield number, np.flatnonzero(known & (numbers == number))
 
     def segments(self, most: int = MAX_SEGMENTS) -> TrackSegments:
         """The correctable soundings, averaged along about `most` segments of track at most."""
         return segment_track(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
-
-    @property
-    def _correctable(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the soundings whose time and raw position are known."""
-        return np.asarray(np.isfinite(self._table.rows[:, 1:4]).all(axis=1))

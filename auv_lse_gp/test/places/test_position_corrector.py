@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from places_helpers import Ground, Sailed, messages, sail, surface
+from places_helpers import AREA, GP, Ground, played, sail, surface
 
-from auv_lse_common.mission_file.operating_area import OperatingArea
-from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.cached_points import CachedMoments, CachedPoints
 from auv_lse_gp.inference.centers import Centers
@@ -21,9 +19,7 @@ from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import PositionCorrector
 from auv_lse_gp.places.sounding_log import SoundingLog
 
-AREA = OperatingArea(AreaConfig(polygon_m=(-300.0, -300.0, 300.0, -300.0, 300.0, 300.0, -300.0, 300.0)))
 CONFIG = PlacesConfig(correct=True)
-GP = GpConfig()
 
 
 def uncertain(rng: np.random.Generator, modes: int = 3) -> Centers:
@@ -132,30 +128,6 @@ def test_log_keeps_uncorrectable_positions():
         log.add(1, Soundings.from_rows(np.ones((3, 6))), None)
     assert len(log) == 602
     assert log.depths_m[:2].tolist() == [9.0, 8.0]
-
-
-def played(team: list[Sailed], ground: Ground, config: PlacesConfig = CONFIG) -> MapIntake:
-    """The map of the first vehicle, told everything tick by tick."""
-    rng = np.random.default_rng(5)
-    depth_map = DepthMap(GP, LevelSet(), AREA)
-    intake = MapIntake(depth_map, PositionCorrector(1, config, depth_map))
-    heard = messages(rng, team, 0)
-    own, depths = team[0], [ground.depth_m(sailed.true) for sailed in team]
-    for i, t in enumerate(own.times.tolist()):
-        north, east = own.raw[i]
-        intake.add_dead_reckoning(
-            DeadReckoning(stamp_s=t, heading_rad=own.headings[i], north_m=north, east_m=east, depth_m=3.0)
-        )
-        intake.add_soundings([(t, north, east, depths[0][i], north, east)])
-        for fix in own.fixes:
-            if fix.stamp_s == t:
-                intake.add_fix(fix)
-        for mate, samples in [entry for entry in heard if t - 1.0 < entry[0].sent_s <= t]:
-            at = [int(np.argmin(((team[mate.source - 1].raw - s) ** 2).sum(axis=1))) for s in samples]
-            intake.add_navigation(mate)
-            intake.add_samples(t, mate.source, np.column_stack([samples, depths[mate.source - 1][at]]))
-        intake.step(t)
-    return intake
 
 
 def test_fix_moves_earlier_soundings_and_the_map():
