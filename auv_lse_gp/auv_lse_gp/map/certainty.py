@@ -27,16 +27,13 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_gp.map.depth_map import WIDENED, DepthField
 
 Array = NDArray[np.float64]
 
 #: The classes of a piece, the most certain first.
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
 CLASSES = (FOUND, LIKELY, GUESSED)
-
-#: The line's errors are larger than their standard deviation by this factor (docs/evidence/gp.md#the-line-found).
-WIDENED = 1.2
 
 #: Largest horizontal standard deviation (m) of a piece that is found, and of one that is likely.
 MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}

@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 
 #: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one place along it.
 BAND_PROBABILITY = 0.95
+#: The line's errors are larger than their standard deviation by this factor (docs/evidence/gp.md#the-line-found).
+WIDENED = 1.2
+#: Half the width of that band in standard deviations.
+BAND_SIGMAS = WIDENED * float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
@@ -62,8 +66,8 @@ class Isobath:
 
     Attributes:
         lines: Contours of the mean depth at the level.
-        shallow_edge: Shallow edge of the band, where P(f >= l) is (1 - band) / 2.
-        deep_edge: Deep edge of the band.
+        shallow_edge: Shallow edge of the band: the mean depth is `BAND_SIGMAS` standard deviations less than the level.
+        deep_edge: Deep edge of the band: as much more.
     """
 
     lines: list[Array]
@@ -228,13 +232,12 @@ class DepthMap:
             field: The posterior on the grid; None: `field`.
         """
         field = field or self.field()
-        quantile = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
         with np.errstate(invalid="ignore", divide="ignore"):
             score = (field.mean_m - self.level_set.level_m) / np.maximum(field.std_m, 1e-9)
         return Isobath(
             lines=contours(self.grid, field.mean_m, self.level_set.level_m),
-            shallow_edge=contours(self.grid, score, -quantile),
-            deep_edge=contours(self.grid, score, quantile),
+            shallow_edge=contours(self.grid, score, -BAND_SIGMAS),
+            deep_edge=contours(self.grid, score, BAND_SIGMAS),
             band_probability=BAND_PROBABILITY,
         )
 

@@ -35,9 +35,6 @@ KERNEL = "matern52"
 FACTORS = tuple(2.0 ** (k / 3.0) for k in range(-6, 5))
 #: Hypotheses of less weight are left out.
 LEAST_WEIGHT = 0.01
-#: Number of soundings that the log likelihood of all soundings counts as. Soundings along tracks are far from
-#: independent evidence for ground that has none.
-WORTH = 15.0
 #: Largest number of centers; of more, evenly many are left out.
 MAX_CENTERS = 1200
 #: Least expected length per area (m per m2) of ground that is listed: 1 m in a cell of 10 m.
@@ -112,8 +109,7 @@ def hypotheses(config: GpConfig, centers: Centers) -> list[Hypothesis]:
         posterior.extend(centers)
         posteriors.append(posterior)
         logs.append(_log_likelihood(posterior, config.std_soundings))
-    chances = np.array(logs) * min(1.0, WORTH / max(len(centers), 1))
-    weights = np.exp(chances - chances.max())
+    weights = np.exp(np.array(logs) - max(logs))
     kept = weights / weights.sum() >= LEAST_WEIGHT
     weights = np.where(kept, weights, 0.0) / weights[kept].sum()
     order = np.argsort(-weights, kind="stable")

@@ -39,6 +39,22 @@ def test_soundings_tell_the_length_scale(length_scale_m: float) -> None:
     assert mean == pytest.approx(length_scale_m, rel=0.4)
 
 
+def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
+    """Against dense algebra: the variance c^2 counts as w soundings of 1, and is integrated out."""
+    data = surveyed(85.0, 60.0)
+    worth, logs = CONFIG.std_soundings, {}
+    for hypothesis in hypotheses(CONFIG, data):
+        kernel = hypothesis.posterior.kernel
+        covariance = kernel(data.places_m, data.places_m) + np.diag(data.noise_std_m**2)
+        residual = data.depths_m - hypothesis.posterior.prior_mean(data.places_m)
+        squares = float(residual @ np.linalg.solve(covariance, residual))
+        total = 0.5 * (worth + len(data)) * np.log(worth + squares)
+        logs[hypothesis.weight] = -0.5 * float(np.linalg.slogdet(covariance)[1]) - total
+    weights, likelihoods = np.array(list(logs)), np.exp(np.array(list(logs.values())) - max(logs.values()))
+    assert len(weights) > 1
+    assert weights == pytest.approx(likelihoods / likelihoods.sum(), rel=1e-6)  # of those that are not left out
+
+
 def test_without_soundings_every_length_scale_counts_the_same() -> None:
     found = hypotheses(CONFIG, NO_CENTERS)
     assert [h.weight for h in found] == pytest.approx([1.0 / 11.0] * 11)

@@ -16,6 +16,7 @@ from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import CLASSES, FOUND, Piece, found_within_m, length_of
+from auv_lse_gp.map.depth_map import BAND_SIGMAS
 from auv_lse_record.software import version
 from auv_lse_shore.certify import calibration
 from auv_lse_shore.certify.checks import Check, check_map
@@ -118,7 +119,7 @@ def _values(
         "promised": {
             **{f"{kind}_m": round(length_of(final.pieces, kind), 1) for kind in CLASSES},
             "found_within_m": _rounded(found_within_m(final.pieces)),
-            "band_sigmas": round(calibration.BAND_SIGMAS, 3),
+            "band_sigmas": round(BAND_SIGMAS, 3),
             "pieces": [_piece(piece, origin) for piece in _sorted(final.pieces)],
         },
         "not_promised": {
@@ -161,7 +162,7 @@ def _place(north: float, east: float, origin: tuple[float, float] | None) -> dic
 
 def _piece(piece: Piece, origin: tuple[float, float] | None) -> dict[str, Any]:
     """A piece: its class, length, ends, and half the width of its band, median and largest (null: no slope)."""
-    half = calibration.BAND_SIGMAS * piece.std_m
+    half = BAND_SIGMAS * piece.std_m
     widths = {"band_median_m": float(np.median(half)), "band_largest_m": float(half.max())}
     return {
         "class": piece.kind,

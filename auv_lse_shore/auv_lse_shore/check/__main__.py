@@ -7,15 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from scipy.special import ndtri
-
 from auv_lse_common.commands.vehicle import vehicle_number
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_gp.map.certainty import FOUND, MAX_STD_M, WIDENED
+from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
+from auv_lse_gp.map.depth_map import BAND_SIGMAS
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_files, check_machine, check_recording
@@ -115,7 +114,7 @@ def _check_until(until: UntilConfig, findings: Findings) -> None:
     if not until.is_asked:
         return
     findings.note(f"mission: ends earlier with {until.text}")
-    always_m = float(ndtri(0.975)) * WIDENED * MAX_STD_M[FOUND]
+    always_m = BAND_SIGMAS * MAX_STD_M[FOUND]
     if until.deviation_m is not None and until.deviation_m >= always_m:
         findings.warning(
             f"mission.until.deviation_m: got {until.deviation_m:g} m; expected less than {always_m:.1f} m. Any line "

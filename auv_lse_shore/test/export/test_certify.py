@@ -240,10 +240,10 @@ def test_the_calibration_is_that_of_the_evidence():
     page = Path(__file__).resolve().parents[3] / "docs" / "evidence" / "gp.md"
     row = re.search(r"^\| all \|(.*)\|$", page.read_text(), re.MULTILINE)
     assert row is not None
-    cells = [cell.strip().removesuffix(" %") for cell in row[1].split("|")]
+    cells = [cell.strip() for cell in row[1].split("|")]
     assert int(cells[0]) == calibration.MISSIONS
     assert float(cells[3]) == calibration.LENGTH_RATIO
-    assert float(cells[5]) == 100.0 * calibration.LIMIT_HOLDS
-    assert float(cells[6]) == calibration.LOSS_RATIO
-    assert float(cells[7]) == 100.0 * calibration.BAND_HOLDS
-    assert float(cells[8]) == 100.0 * calibration.WIDE_HOLDS
+    low, high = calibration.LIMIT_INTERVAL
+    assert cells[6] == f"{calibration.LIMIT_HOLDS:.2f} ({low:.2f} to {high:.2f})"
+    assert float(cells[7]) == calibration.LOSS_RATIO
+    assert float(cells[9]) == calibration.BAND_HOLDS

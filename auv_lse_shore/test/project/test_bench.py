@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -424,6 +425,35 @@ def test_free_soundings_go_where_the_isobath_is():
     places = missed.free_places(settings, depth_m, cells, 60, np.random.default_rng(0))
     assert len(np.unique(places, axis=0)) == 60
     assert np.mean(np.abs(places[20:, 0] - 200.0)) < 0.8 * np.mean(np.abs(cells[:, 0] - 200.0))
+
+
+def test_calibration_is_judged_where_the_depth_is_known(monkeypatch):
+    undiscovered = importlib.import_module("benchmarks.planning.undiscovered")
+    north, east = np.meshgrid(np.arange(0.0, 380.0, 40.0), np.arange(0.0, 480.0, 60.0), indexing="ij")
+
+    def depth_m(north_m, east_m):
+        """A plane that is 15 m deep at north = 180."""
+        return 15.0 + 0.1 * (np.asarray(north_m, float) - 180.0) + 0.0 * np.asarray(east_m)
+
+    def half_known(north_m, east_m):
+        return np.where(np.asarray(east_m) < 240.0, depth_m(north_m, east_m), np.nan)
+
+    depth = depth_m(north, east)
+    rows = np.column_stack([np.arange(80.0), north.ravel(), east.ravel(), depth.ravel()])[east.ravel() < 100.0]
+    line = {"kind": "valley", "vehicles": 1, "lake": "1", "real": "", "soundings": rows.tolist()}
+    judged = []
+    for known in (depth_m, half_known):
+        monkeypatch.setattr(undiscovered, "ground_of", lambda *_, known=known: SimpleNamespace(depth_m=known))
+        judged.append(undiscovered.figures(line))
+    whole, half = judged
+    assert half["missing"] < 0.6 * whole["missing"]
+    assert half["expected"] < 0.6 * whole["expected"]
+    assert half["limit"] < whole["limit"]
+    assert half["band"] == pytest.approx(whole["band"], abs=0.05)
+    text = undiscovered.table([{**whole, "limit": 2.0 * whole["missing"]}, {**half, "limit": 0.5 * half["missing"]}])
+    (row,) = [row for row in text if row.startswith("| all |")]
+    assert "| 2 |" in row
+    assert "| 1.25 | 0.50 (" in row
 
 
 def test_a_path_given_by_waypoints_is_flown_and_judged_like_a_mission():

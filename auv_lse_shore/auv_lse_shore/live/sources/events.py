@@ -32,7 +32,7 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
 from auv_lse_gp.map.certainty import CLASSES, Piece, classify, lines_of
-from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_gp.map.depth_map import BAND_SIGMAS, DepthField
 from auv_lse_record.message_types import stamp_of
 from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
@@ -48,8 +48,6 @@ _TRACK_S = 2.0
 _STATUS_S = 2.0
 #: Mission time (s) after which an unchanged health report is repeated.
 _HEALTH_S = 60.0
-#: Standard normal quantile of the band's edges: 95 % of the true isobath lies between them.
-_BAND_SIGMAS = 1.959964
 
 _STATES = ("waiting", "running", "finished", "failed")
 _LEVELS = ("ok", "warning", "error", "stale")
@@ -174,8 +172,8 @@ class MissionEvents:
         pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
-            "shallow_edge": trace(north_m, east_m, score, -_BAND_SIGMAS),
-            "deep_edge": trace(north_m, east_m, score, _BAND_SIGMAS),
+            "shallow_edge": trace(north_m, east_m, score, -BAND_SIGMAS),
+            "deep_edge": trace(north_m, east_m, score, BAND_SIGMAS),
         }
         return {
             "kind": "map",
