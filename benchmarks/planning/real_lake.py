@@ -5,8 +5,9 @@
 
 FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each of its windows is mown and flown by
 `tour`, with places as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are flown
-by several methods. The recipe of the made-up lakes was fixed before any was flown: `MADE_UP` with seeds 1 and 2, a
-drowned valley whose banks rise to land, with six side valleys and three islands.
+by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the made-up
+lakes were fixed before any was flown: drowned valleys whose banks rise to land, with side valleys and islands. `FRESH`
+is flown with --fresh.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
+from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.command import end_with, existing_file
 from benchmarks.navigation.places_table import Row
 from benchmarks.planning.headline_table import means, pairs
@@ -33,9 +38,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "tour, places as booked": {"places.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
     "lawnmower": {"planner.method": "lawnmower"},
 }
-#: Methods flown on whole lakes.
+#: Methods flown on whole lakes; `OPEN` ignores the shore.
+OPEN = "tour, all ground open"
 METHODS: dict[str, dict[str, Any]] = {
     "tour": {},
+    OPEN: {},
     "tour from joint routes": {"planner.team_routes": True},
     "lawnmower": {"planner.method": "lawnmower"},
     "plain": {"planner.method": "plain"},
@@ -52,12 +59,42 @@ MADE_UP: dict[str, Any] = {
     "sim.lake.width_m": 1000.0,
     "area.polygon_m": [-50.0, -50.0, 850.0, -50.0, 850.0, 950.0, -50.0, 950.0],
 }
+#: A recipe that nothing was chosen on: shallower, wider, with less steep banks.
+FRESH: dict[str, Any] = {
+    **MADE_UP,
+    "sim.lake.steepness": 2.0,
+    "sim.lake.inlets": 4,
+    "sim.lake.islands": 2,
+    "sim.lake.deepest_m": 28.0,
+    "sim.lake.north_m": 350.0,
+    "sim.lake.east_m": 500.0,
+    "sim.lake.height_m": 800.0,
+    "sim.lake.width_m": 1100.0,
+    "area.polygon_m": [-50.0, -50.0, 750.0, -50.0, 750.0, 1050.0, -50.0, 1050.0],
+}
 
 
-def whole(file: Path, teams: Sequence[int], seeds: int, steps: int, out: Path | None) -> None:
-    """Flies whole lakes by `METHODS` and prints a table for each team and lake, and for all lakes together."""
+def flown(settings: Settings, *, open_ground: bool) -> Row:
+    """Figures of a mission over its ground, whose shore is known or ignored."""
+    ground = ground_of(settings)
+    fitted, _ = fit_to_ground(settings, ground)
+    if open_ground:
+        patterns = fitted.to_patterns()
+        patterns["/**"]["area"]["shore"] = {}
+        fitted = Settings.from_patterns(patterns, fitted.where)
+    return dataclasses.asdict(evaluate(Fleet(fitted, ground).run(), 2).summary)
+
+
+def whole(
+    file: Path, teams: Sequence[int], seeds: int, steps: int, made_up: dict[int, dict[str, Any]], out: Path | None
+) -> None:
+    """Flies whole lakes by `METHODS` and prints a table for each team and lake, and for all lakes together.
+
+    Args:
+        made_up: Recipes of made-up lakes, by the seed of the lake.
+    """
     grounds = {file.stem: {"sim.bathymetry.file": str(file.resolve()), "gp.map_resolution_m": 10.0}}
-    grounds |= {f"made up {k}": {**MADE_UP, "sim.lake.seed": k} for k in (1, 2)}
+    grounds |= {f"made up {k}": {**recipe, "sim.lake.seed": k} for k, recipe in made_up.items()}
     groups: dict[str, dict[int, Row]] = {}
     for seed, vehicles, (ground, (number, lake)), (name, method) in itertools.product(
         range(1, seeds + 1), teams, zip(grounds, enumerate(grounds.values()), strict=True), METHODS.items()
@@ -66,7 +103,7 @@ def whole(file: Path, teams: Sequence[int], seeds: int, steps: int, out: Path | 
             continue
         mission = {"mission.seed": seed, "mission.vehicles": vehicles, "mission.steps": steps}
         settings = Settings.load(None, {**mission, **lake, **method})
-        found = dataclasses.asdict(simulate_and_evaluate(settings.to_patterns(), ground, 2).summary)
+        found = flown(settings, open_ground=name == OPEN)
         where = f"{vehicles} vehicle{'s' * (vehicles > 1)}"
         groups.setdefault(f"{where}: {name}", {})[100 * number + seed] = found
         groups.setdefault(f"{where}, {ground}: {name}", {})[seed] = found
@@ -104,11 +141,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     parser.add_argument("--whole", action="store_true", help="whole lakes: this one and two made-up ones")
+    parser.add_argument("--fresh", action="store_true", help="with --whole: made-up lakes of the other recipe")
     parser.add_argument("--seeds", type=int, default=2, help="with --whole: missions on each lake (default: 2)")
     parser.add_argument("--out", type=Path, help="with --whole: append each mission's summary as a JSON line")
     options = parser.parse_args(arguments)
     if options.whole:
-        whole(options.file, options.vehicles, options.seeds, options.steps, options.out)
+        made_up = dict.fromkeys((41, 42), FRESH) if options.fresh else dict.fromkeys((1, 2), MADE_UP)
+        whole(options.file, options.vehicles, options.seeds, options.steps, made_up, options.out)
         return 0
     found = spread_windows(options.file, "small", options.windows)
     if not found:

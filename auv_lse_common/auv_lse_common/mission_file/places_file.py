@@ -3,8 +3,9 @@
 A mission file may name such a file (`area.file`) or give places in latitude and longitude (`area.polygon_deg`,
 `vehicle.start_deg`, ...). They are converted to metres when the mission file is read: nodes only know metres.
 
-A feature's name (or its property `role`) defines its use: "no-go ...", "start ...", "recovery ...". A number in the
-name of a start or recovery place is the vehicle number. The one remaining polygon is the operating area.
+A feature's name (or its property `role`) defines its use: "no-go ...", "start ...", "recovery ...", "shore ...". A
+number in the name of a start or recovery place is the vehicle number. A shore is a line or the outline of a polygon.
+The one remaining polygon is the operating area.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ _ROLES = {
     "no_go": re.compile(r"\b(no[ _-]?go|exclusion|exclude|keep[ _-]?out|forbidden|island)\b", re.IGNORECASE),
     "start": re.compile(r"\b(start|launch)(?![a-z])", re.IGNORECASE),
     "recovery": re.compile(r"\b(recovery|rally|pick[ _-]?up|home)(?![a-z])", re.IGNORECASE),
+    "shore": re.compile(r"\b(shore|shoreline|coastline)\b", re.IGNORECASE),
 }
 _KINDS = "GeoJSON (.geojson, .json), KML (.kml) or QGroundControl (.plan)"
 
@@ -50,6 +52,7 @@ class Places:
         no_go: Corners (n, 2) of each no-go area by name.
         starts: Starts by vehicle number.
         recoveries: Recovery places by vehicle number; 0 is that of all vehicles.
+        shores: Lines (n, 2) along the shore.
         ignored: Names of unused features.
     """
 
@@ -57,15 +60,17 @@ class Places:
     no_go: dict[str, Array] = field(default_factory=dict)
     starts: dict[int, tuple[float, float]] = field(default_factory=dict)
     recoveries: dict[int, tuple[float, float]] = field(default_factory=dict)
+    shores: list[Array] = field(default_factory=list)
     ignored: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class _Feature:
-    """A polygon (rings, the first around it, then its holes) or a point; rings and points are (n, 2) lat, lon."""
+    """A polygon (rings, the first around it, then its holes), a line or a point; all are (n, 2) lat, lon."""
 
     name: str
     rings: tuple[Array, ...] = ()
+    line: Array | None = None
     point: tuple[float, float] | None = None
 
 
@@ -145,6 +150,9 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
         if not isinstance(given, Mapping):
             raise ParameterError(f"{where}: area.no_go: got {given!r}; expected corners by name")
         area["no_go"] = {**given, **{name: _flat(ring, origin) for name, ring in places.no_go.items()}}
+    if places.shores:
+        lines = {f"shore_{number}": _flat(line, origin) for number, line in enumerate(places.shores, 1)}
+        area["shore"] = lines if not area.get("shore") else area["shore"]
     return _under(converted, places, origin)
 
 
@@ -157,7 +165,7 @@ def with_area_file(patterns: Mapping[str, Mapping[str, Any]], file: str) -> Patt
     replaced = {pattern: nest(values) for pattern, values in patterns.items()}
     for values in replaced.values():
         if isinstance(values.get("area"), Mapping):
-            replaceable = ("polygon_m", "no_go", "origin_lat_deg", "origin_lon_deg")
+            replaceable = ("polygon_m", "no_go", "shore", "shore_depth_m", "origin_lat_deg", "origin_lon_deg")
             values["area"] = {k: v for k, v in values["area"].items() if k not in replaceable}
     values = replaced.setdefault("/**", {})
     values["area"] = {**values.get("area", {}), "file": file}
@@ -277,6 +285,7 @@ def _sorted_by_role(features: Sequence[_Feature], where: str) -> Places:
         if any(not len(ring) for ring in feature.rings):
             raise ParameterError(f"{where}: got a polygon {feature.name!r} without corners; expected at least 3")
     everywhere = [ring for f in features for ring in f.rings] + [np.array([f.point]) for f in features if f.point]
+    everywhere += [f.line for f in features if f.line is not None]
     for ring in everywhere:
         _checked(ring, where)
     if everywhere and (extent := np.ptp(np.concatenate(everywhere), axis=0)).max() > MAX_EXTENT_DEG:
@@ -290,6 +299,8 @@ def _sorted_by_role(features: Sequence[_Feature], where: str) -> Places:
             _add_no_go(places, feature.name, feature.rings[0])
         elif feature.rings and not role:
             areas.append(feature)
+        elif role == "shore" and (feature.rings or feature.line is not None):
+            places.shores += [line for line in _shores(feature) if len(line) > 1]
         elif feature.point is not None and role in ("start", "recovery"):
             _add_place(places, role, feature, where)
         else:
@@ -307,6 +318,13 @@ def _sorted_by_role(features: Sequence[_Feature], where: str) -> Places:
         for number, hole in enumerate(areas[0].rings[1:], 1):
             _add_no_go(places, f"hole {number}", hole)
     return places
+
+
+def _shores(feature: _Feature) -> list[Array]:
+    """The lines of a shore: itself, or the closed outlines of a polygon and its holes."""
+    if feature.line is not None:
+        return [feature.line]
+    return [np.vstack([ring, ring[:1]]) for ring in feature.rings]
 
 
 def _add_no_go(places: Places, name: str, ring: Array) -> None:
@@ -346,6 +364,8 @@ def _geojson(text: str, where: str) -> Iterator[_Feature]:
                 yield _Feature(name, tuple(_ring(ring) for ring in coordinates))
             elif kind == "Point":
                 yield _Feature(name, point=(float(coordinates[1]), float(coordinates[0])))
+            elif kind == "LineString":
+                yield _Feature(name or kind, line=_line(coordinates))
             else:
                 yield _Feature(name or kind)
 
@@ -356,7 +376,7 @@ def _simple(geometry: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     if kind == "GeometryCollection":
         for inner in geometry["geometries"]:
             yield from _simple(inner)
-    elif kind in ("MultiPolygon", "MultiPoint"):
+    elif kind in ("MultiPolygon", "MultiLineString", "MultiPoint"):
         yield from ((kind.removeprefix("Multi"), coordinates) for coordinates in geometry["coordinates"])
     else:
         yield kind, geometry["coordinates"]
@@ -364,8 +384,13 @@ def _simple(geometry: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 def _ring(places: Sequence[Sequence[float]]) -> Array:
     """Corners (n, 2) lat, lon of a ring of longitude, latitude; its repeated last corner is dropped."""
-    ring = np.array([(float(place[1]), float(place[0])) for place in places]).reshape(-1, 2)
+    ring = _line(places)
     return ring[:-1] if len(ring) > 3 and np.array_equal(ring[0], ring[-1]) else ring
+
+
+def _line(places: Sequence[Sequence[float]]) -> Array:
+    """Places (n, 2) lat, lon of a list of longitude, latitude."""
+    return np.array([(float(place[1]), float(place[0])) for place in places]).reshape(-1, 2)
 
 
 def _kml(text: str, where: str) -> Iterator[_Feature]:
@@ -385,8 +410,8 @@ def _kml(text: str, where: str) -> Iterator[_Feature]:
         for point in placemark.iter("Point"):
             longitude, latitude, *_ = _kml_places(point)[0]
             yield _Feature(name, point=(latitude, longitude))
-        if placemark.find(".//LineString") is not None:
-            yield _Feature(name or "line")
+        for line in placemark.iter("LineString"):
+            yield _Feature(name or "line", line=_line(_kml_places(line)))
 
 
 def _kml_places(element: ElementTree.Element) -> list[list[float]]:

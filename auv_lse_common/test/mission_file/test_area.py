@@ -147,3 +147,20 @@ def test_raster_distance_equals_the_minimum_over_all_edges(seed):
     assert np.allclose(_border_distance_2((outer, inner), north, east).ravel(), expected, atol=1e-8)
     inside = _in_polygon(outer, np.column_stack([n, e]))
     assert np.array_equal(_raster_in_polygon(outer, north, east).ravel(), inside)
+
+
+@pytest.mark.parametrize(
+    ("area", "match"),
+    [
+        (
+            {"shore": {"west": (0.0, 0.0)}},
+            r"area\.shore\.west: got 2 numbers; expected finite north, east of at least 2",
+        ),
+        ({"shore": {"west": (0.0, 0.0, 1.0, math.nan)}}, "expected finite north, east"),
+        ({"shore_depth_m": math.inf}, r"area\.shore_depth_m: got inf"),
+        ({"shore": {"west": (0.0, 1.0) * 2001}}, r"got 2,0\d\d corners in total"),
+    ],
+)
+def test_an_unusable_shore_is_refused(area, match):
+    with pytest.raises(ParameterError, match=match):
+        AreaConfig(**area)

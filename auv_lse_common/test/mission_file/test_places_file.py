@@ -97,6 +97,41 @@ def test_qgroundcontrol_plan_has_a_fence_and_rally_points(tmp_path):
     np.testing.assert_allclose(np.hypot(north, east), 25.0, atol=1e-6)
 
 
+SHORE = [[8.500, 47.300], [8.508, 47.300]]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("lake.geojson", geojson(feature("lake", "Polygon", [LAKE]), feature("Shore", "LineString", SHORE))),
+        (
+            "lake.kml",
+            kml(
+                f"<Placemark><name>lake</name><Polygon>{kml_ring(LAKE)}</Polygon></Placemark>",
+                "<Placemark><name>Shore</name><LineString><coordinates>8.5,47.3 8.508,47.3</coordinates></LineString>"
+                "</Placemark>",
+            ),
+        ),
+    ],
+)
+def test_a_line_named_shore_is_the_shore(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    found = Settings.load(None, {"area.file": str(tmp_path / name)})
+    corners = np.reshape(found.area.shore["shore_1"], (-1, 2))
+    assert found.area.shore_depth_m == 0.0
+    np.testing.assert_allclose(corners[:, 0], min(found.area.polygon_m[::2]), atol=0.02)
+    np.testing.assert_allclose(np.ptp(corners[:, 1]), np.ptp(found.area.polygon_m[1::2]), atol=0.02)
+
+
+def test_a_polygon_may_be_the_shore(tmp_path):
+    (tmp_path / "lake.geojson").write_text(
+        geojson(feature("lake", "Polygon", [LAKE]), feature("shoreline", "Polygon", [[*LAKE, LAKE[0]], ISLAND]))
+    )
+    places = read_places(tmp_path / "lake.geojson")
+    assert [len(shore) for shore in places.shores] == [5, 4]
+    assert not places.no_go
+
+
 BAD = {
     "swapped": (geojson(feature("a", "Polygon", [[[47.3, 108.5], [47.4, 108.5], [47.4, 108.6]]])), "swapped"),
     "one_swapped": (geojson(feature("a", "Polygon", [[*LAKE[:3], [47.3, 8.5]]])), "swapped in one of them"),

@@ -15,6 +15,9 @@ changes the centers' depths by a column of E (n, r) (`Centers.place_effect_m`), 
 E. Every variance therefore includes the *place variance* |w(p)^T L^-1 E|^2, a floor that planned measurements do not
 reduce.
 
+Where a shore is known, all of this concerns relative depths, which lie on the same side of the level as the depths
+(`inference/banks.py`). Only `centers` and `slopes` are in depths.
+
 Appending measurements does not change existing rows of L and w. The first rows of w give the variance given the data,
 and the others the effect of planned places. A planned measurement lowers the variance and leaves the expected mean
 unchanged.
@@ -34,6 +37,7 @@ from auv_lse_common.support import compiled
 from auv_lse_gp.compiled.modules import compiled_gp
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
@@ -51,18 +55,22 @@ class Posterior:
     """Posterior of the depth given data and planned places.
 
     Attributes:
+        banks: The banks of the area; None: all ground is open.
         prior_mean: Prior mean, places (P, 2) -> depths (P,).
         noise_var_m2: Noise variance of a planned measurement.
     """
 
-    def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
+    def __init__(self, config: GpConfig, mean: PriorMean | None = None, banks: Banks | None = None) -> None:
         """Starts with no data.
 
         Args:
-            mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
+            mean: Prior mean (P, 2) -> (P,) of open ground; by default the one that `config` describes.
+            banks: The banks of the area; None: all ground is open.
         """
         self.kernel = Kernel(config)
-        self.prior_mean = mean or prior_mean(config)
+        self.banks = banks
+        mean = mean or prior_mean(config)
+        self.prior_mean = mean if banks is None else banks.mean(mean)
         self.noise_var_m2 = config.noise_std_m**2
         self._std_soundings = config.std_soundings
         self._factor = Factor()
@@ -94,6 +102,10 @@ class Posterior:
         """The data; its arrays are read-only."""
         return self._centers
 
+    def relative(self, centers: Centers) -> Centers:
+        """Measurements as this posterior uses them: of relative depths, if there are banks."""
+        return centers if self.banks is None or not len(centers) else self.banks.relative(centers)
+
     def extend(self, centers: Centers) -> None:
         """Conditions on more data.
 
@@ -106,7 +118,7 @@ class Posterior:
                 f"extend: got a posterior with {self.planned_rows} planned places; expected none. "
                 "Extend the posterior that with_planned() was called on."
             )
-        self._append(self.kernel.scale(centers.places_m), centers.noise_std_m**2)
+        self._append(self.kernel.scale(centers.places_m), self.relative(centers).noise_std_m ** 2)
         self._set_data(self._centers.joined(centers), self.data_rows)
 
     def with_planned(self, places_m: Array) -> Posterior:
@@ -157,7 +169,8 @@ class Posterior:
             None if effect is None else np.array(effect, dtype=float),
         )
         try:
-            self._append(self.kernel.scale(taken.places_m[keep:]), taken.noise_std_m[keep:] ** 2)
+            new = self.relative(taken.slice(keep, len(taken)))
+            self._append(self.kernel.scale(new.places_m), new.noise_std_m**2)
         except IllConditionedError:
             self._set_data(taken.slice(0, keep), same_depths)
             raise
@@ -195,9 +208,10 @@ class Posterior:
         self._place_white = None
         if same == len(centers) == len(self._whitened):
             return
-        residuals = centers.depths_m[same:]
+        changed = self.relative(centers.slice(same, len(centers)))
+        residuals = changed.depths_m
         if len(residuals):
-            residuals = residuals - self.prior_mean(centers.places_m[same:])
+            residuals = residuals - self.prior_mean(changed.places_m)
         self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
 
     # ---------------------------------------------------------------- the posterior at points
@@ -243,7 +257,7 @@ class Posterior:
     def white_place_effect(self) -> Array:
         """L^-1 E (n, r) of the centers' place effects; (n, 0) if positions are assumed exact."""
         if self._place_white is None:
-            n, effect = self.data_rows, self._centers.place_effect_m
+            n, effect = self.data_rows, self.relative(self._centers).place_effect_m
             if effect is None:
                 effect = np.zeros((n, 0))
             lower = self._factor.lower[:n, :n]
@@ -292,7 +306,10 @@ class Posterior:
         places = checked_places(places_m)
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
-        return depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
+        slopes = depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
+        if self.banks is None or not len(places):
+            return slopes
+        return self.banks.slopes(places, self.mean_m(places), slopes)
 
     def depth_and_slope(self, places_m: ArrayLike) -> DepthAndSlope:
         """Joint distribution of depth and slope at places (P, 2) given the data; places of centers count as known."""

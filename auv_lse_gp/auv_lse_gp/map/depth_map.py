@@ -16,6 +16,7 @@ from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.roughness import Roughness
@@ -104,8 +105,8 @@ class DepthMap:
     """
 
     def __init__(self, gp_config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
-        self.gp = OnlineGp(gp_config)
         self.level_set = LevelSet.of(level_set)
+        self.gp = OnlineGp(gp_config, banks=Banks.of(area.config, self.level_set.level_m))
         self.area = area
         self.grid = area.grid(gp_config.map_resolution_m, "gp.map_resolution_m")
         self.team: dict[int, TeamSamples] = {}
@@ -212,13 +213,14 @@ class DepthMap:
         return self._computed(RECENT_WORK) if self.gp.is_tiled else self.field()
 
     def _computed(self, most_work: float) -> DepthField:
-        mean, variance, place_variance, scales = self._predict(most_work)
-        std = np.sqrt(scales * variance + place_variance)
+        relative, variance, place_variance, scales = self._predict(most_work)
+        mean, std = self.gp.depths(self._places_m, relative, scales * variance + place_variance)
+        _, prior_std = self.gp.depths(self._places_m, relative, variance + place_variance)
         return DepthField(
             grid=self.grid,
             mean_m=self.grid.fill(mean),
             std_m=self.grid.fill(std),
-            prior_std_m=self.grid.fill(np.sqrt(variance + place_variance)),
+            prior_std_m=self.grid.fill(prior_std),
             risk=self.grid.fill(self.level_set.risk(mean, std)),
             p_safe=self.grid.fill(self.level_set.p_safe(mean, std)),
             variance_scale=float(scales.mean()) if len(scales) else 1.0,
@@ -242,7 +244,10 @@ class DepthMap:
         )
 
     def _predict(self, most_work: float) -> tuple[Array, Array, Array, Array]:
-        """Mean, variance with the prior's scale, variance that uncertain positions add, variance factor; (P,) each."""
+        """Moments of the posterior, (P,) each.
+
+        Mean, variance with the prior's scale, variance that uncertain positions add, variance factor.
+        """
         gp = self.gp
         if gp.is_tiled and not gp.config.local:
             tiled = gp.tiled  # up to date
@@ -253,9 +258,9 @@ class DepthMap:
         scales = Roughness.of(posterior, gp.config.length_scale_m).scale(self._places_m, gp.config.std_soundings)
         if not gp.config.local or gp.kernel.compact:
             return *self._moments.update(), scales
-        mean, std = gp.predict(self._places_m)
+        mean, total = gp.moments(self._places_m)
         place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
-        return mean, np.maximum(std**2 - place_variance, 0.0), place_variance, scales
+        return mean, np.maximum(total - place_variance, 0.0), place_variance, scales
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import LOCAL_RATIO
-from auv_lse_gp.covariance.prior_mean import PriorMean
+from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
@@ -62,25 +63,28 @@ class OnlineGp:
     """Posterior of the depth given the soundings so far.
 
     Attributes:
-        prior_mean: Its prior mean, places (P, 2) -> depths (P,).
+        banks: The banks of the area; None: all ground is open.
+        prior_mean: Prior mean of open ground, places (P, 2) -> depths (P,).
         revision: Changes whenever the posterior does.
         problems: Messages for the user: a support below the default, undone merges.
         last_problem: Reason of the last rejected sounding; "" without one.
     """
 
-    def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
+    def __init__(self, config: GpConfig, mean: PriorMean | None = None, banks: Banks | None = None) -> None:
         """Starts with no data.
 
         Args:
-            mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
+            mean: Prior mean (P, 2) -> (P,) of open ground; by default the one that `config` describes.
+            banks: The banks of the area; None: all ground is open.
         """
         self.config = config
         self.counts = Counts()
         self.revision = 0
         self.problems: list[str] = []
         self.last_problem = ""
-        self._posterior = Posterior(config, mean)
-        self.kernel, self.prior_mean = self._posterior.kernel, self._posterior.prior_mean
+        self.banks, self.prior_mean = banks, mean or prior_mean(config)
+        self._posterior = Posterior(config, self.prior_mean, banks)
+        self.kernel = self._posterior.kernel
         self._warn_of_short_support()
         self._tiled = TiledPosterior(self._posterior)
         self._tiled_revision = -1
@@ -258,6 +262,9 @@ class OnlineGp:
         for members, posterior in self._tiles(soundings) if self.is_tiled else everything:
             own = soundings[members]
             mean, variance = posterior.moments(own[:, :2])
+            if self.banks is not None:
+                mean, std = self.depths(own[:, :2], mean, variance)
+                variance = std**2
             fit[members] = within_gate(self.config, own[:, 2], mean, variance, sigmas)
         return fit
 
@@ -368,16 +375,26 @@ class OnlineGp:
 
     def predict(self, places_m: ArrayLike) -> tuple[Array, Array]:
         """Mean and standard deviation (P,), (P,) of the depth (without noise) at places (P, 2)."""
+        return self.depths(places_m, *self.moments(places_m))
+
+    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean and variance (P,), (P,) of the posterior at places (P, 2): of relative depths, if there are banks."""
         if self.is_tiled and not self.config.local:
-            mean, variance = self.tiled.moments(places_m)
-            return mean, np.sqrt(variance)
+            return self.tiled.moments(places_m)
         self._sync()
         if self.config.local and not self.kernel.compact:
             mean, variance = predict_locally(self._posterior.blank(), self._table.centers, places_m)
-            variance = variance + self._posterior.place_variance(self.kernel.scale(np.asarray(places_m, dtype=float)))
-        else:
-            mean, variance = self._posterior.moments(places_m)
-        return mean, np.sqrt(variance)
+            scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
+            return mean, variance + self._posterior.place_variance(scaled)
+        return self._posterior.moments(places_m)
+
+    def depths(self, places_m: ArrayLike, mean_m: Array, variance_m2: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation (P,), (P,) of the depth, from the posterior's moments at places (P, 2)."""
+        std = np.sqrt(variance_m2)
+        if self.banks is None or not len(mean_m):
+            return mean_m, std
+        places = np.asarray(places_m, dtype=float)
+        return self.banks.depths(places, mean_m), self.banks.factor(places) * std
 
     # ---------------------------------------------------------------- inside
 
@@ -462,4 +479,8 @@ def _compared(posterior: Posterior, soundings: Array) -> tuple[Array, Array]:
     at = posterior.at(places)
     covariance = posterior.covariance(at, at)
     np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
-    return covariance, soundings[:, 2] - posterior.mean_m(places)
+    mean, banks = posterior.mean_m(places), posterior.banks
+    if banks is not None and len(places):
+        factor = banks.factor(places)
+        covariance, mean = covariance * np.outer(factor, factor), banks.depths(places, mean)
+    return covariance, soundings[:, 2] - mean

@@ -75,7 +75,7 @@ class QualityJudge:
         soundings = np.column_stack([posterior.centers.places_m, np.zeros(posterior.data_rows)])
         pieces = classify(lines, field, self._prior, soundings)
         located = near(lines_of(pieces, FOUND))
-        missing = undiscovered(self._config, posterior.centers, level_m, self._coarse, located)
+        missing = undiscovered(self._config, posterior.centers, level_m, self._coarse, located, posterior.banks)
         found_m = length_of(pieces, FOUND)
         both_m = found_m + missing.expected_m
         return Quality(

@@ -22,6 +22,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
@@ -52,7 +53,7 @@ class ReceiverMap:
         self.places_m: Array = area.grid(spacing_m).places_m
         self._level_set = LevelSet.of(level_set)
         self._noise_std_m = gp.noise_std_m
-        self._posterior = Posterior(gp)
+        self._posterior = Posterior(gp, banks=Banks.of(area.config, level_set.level_m))
         self._map = CachedPoints(self._posterior, self.places_m)
         self._index = SpacingIndex(gp.min_spacing_m)
 

@@ -23,6 +23,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import Roughness
@@ -92,7 +93,7 @@ class Undiscovered:
         return sorted(found, key=lambda patch: -patch[2])
 
 
-def hypotheses(config: GpConfig, centers: Centers) -> list[Hypothesis]:
+def hypotheses(config: GpConfig, centers: Centers, banks: Banks | None = None) -> list[Hypothesis]:
     """Posteriors of several length scales that the soundings support, by decreasing weight."""
     centers = _thinned(centers)
     posteriors, logs = [], []
@@ -105,7 +106,7 @@ def hypotheses(config: GpConfig, centers: Centers) -> list[Hypothesis]:
             length_scale_m=factor * config.length_scale_m,
             length_scale_2_m=factor * config.length_scale_2_m,
         )
-        posterior = Posterior(prior)
+        posterior = Posterior(prior, banks=banks)
         posterior.extend(centers)
         posteriors.append(posterior)
         logs.append(_log_likelihood(posterior, config.std_soundings))
@@ -137,7 +138,12 @@ def _log_likelihood(posterior: Posterior, worth: float) -> float:
 
 
 def undiscovered(
-    config: GpConfig, centers: Centers, level_m: float, grid: Grid, located: Callable[[Array], NDArray[np.bool_]]
+    config: GpConfig,
+    centers: Centers,
+    level_m: float,
+    grid: Grid,
+    located: Callable[[Array], NDArray[np.bool_]],
+    banks: Banks | None = None,
 ) -> Undiscovered:
     """The isobath that is not located.
 
@@ -147,10 +153,11 @@ def undiscovered(
         level_m: Depth of the isobath (m).
         grid: The cells (`coarse_grid`).
         located: Whether the isobath is located at places (P, 2): mask (P,).
+        banks: The banks of the area; None: all ground is open.
     """
     cells = grid.places_m
     missing = ~located(cells)
-    found = hypotheses(config, centers)
+    found = hypotheses(config, centers, banks)
     lengths = np.zeros(len(cells))
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
@@ -197,7 +204,7 @@ def draws(posterior: Posterior, places_m: Array, scales: Array, count: int) -> A
     Every call draws the same numbers. Depth errors from uncertain positions are not scaled.
     """
     rng = stream(0, "undiscovered", count)
-    kernel, centers, n = posterior.kernel, posterior.centers, posterior.data_rows
+    kernel, centers, n = posterior.kernel, posterior.relative(posterior.centers), posterior.data_rows
     waves, shares = _waves(rng)
     amplitudes = (
         rng.standard_normal((2 * WAVES, count)) * np.sqrt(kernel.signal_variance_m2 * np.tile(shares, 2))[:, None]

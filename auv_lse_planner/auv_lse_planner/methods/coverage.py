@@ -6,7 +6,8 @@ Parallel lanes over the whole area, made of all legs, lie
 
 If d is larger than `MAX_LANES_APART` length scales, most ground between them stays unknown. A path that lowers the
 map's risk everywhere then runs along the middle of a lake, whose isobath lies along its shores, and locates hardly any
-of it (docs/evidence/planner.md). Land shows in the area's shape: the area fills less than its convex hull.
+of it (docs/evidence/planner.md). Land shows in the area's shape: the area fills less than its convex hull. Where the
+mission knows its shore, risk alone leaves less risk and loss, so the vehicle does not follow.
 
 The mission file alone decides, so the planner and the report agree.
 """
@@ -30,12 +31,12 @@ OPEN_SHARE = 0.9
 def follows_isobath(settings: PlannerSettings) -> bool:
     """Whether the vehicle follows the isobath: alone, with a tour that is optimized again, where that pays.
 
-    A team, and a mission that is planned in stages, cover what they can instead.
+    A team, a mission that is planned in stages, and one with a known shore (`area.shore`) lower the risk instead.
     """
     planner, mission, gp = settings.planner.complete(), settings.mission, settings.gp
     if planner.family.bound_of != "map" or not planner.tour_interval:
         return False
-    if mission.vehicles > 1 or mission.steps > stages.MAX_WHOLE_LEGS:
+    if settings.area.shore or mission.vehicles > 1 or mission.steps > stages.MAX_WHOLE_LEGS:
         return False
     cells = OperatingArea(settings.area).grid(planner.map_spacing_m)
     scale_m = max(gp.length_scale_m, gp.length_scale_2_m)

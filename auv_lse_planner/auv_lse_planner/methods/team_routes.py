@@ -18,6 +18,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.support.compiled import USE_NUMBA
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -47,7 +48,8 @@ class TeamRoutes:
             grid: Places over which the map's risk is summed.
         """
         self._settings, self._space, self._rollout = settings, space, rollout
-        self._points = CachedPoints(Posterior(settings.gp), grid.places_m)
+        banks = Banks.of(settings.area, settings.level_set.level_m)
+        self._points = CachedPoints(Posterior(settings.gp, banks=banks), grid.places_m)
         v = settings.vehicle
         self._start = Plan.at(0, np.array([v.start_heading_rad, v.start_north_m, v.start_east_m]), (), NONE).state
 

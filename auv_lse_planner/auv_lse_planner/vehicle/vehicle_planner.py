@@ -36,6 +36,7 @@ from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
@@ -88,7 +89,7 @@ class VehiclePlanner:
         self.space = FreeSpace(area, self.motion, settings.area.raster_m)
         naive = NaivePaths(self.space, self.planner, area.polygon, mission.vehicles)
         self.rollout = Rollout(self.motion, naive, mission.steps, self.planner.samples_per_leg)
-        self.posterior = Posterior(settings.gp)
+        self.posterior = Posterior(settings.gp, banks=Banks.of(settings.area, settings.level_set.level_m))
         leg_m = self.motion.leg_length_m
         self.team = Team(
             vehicle,
@@ -489,4 +490,7 @@ class VehiclePlanner:
         elif self._context.window.is_focused:
             places = places[self._context.window.covers(places)]
         limit_m = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
-        self.space.set_shallow(places, self.posterior.mean_m(places) < limit_m, self._shallow_grid.resolution_m)
+        depths_m, banks = self.posterior.mean_m(places), self.posterior.banks
+        if banks is not None and len(places):
+            depths_m = banks.depths(places, depths_m)
+        self.space.set_shallow(places, depths_m < limit_m, self._shallow_grid.resolution_m)

@@ -41,6 +41,10 @@ def test_a_team_covers_what_it_can():
     assert not follows_isobath(settings(vehicles=2, steps=5, area=BAY))
 
 
+def test_a_vehicle_that_knows_its_shore_lowers_the_risk():
+    assert not follows_isobath(settings(steps=5, area={**BAY, "shore": {"bay": [400.0, 100.0, 200.0, 100.0]}}))
+
+
 def test_a_mission_in_stages_mows():
     wide = {"polygon_m": [10.0 * x for x in BAY["polygon_m"]]}
     assert follows_isobath(settings(steps=200, area=wide))

@@ -93,7 +93,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
     same_grid = inside.shape == grid.inside.shape and np.allclose(field.north_m, grid.north_m)
     if not same_grid or not np.allclose(field.east_m, grid.east_m) or field.level_m != settings.level_set.level_m:
         return [_other_ground(published, settings)], []
-    at, prior = grid.places_m, dense_prior(settings.gp)
+    at, prior = grid.places_m, dense_prior(settings.gp, settings.area)
     shown = {name: np.asarray(getattr(field, name), dtype=float)[grid.inside] for name in ("mean_m", "std_m", "p_safe")}
     checks, notes = [], []
     if published.centers is None:

@@ -46,6 +46,7 @@ class DensePrior:
         mean: Prior mean, places (P, 2) -> depths (P,).
         worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
         length_m: Length scale by which the ground's roughness is estimated (`gp.length_scale_m`).
+        bank: Factor on the standard deviation near a known shore, places (P, 2) -> (P,); None: all ground is open.
     """
 
     kernel: str
@@ -55,6 +56,11 @@ class DensePrior:
     mean: Callable[[Array], Array]
     worth: float
     length_m: float
+    bank: Callable[[Array], Array] | None = None
+
+    def variance(self, at_m: Array) -> Array:
+        """Variance (P,) of the depth at places (P, 2)."""
+        return self.std_m**2 * (np.ones(len(at_m)) if self.bank is None else self.bank(at_m) ** 2)
 
     def covariance(self, a_m: Array, b_m: Array) -> Array:
         """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
@@ -74,6 +80,8 @@ class DensePrior:
                 correlation = rest**6 * (35.0 * r**2 + 18.0 * r + 3.0) / 3.0
             case _:
                 raise ValueError(f"gp.kernel got {self.kernel!r}; expected a kernel that the certificate knows")
+        if self.bank is not None:
+            correlation = correlation * np.outer(self.bank(a_m), self.bank(b_m))
         return np.asarray(self.std_m**2 * correlation)
 
     def scaled(self, places_m: Array) -> Array:
@@ -198,7 +206,7 @@ class Measurements:
 def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
     """The posterior at places (P, 2) given measurements; of more than `MAX_WHOLE` those near a place, by squares."""
     n = len(given.starts)
-    mean, variance = np.array(prior.mean(at_m), dtype=float), np.full(len(at_m), prior.std_m**2)
+    mean, variance = np.array(prior.mean(at_m), dtype=float), prior.variance(at_m)
     floor, errors = np.zeros(len(at_m)), np.zeros(n)
     places = np.add.reduceat(given.places_m, given.starts, axis=0) / given.counts[:, None] if n else np.zeros((0, 2))
     parts = list(_squares(prior, places, at_m))

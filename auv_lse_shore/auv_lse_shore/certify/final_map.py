@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map import certainty
@@ -57,13 +62,16 @@ class FinalMap:
     places: str
 
 
-def dense_prior(gp: GpConfig) -> DensePrior:
-    """The prior of a mission file.
+def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
+    """The prior of a mission file: with a known shore of depth h, the mean is h + s (m - h) for that of open ground, m.
 
     Raises:
         ParameterError: if its prior survey cannot be read.
     """
-    first = gp.length_scale_m
+    first, open_ground = gp.length_scale_m, prior_mean(gp)
+    bank, mean = shore_factor(area), open_ground
+    if bank is not None:
+        mean = partial(_banked, open_ground, bank, area.shore_depth_m)
     if gp.kernel in _SUPPORT:
         first = gp.support_m or _SUPPORT[gp.kernel] * gp.length_scale_m
     return DensePrior(
@@ -71,10 +79,26 @@ def dense_prior(gp: GpConfig) -> DensePrior:
         std_m=gp.signal_std_m,
         lengths_m=(first, first * (gp.length_scale_2_m or gp.length_scale_m) / gp.length_scale_m),
         rotation_deg=gp.rotation_deg,
-        mean=prior_mean(gp),
+        mean=mean,
         worth=gp.std_soundings,
         length_m=gp.length_scale_m,
+        bank=bank,
     )
+
+
+def shore_factor(area: AreaConfig) -> Callable[[Array], Array] | None:
+    """Factor s = 1 - exp(-d / 25 m), at least .05, at places at distance d from the shore; None if there is none."""
+    lines = [shapely.LineString(np.reshape(flat, (-1, 2))) for flat in area.shore.values()]
+    if not lines:
+        return None
+    shore = shapely.union_all(lines)
+    return lambda at_m: np.maximum(1.0 - np.exp(-shapely.distance(shapely.points(at_m), shore) / 25.0), 0.05)
+
+
+def _banked(
+    open_ground: Callable[[Array], Array], bank: Callable[[Array], Array], shore_m: float, at_m: Array
+) -> Array:
+    return np.asarray(shore_m + bank(at_m) * (open_ground(at_m) - shore_m))
 
 
 def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
@@ -102,7 +126,7 @@ _NONE: Array = np.zeros((0, 3))
 def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
     """The map of all soundings of all vehicles."""
     gp, level_set = recorded.settings.gp, recorded.settings.level_set
-    area, prior = OperatingArea(recorded.settings.area), dense_prior(gp)
+    area, prior = OperatingArea(recorded.settings.area), dense_prior(gp, recorded.settings.area)
     grid = area.grid(gp.map_resolution_m, "gp.map_resolution_m")
     parts = [measurements(gp, vehicle.soundings) for vehicle in run.vehicles]
     given = _joined(parts)
@@ -128,6 +152,7 @@ def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
             level_set.level_m,
             coarse_grid(area, gp.map_resolution_m),
             near(certainty.lines_of(pieces, certainty.FOUND)),
+            Banks.of(area.config, level_set.level_m),
         ),
         averages=found.count,
         places=places,

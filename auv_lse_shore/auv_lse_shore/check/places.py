@@ -36,6 +36,7 @@ def _files_of(mission: Path) -> list[Path]:
 def _notes(file: Path, places: Places) -> list[str]:
     used = ["the area"] if places.area is not None else []
     used += [f"no-go area {name}" for name in places.no_go]
+    used += ["the shore"] if places.shores else []
     used += [f"start of auv{number}" for number in sorted(places.starts)]
     used += [
         f"recovery place of {f'auv{number}' if number else 'all vehicles'}" for number in sorted(places.recoveries)
@@ -45,6 +46,6 @@ def _notes(file: Path, places: Places) -> list[str]:
         names = [repr(name) for name in places.ignored[:_MAX_LISTED]]
         more = f" and {len(places.ignored) - _MAX_LISTED} more" if len(places.ignored) > _MAX_LISTED else ""
         notes.append(
-            f"{file.name}: ignored {', '.join(names)}{more}; only polygons, starts and recovery places are used"
+            f"{file.name}: ignored {', '.join(names)}{more}; only polygons, shores, starts and recovery places are used"
         )
     return notes

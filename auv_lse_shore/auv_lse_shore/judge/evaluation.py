@@ -23,10 +23,10 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
-from auv_lse_gp.map.online import OnlineGp
 from auv_lse_record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
 from auv_lse_shore.judge import figures_of_merit as merit
 from auv_lse_shore.judge import isobath
+from auv_lse_shore.judge.lawnmower import blank_map
 from auv_lse_shore.judge.reward import Curves, reward_curves
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.judge.team_map import TeamMap, map_of, mission_settings, placed
@@ -194,7 +194,7 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
 
 def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) -> float:
     """Mean risk at places (P, 2) given a vehicle's own soundings alone."""
-    gp = OnlineGp(settings.gp)
+    gp = blank_map(settings)
     gp.add_all(vehicle.soundings.points_m)  # its own map discards the same ones
     return float(LevelSet.of(settings.level_set).risk(*gp.predict(map_m)).mean())
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_planner.methods.coverage import follows_isobath
@@ -24,6 +25,11 @@ Array = NDArray[np.float64]
 
 #: Number of map places, or a few more, over which each vehicle's lawnmower is chosen.
 CHOICE_PLACES = 300
+
+
+def blank_map(settings: PlannerSettings) -> OnlineGp:
+    """A map without soundings."""
+    return OnlineGp(settings.gp, banks=Banks.of(settings.area, settings.level_set.level_m))
 
 
 def risk_if_measured(gp: OnlineGp, planned_m: Array, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
@@ -71,7 +77,7 @@ def lawnmower_map_risk(
     If a vehicle follows the isobath, it covers its strip instead. Otherwise the lesser of two: every vehicle follows
     the lanes fitted to its own strip, or each in turn takes the lawnmower that is best given those before it.
     """
-    level_set, blank = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp)
+    level_set, blank = LevelSet.of(settings[0].level_set), blank_map(settings[0])
     some = map_m[:: max(1, len(map_m) // CHOICE_PLACES)]
     starts = list(_starts(run, settings, paths))
 
@@ -97,13 +103,13 @@ def flown_map_risk(
     """Map risk over `map_m` (P, 2) that the prior expects after the legs that all vehicles travelled."""
     legs = [own.leg(d) for v, own in zip(run.vehicles, paths, strict=True) for d in v.decisions]
     flown = np.concatenate([np.empty((0, 2)), *legs])
-    blank, level_set = OnlineGp(settings[0].gp), LevelSet.of(settings[0].level_set)
+    blank, level_set = blank_map(settings[0]), LevelSet.of(settings[0].level_set)
     return float(risk_if_measured(blank, flown, level_set, map_m)[1].mean())
 
 
 def lawnmower_path_reward(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> float:
     """Expected whole-path reward of a lawnmower mission: each vehicle in turn takes the one that adds most."""
-    level_set, blank = LevelSet.of(settings[0].level_set), OnlineGp(settings[0].gp)
+    level_set, blank = LevelSet.of(settings[0].level_set), blank_map(settings[0])
     team, value = np.empty((0, 2)), 0.0
     for start in _starts(run, settings, paths):
         ids = [start.plan.naive_path] if start.plan.naive_path != NONE else [*LAWNMOWERS, *COVERING]

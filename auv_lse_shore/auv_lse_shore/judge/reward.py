@@ -33,7 +33,13 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_record.run_data import RunData
-from auv_lse_shore.judge.lawnmower import flown_map_risk, lawnmower_map_risk, lawnmower_path_reward, risk_if_measured
+from auv_lse_shore.judge.lawnmower import (
+    blank_map,
+    flown_map_risk,
+    lawnmower_map_risk,
+    lawnmower_path_reward,
+    risk_if_measured,
+)
 from auv_lse_shore.judge.planned_paths import PlannedPaths, soundings_by_leg
 
 Array = NDArray[np.float64]
@@ -98,7 +104,7 @@ class _Replay:
 
     def __init__(self, run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> None:
         self.level_set = LevelSet.of(settings[0].level_set)
-        self.gp, self.blank = OnlineGp(settings[0].gp), OnlineGp(settings[0].gp)
+        self.gp, self.blank = blank_map(settings[0]), blank_map(settings[0])
         self.paths = paths
         self.soundings = [soundings_by_leg(v, own, run.steps) for v, own in zip(run.vehicles, paths, strict=True)]
         self.decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]

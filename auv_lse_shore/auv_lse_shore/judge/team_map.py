@@ -134,6 +134,7 @@ def _team_map(
             settings.level_set.level_m,
             coarse_grid(area, settings.gp.map_resolution_m),
             near(certainty.lines_of(pieces, certainty.FOUND)),
+            depth_map.gp.banks,
         ),
     )
 

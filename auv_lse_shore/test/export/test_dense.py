@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.map.online import OnlineGp
 from auv_lse_shore.certify import dense
 from auv_lse_shore.certify.dense import Measurements, dense_map
 from auv_lse_shore.certify.final_map import dense_prior
@@ -36,7 +39,7 @@ def test_it_equals_the_vehicles_posterior(kernel):
     posterior = Posterior(config)
     posterior.extend(Centers(PLACES, DEPTHS, noise, effect))
     mean, variance = posterior.moments(AT)
-    found = dense_map(dense_prior(config), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
+    found = dense_map(dense_prior(config, AreaConfig()), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
     assert found.mean_m == pytest.approx(mean, abs=1e-6)
     assert found.prior_std_m == pytest.approx(np.sqrt(variance), abs=1e-6)
     scales = Roughness.of(posterior, config.length_scale_m).scale(AT, config.std_soundings)
@@ -45,9 +48,25 @@ def test_it_equals_the_vehicles_posterior(kernel):
     assert found.variance_scale == pytest.approx(scales.mean(), rel=1e-6)
 
 
+def test_it_equals_the_vehicles_posterior_near_a_shore():
+    area = AreaConfig(shore={"a": (0.0, -80.0, 10.0, 400.0), "b": (120.0, 120.0, 160.0, 130.0)}, shore_depth_m=4.0)
+    config, effect, noise = GpConfig(), RNG.normal(0.0, 0.1, (40, 3)), RNG.uniform(0.2, 0.5, 40)
+    gp = OnlineGp(config, banks=Banks.of(area, 15.0))
+    gp.posterior.extend(Centers(PLACES, DEPTHS, noise, effect))
+    relative, variance = gp.posterior.moments(AT)
+    mean, std = gp.depths(AT, relative, variance)
+    found = dense_map(dense_prior(config, area), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
+    assert found.mean_m == pytest.approx(mean, abs=1e-6)
+    assert found.prior_std_m == pytest.approx(std, abs=1e-6)
+    scales = Roughness.of(gp.posterior, config.length_scale_m).scale(AT, config.std_soundings)
+    floor = gp.posterior.place_variance(gp.kernel.scale(AT))
+    _, std = gp.depths(AT, relative, scales * (variance - floor) + floor)
+    assert found.std_m == pytest.approx(std, rel=1e-6)
+
+
 def test_averages_are_exact():
     config = dataclasses.replace(GpConfig(), length_scale_m=60.0)
-    prior, square = dense_prior(config), 60.0
+    prior, square = dense_prior(config, AreaConfig()), 60.0
     given = Measurements.averaged(PLACES, DEPTHS, 0.3, square)
     assert 1 < len(given.starts) < 40
     cells = [tuple(cell) for cell in np.floor(PLACES / square)]
@@ -71,7 +90,9 @@ def test_squares_grow_until_memory_suffices(monkeypatch):
 
 def test_without_soundings_it_is_the_prior():
     config = GpConfig()
-    found = dense_map(dense_prior(config), Measurements.averaged(np.zeros((0, 2)), np.zeros(0), 0.3, 10.0), AT)
+    found = dense_map(
+        dense_prior(config, AreaConfig()), Measurements.averaged(np.zeros((0, 2)), np.zeros(0), 0.3, 10.0), AT
+    )
     assert (found.mean_m == config.mean_depth_m).all()
     assert (found.std_m == config.signal_std_m).all()
 
@@ -82,10 +103,10 @@ def test_by_squares_it_is_nearly_the_same(kernel, monkeypatch):
     config = GpConfig(kernel=kernel, length_scale_m=12.0, length_scale_2_m=9.0, rotation_deg=30.0)
     effect = np.random.default_rng(1).normal(0.0, 0.1, (40, 3))
     given = Measurements.of_centers(PLACES, DEPTHS, np.full(40, 0.3), effect)
-    whole = dense_map(dense_prior(config), given, AT)
+    whole = dense_map(dense_prior(config, AreaConfig()), given, AT)
     monkeypatch.setattr(dense, "MAX_WHOLE", 10)
-    assert max(len(near) for near, _, _ in dense._squares(dense_prior(config), PLACES, AT)) < 40
-    found = dense_map(dense_prior(config), given, AT)
+    assert max(len(near) for near, _, _ in dense._squares(dense_prior(config, AreaConfig()), PLACES, AT)) < 40
+    found = dense_map(dense_prior(config, AreaConfig()), given, AT)
     smooth = kernel == "squared_exponential"
     assert np.abs((found.mean_m - whole.mean_m) / whole.std_m).max() < (0.2 if smooth else 0.02)
     assert found.prior_std_m == pytest.approx(whole.prior_std_m, rel=0.01)
@@ -98,6 +119,6 @@ def test_many_soundings_count_at_the_centroid_of_their_square(monkeypatch):
     given = Measurements.averaged(PLACES, DEPTHS, 0.3, 10.0)
     assert given.depths_m.tolist() == exact.depths_m.tolist()
     assert (given.counts == 1).all()
-    prior = dense_prior(GpConfig())
+    prior = dense_prior(GpConfig(), AreaConfig())
     apart = dense_map(prior, given, AT).mean_m - dense_map(prior, exact, AT).mean_m
     assert 0.0 < np.abs(apart).max() < 0.05

@@ -2,8 +2,8 @@
 
 Land, unknown ground, and water shallower than the deepest vehicle's depth plus its minimum water are not navigable. The
 navigable rest of the requested polygon becomes the operating polygon; holes in it become no-go areas. If it consists of
-separate parts, one part is kept. Ground that vehicles cannot reach from their starts is left out. Every change is
-reported.
+separate parts, one part is kept. Ground that vehicles cannot reach from their starts is left out. The contour of the
+least navigable depth becomes the shore (`area.shore`), unless the mission has one. Every change is reported.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError
 from auv_lse_sim.ground.reach import clip_to_reachable, without_unreachable
+from auv_lse_sim.ground.shore import shore_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,6 +94,9 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     raster = rasterize(settings.area, ground, limit)
     settings, part_notes = _navigable_part(settings, raster, limit, wanted_by)
     notes += part_notes
+    if part_notes and not settings.area.shore:
+        settings, shore_notes = _with_shore(settings, raster, ground, limit)
+        notes += shore_notes
     settings, start_notes = _place_starts(settings)
     notes += start_notes
     settings, reach_notes = clip_to_reachable(settings)
@@ -151,6 +155,7 @@ def _converted(settings: Settings, old: tuple[float, float], new: tuple[float, f
     area = settings.area
     found: dict[str, Any] = {"area.polygon_m": moved(area.polygon_m)}
     found.update({f"area.no_go.{name}": moved(flat) for name, flat in area.no_go.items()})
+    found.update({f"area.shore.{name}": moved(flat) for name, flat in area.shore.items()})
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
         for name, place in (
@@ -249,6 +254,16 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
             f"area: {left_out:.2f} km2 of navigable water in {count - 1} other parts cannot be reached and is left out"
         )
     return settings.with_overrides(overrides), notes
+
+
+def _with_shore(settings: Settings, raster: Raster, ground: Ground, limit_m: float) -> tuple[Settings, list[str]]:
+    depth = ground.depth_m(*np.meshgrid(raster.north_m, raster.east_m, indexing="ij"))
+    shore = shore_of(raster.north_m, raster.east_m, depth, limit_m, _operating_shape(settings.area))
+    if not shore:
+        return settings, []
+    length_m = sum(float(np.hypot(*np.diff(np.reshape(flat, (-1, 2)), axis=0).T).sum()) for flat in shore.values())
+    note = f"shore: {length_m / 1e3:.1f} km, where the depth falls to {limit_m:g} m; maps and plans use it (area.shore)"
+    return settings.with_overrides({"area": {"shore": shore}, "area.shore_depth_m": limit_m}), [note]
 
 
 def _outline(region: Mask, raster: Raster) -> shapely.Polygon:

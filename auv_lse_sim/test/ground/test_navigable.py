@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import shapely
 from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, write_survey
+from numpy.testing import assert_allclose
 from sim_helpers import FunctionGround
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
@@ -12,6 +14,7 @@ from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import expectations, fit_to_ground, prior_warnings
+from auv_lse_sim.ground.shore import MAX_CORNERS, shore_of
 
 EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)
 SQUARE = [0.0, 0.0, 500.0, 0.0, 500.0, 500.0, 0.0, 500.0]
@@ -209,6 +212,52 @@ def test_a_survey(tmp_path, name):
     assert fitted.area.origin_lat_deg == pytest.approx(SURVEY_ORIGIN[0], abs=1e-8)  # the file's digits
     assert any("the file's extent" in note for note in notes)
     assert any("too large for this mission" in note for note in notes)
+
+
+def test_the_shore_is_where_known_ground_becomes_too_shallow():
+    terrain = ground(lambda n, e: 25.0 - 0.2 * np.maximum(e - 300.0, 0.0))  # 8 m deep at 385 m east
+    fitted, notes = fit_to_ground(settings(), terrain)
+    assert fitted.area.shore_depth_m == 8.0  # 5 m, the deepest vehicle, and 3 m of water
+    (line,) = fitted.area.shore.values()
+    north_m, east_m = np.reshape(line, (-1, 2)).T
+    assert_allclose(east_m, 385.0, atol=1.0)
+    # The polygon's other edges lie on open water, and are no shore.
+    assert north_m.min() < 10.0
+    assert north_m.max() > 490.0
+    assert any(note.startswith("shore: 0.5 km, where the depth falls to 8 m") for note in notes)
+    again, _ = fit_to_ground(fitted, terrain, area_given=True)
+    assert again.area.shore == fitted.area.shore
+
+
+def test_a_shore_that_the_mission_has_is_kept():
+    own = {"drawn": [0.0, 420.0, 500.0, 420.0]}
+    terrain = ground(lambda n, e: 25.0 - 0.2 * np.maximum(e - 300.0, 0.0))
+    fitted, _ = fit_to_ground(settings(**{"area.shore": own}), terrain)
+    assert fitted.area.shore == {"drawn": tuple(own["drawn"])}
+    assert fitted.area.shore_depth_m == 0.0
+
+
+def test_where_the_survey_ends_there_is_no_shore():
+    fitted, notes = fit_to_ground(settings(), ground(lambda n, e: np.where(e > 300.0, np.nan, 25.0)))
+    assert not fitted.area.shore
+    assert not any(note.startswith("shore:") for note in notes)
+
+
+def test_a_rugged_shore_has_fewer_corners():
+    axis = np.arange(0.0, 3000.0, 5.0)
+    north, east = np.meshgrid(axis, axis, indexing="ij")
+    depth = 8.0 + 4.0 * np.sin(north / 9.0) + 4.0 * np.sin(east / 9.0)
+    found = shore_of(axis, axis, depth, 8.0, shapely.box(0.0, 0.0, 3000.0, 3000.0))
+    assert 0 < sum(map(len, found.values())) <= 2 * MAX_CORNERS
+
+
+def test_the_shore_moves_with_the_origin():
+    axis = np.arange(-50.0, 551.0, 50.0)
+    terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
+    shore = {"west": [10.0, 20.0, 30.0, 20.0]}
+    elsewhere = settings(**{"area.origin_lat_deg": 47.0009, "area.origin_lon_deg": 8.0, "area.shore": shore})
+    fitted, _ = fit_to_ground(elsewhere, terrain)
+    assert_allclose(fitted.area.shore["west"], [110.07, 20.0, 130.07, 20.0], atol=0.1)  # .0009 deg: 100.07 m
 
 
 def test_fitting_again_changes_little():

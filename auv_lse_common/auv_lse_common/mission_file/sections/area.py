@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,12 @@ class AreaConfig:
     no_go: dict[str, tuple[float, ...]] = parameter(
         {}, unit="m", help="Areas that vehicles must not enter, by name: corners as in polygon_m."
     )
+    shore: dict[str, tuple[float, ...]] = parameter(
+        {},
+        unit="m",
+        help="Lines along the shore by name: north, east, ...",
+    )
+    shore_depth_m: float = parameter(0.0, unit="m", help="Depth along the shore.")
     file: str | None = parameter(
         None,
         help="Instead of polygon_m: a GeoJSON, KML or QGroundControl .plan file with the area, no-go areas, starts and "
@@ -65,15 +72,23 @@ class AreaConfig:
         for key in ("file", "polygon_deg", "no_go_deg"):
             if value := getattr(self, key):
                 raise ParameterError(metres_only(f"area.{key}", value))
-        number = (len(self.polygon_m) + sum(map(len, self.no_go.values()))) // 2
+        given = (self.polygon_m, *self.no_go.values(), *self.shore.values())
+        number = sum(map(len, given)) // 2
         if number > MAX_CORNERS:
             raise ParameterError(
-                f"area.polygon_m, area.no_go: got {number:,} corners in total; expected at most {MAX_CORNERS:,}. "
-                "Simplify the polygons"
+                f"area.polygon_m, area.no_go, area.shore: got {number:,} corners in total; expected at most "
+                f"{MAX_CORNERS:,}. Simplify the polygons"
             )
         corners("area.polygon_m", self.polygon_m)
         for name, flat in self.no_go.items():
             corners(f"area.no_go.{name}", flat)
+        for name, flat in self.shore.items():
+            if len(flat) % 2 or len(flat) < 4 or not np.isfinite(flat).all():
+                raise ParameterError(
+                    f"area.shore.{name}: got {len(flat)} numbers; expected finite north, east of at least 2 corners"
+                )
+        if not math.isfinite(self.shore_depth_m):
+            raise ParameterError(f"area.shore_depth_m: got {self.shore_depth_m}; expected a finite number")
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
             raise ParameterError(
                 f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "

@@ -1,0 +1,102 @@
+"""Banks: near a shore the depth falls to the depth known there, however deep the ground beside it was sounded.
+
+With the distance d to the shore and the depth h along it, the depth f is modeled as
+
+    f(p) = h + s(p) (g(p) - h),    s(p) = 1 - exp(-d(p) / BANK_M),
+
+where g is the Gaussian process of open ground. So the prior mean m becomes h + s (m - h), its standard deviation is s
+times that of open ground, and a sounding of deep ground says little about the bank beside it.
+
+Computations use the *relative depth* r(p) = l + (f(p) - l) / s(p) for the level l. It is at least l exactly where f is,
+so classes, risks and the isobath are the same. Its prior has the same covariance as open ground and the mean
+m - (l - h) (1 / s - 1). A sounding's error becomes 1 / s times as large.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_gp.covariance.prior_mean import PriorMean
+from auv_lse_gp.inference.centers import Centers
+
+Array = NDArray[np.float64]
+
+#: Distance (m) from the shore at which the depth has covered 63 % of the way from the shore's to that of open ground.
+BANK_M = 25.0
+#: Least factor s, so that depths on the shore itself stay finite.
+LEAST = 0.05
+#: Largest spacing (m) of the places along the shore by which the nearest piece of it is found.
+SPACING_M = 4.0
+#: Half of the distance (m) of the finite difference for the slope of s.
+_SLOPE_M = 0.05
+
+
+class Banks:
+    """The banks of an operating area."""
+
+    def __init__(self, shores_m: list[Array], shore_depth_m: float, level_m: float) -> None:
+        """Takes shores, polylines (n, 2) of at least two corners, the depth along them, and the level."""
+        self._depth_m, self._level_m = shore_depth_m, level_m
+        places = [_along(line) for line in shores_m]
+        self._places_m = np.concatenate(places)
+        self._tree = cKDTree(self._places_m)
+        # The pieces of shore before and after each place; at an end of a line, of no length.
+        before = np.concatenate([np.vstack([line[:1], line[:-1]]) for line in places])
+        after = np.concatenate([np.vstack([line[1:], line[-1:]]) for line in places])
+        self._pieces_m = np.stack([before, after]) - self._places_m
+
+    @classmethod
+    def of(cls, area: AreaConfig, level_m: float) -> Banks | None:
+        """The banks of an area whose shore is known; None if all of its edges are open."""
+        shores = [np.reshape(flat, (-1, 2)) for flat in area.shore.values()]
+        return cls(shores, area.shore_depth_m, level_m) if shores else None
+
+    def factor(self, places_m: Array) -> Array:
+        """Factor s (P,) at places (P, 2)."""
+        _, nearest = self._tree.query(places_m)
+        pieces, off = self._pieces_m[:, nearest], places_m - self._places_m[nearest]
+        squares = np.maximum(np.einsum("spd,spd->sp", pieces, pieces), 1e-12)
+        along = np.clip(np.einsum("spd,pd->sp", pieces, off) / squares, 0.0, 1.0)
+        rest = off - along[:, :, None] * pieces
+        distance = np.sqrt(np.einsum("spd,spd->sp", rest, rest).min(axis=0))
+        return np.asarray(np.maximum(1.0 - np.exp(-distance / BANK_M), LEAST))
+
+    def mean(self, open_ground: PriorMean) -> PriorMean:
+        """Prior mean of the relative depth, from that of open ground."""
+
+        def relative(places_m: Array) -> Array:
+            off = (self._level_m - self._depth_m) * (1.0 / self.factor(places_m) - 1.0)
+            return np.asarray(open_ground(places_m) - off)
+
+        return relative
+
+    def relative(self, centers: Centers) -> Centers:
+        """Measurements of depths as measurements of relative depths."""
+        s, effect = self.factor(centers.places_m), centers.place_effect_m
+        return Centers(
+            centers.places_m,
+            self._level_m + (centers.depths_m - self._level_m) / s,
+            centers.noise_std_m / s,
+            None if effect is None else effect / s[:, None],
+        )
+
+    def depths(self, places_m: Array, relative_m: Array) -> Array:
+        """Depths (P,) at places (P, 2) from relative depths."""
+        return np.asarray(self._level_m + self.factor(places_m) * (relative_m - self._level_m))
+
+    def slopes(self, places_m: Array, relative_m: Array, slopes: Array) -> Array:
+        """Slopes (P, 2) of the depth at places (P, 2) from relative depths (P,) and their slopes (P, 2)."""
+        steps = _SLOPE_M * np.eye(2)
+        of_factor = [(self.factor(places_m + s) - self.factor(places_m - s)) / (2.0 * _SLOPE_M) for s in steps]
+        off = (relative_m - self._level_m)[:, None] * np.stack(of_factor, axis=1)
+        return np.asarray(self.factor(places_m)[:, None] * slopes + off)
+
+
+def _along(line_m: Array) -> Array:
+    """Places (P, 2) along a polyline (n, 2), its corners among them."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m, axis=0).T))])
+    at = np.union1d(lengths, np.arange(0.0, lengths[-1], SPACING_M))
+    return np.column_stack([np.interp(at, lengths, line_m[:, k]) for k in (0, 1)])
