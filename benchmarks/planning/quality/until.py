@@ -4,8 +4,9 @@
     python -m benchmarks.planning.quality.until --environment FOLDER --lakes 5 --vehicles 3
 
 Vehicles with perfect navigation map an area of `benchmarks.planning.undiscovered_flights`. They fly each method and end
-when their maps have the share found that `mission.until.found` asks for (`ASKED`), at the latest after `STEPS` legs.
-Then the same lake is measured along other lines until as large a share of the true isobath is found:
+when their maps have the share found that `mission.until.found` asks for (`ASKED`), at the latest after `STEPS` legs,
+teams after `TEAM_STEPS`. Then the same lake is measured along other lines until as large a share of the true isobath is
+found:
 
 - *mown*: finer and finer lanes over the whole area;
 - *`GCBCover`* (sgptools 2.0.7, installed as `benchmarks.planning.peer` does): smaller and smaller posterior variances.
@@ -57,8 +58,8 @@ from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]
 
-#: Share found at which missions end, and their largest number of legs.
-ASKED, STEPS = 0.8, 160
+#: Share found at which missions end, and their largest number of legs, of one vehicle and of each of a team.
+ASKED, STEPS, TEAM_STEPS = 0.8, 160, 100
 METHODS = ("tour",)
 OTHERS = {"mown": "mowing", "peer": "GCBCover", "known": "a path along the known isobath"}
 GOALS = {"mown": 0.5, "peer": 1.0}
@@ -72,6 +73,11 @@ KNOWN_SHARES, NODE_M = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0), 20.0
 #: Iterations of the search for the shortest path through them, and for the least length.
 ITERATIONS, BISECTIONS = 10_000, 8
 SOUNDING_STD_M, SOUNDING_EVERY_S = 0.2, 2.0
+
+
+def steps_of(vehicles: int) -> int:
+    """Largest number of legs of each vehicle."""
+    return STEPS if vehicles == 1 else TEAM_STEPS
 
 
 def settings(method: str, vehicles: int, steps: int) -> PlannerSettings:
@@ -215,7 +221,7 @@ def run(smoke: bool = False) -> list[Row]:
     """Rows of `scripts/bench until`; `--smoke` leaves the peer and teams out."""
     rows = []
     for vehicles, lakes in ((1, 1),) if smoke else ((1, 3), (3, 1)):
-        where, kinds, steps = where_of(vehicles), KINDS[:1] if smoke else KINDS, 10 if smoke else STEPS
+        where, kinds, steps = where_of(vehicles), KINDS[:1] if smoke else KINDS, 10 if smoke else steps_of(vehicles)
         covers = [] if smoke else [c.tolist() for c in covering(environment(FOLDER / "peer"), FOLDER, where)]
         for method in METHODS:
             jobs = [(method, vehicles, kind, str(FIRST + i)) for kind in kinds for i in range(lakes)]
@@ -267,7 +273,10 @@ def main(arguments: list[str] | None = None) -> None:
     done = {(line["method"], line["vehicles"], line["kind"], line["lake"]) for line in read(options.out)}
     lakes = [str(options.first + i) for i in range(options.lakes)]
     jobs = [
-        (m, options.vehicles, kind, lake, STEPS, covers) for lake in lakes for kind in options.kinds for m in METHODS
+        (method, options.vehicles, kind, lake, steps_of(options.vehicles), covers)
+        for lake in lakes
+        for kind in options.kinds
+        for method in METHODS
     ]
     for line in fly(compared, [job for job in jobs if job[:4] not in done], options.out, options.processes):
         print(line["method"], line["kind"], line["lake"], f"{line['flown_m']:.0f} m", file=sys.stderr, flush=True)
