@@ -2,8 +2,10 @@
 
 A short mission plans with the whole map. In a long one, the cost of a decision would grow with the area and with the
 number of soundings. The window is therefore *focused* on the path of the next legs, and focused anew every so many
-legs. In between, only the cells of the window and the centers near them are updated. Centers near the window's border
-are averaged. Elsewhere, the risk is updated when the window is focused, tile by tile, where centers have come or gone.
+legs. Its *cells* are those near the path whose risk can still fall; ground that is surveyed and certain is *settled*.
+The posterior holds the centers near these cells, averaged if they are not close. It is conditioned on new centers only
+when plans are evaluated (`update`). Elsewhere, risk and mean are updated when the window is focused, tile by tile,
+where centers have come or gone.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
+from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 
@@ -25,15 +28,20 @@ Mask = NDArray[np.bool_]
 
 #: Cells of the window lie at most this far from its path, in length scales of the kernel.
 CELLS_SCALES = 1.5
+#: Ground is settled if its risk, relative to the largest possible, is at most this, and a center is at most this far
+#: away, in length scales.
+SETTLED_SHARE, SETTLED_SCALES = 1e-3, 0.5
 #: Elsewhere, the risk is updated this far from centers that have come or gone, in length scales.
 STALE_SCALES = 2.0
-#: Side (m) of the square tiles in which the risk elsewhere is updated.
+#: Side (m) of the square tiles in which risk and mean elsewhere are updated.
 TILE_M = 300.0
-#: Centers, and places to be measured, count if they are at most this far from a cell of the window, in length scales.
-DATA_SCALES = 2.5
-#: Centers farther than this from all cells of the window, in length scales, are averaged in square cells of this side,
-#: in the kernel's lengths.
-AVERAGED_SCALES, AVERAGED_SIDE = 1.25, 0.4
+#: Places to be measured count if they are at most this far from a cell of the window, in length scales.
+PLACES_SCALES = 2.5
+#: How far from all cells centers count, and from where on they are averaged, in length scales. Closely sounded ground
+#: screens what lies beyond: the second pair applies if the first one leaves more than `MOST_EXACT` centers.
+MARGINS, MOST_EXACT = ((2.5, 1.25), (1.5, 0.6)), 400
+#: Side of the square cells in which centers are averaged, in the kernel's lengths.
+AVERAGED_SIDE = 0.4
 
 
 class GroundWindow:
@@ -43,6 +51,7 @@ class GroundWindow:
         posterior: The posterior given the centers near the cells.
         is_focused: Whether it covers only a part of the map.
         elsewhere_risk: Risk of the map's other cells when the window was focused.
+        refused: Why the posterior does not hold the last centers; "" if it does.
         most_centers: Largest number of centers before the first focus, if not None; more are averaged. So a planner
             that is started again late in a long mission does not condition on all of them.
     """
@@ -53,21 +62,26 @@ class GroundWindow:
         self.posterior = posterior
         self.is_focused = False
         self.elsewhere_risk = 0.0
+        self.refused = ""
         self.most_centers: int | None = None
         self._scale_m = max(gp.length_scale_m, gp.length_scale_2_m)
         self._levels = LevelSet.of(level_set)
         self._grid, self._coarse_grid = map_grid, coarse_grid
         self._centers = NO_CENTERS
+        self._is_current = True  # whether the posterior holds `_centers`
+        self._covered = map_grid.inside.copy()  # cells near the path, settled or not
         self._far_m = np.zeros(map_grid.inside.shape)  # of each cell from the window's cells
         self._fine: CachedPoints | None = None
         self._coarse: CachedPoints | None = None
-        self._cells: NDArray[np.int64] | None = None  # numbers of the window's cells
+        self._cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # numbers of the window's cells
         self._risk: Array = np.zeros(0)  # of all cells when they were last updated; empty before the first focus
+        self._mean_m: Array = np.zeros(0)  # likewise
         self._count = np.zeros(map_grid.inside.shape)  # centers in each cell then
 
     @property
     def fine(self) -> CachedPoints:
         """The posterior at the window's cells."""
+        self.update()
         if self._fine is None:
             self._fine = CachedPoints(self.posterior, self._grid.places_m)
         return self._fine
@@ -75,43 +89,78 @@ class GroundWindow:
     @property
     def coarse(self) -> CachedPoints:
         """The posterior at the window's cells of the coarse grid."""
+        self.update()
         if self._coarse is None:
             self._coarse = CachedPoints(self.posterior, self._coarse_grid.places_m)
         return self._coarse
 
-    def set_centers(self, centers: Centers) -> None:
-        """Sets all centers of the map.
+    @property
+    def centers(self) -> Centers:
+        """All centers of the map."""
+        return self._centers
 
-        Raises:
-            IllConditionedError: see `Posterior.follow`.
-        """
-        self._centers = centers
-        self._follow()
+    def set_centers(self, centers: Centers) -> None:
+        """Sets all centers of the map. A focused window's posterior takes them at the next `update`."""
+        self._centers, self._is_current = centers, False
+        if not self.is_focused:
+            self.update()
+
+    def update(self) -> None:
+        """Conditions the posterior on the centers that were set last."""
+        if not self._is_current:
+            self._follow()
 
     def near(self, places_m: Array) -> Mask:
         """Mask (P,) of the places (P, 2) that are near enough to change the window's cells."""
         if not self.is_focused:
             return np.ones(len(places_m), dtype=bool)
-        return self._far_at(places_m) <= DATA_SCALES * self._scale_m
+        return self._far_at(places_m) <= PLACES_SCALES * self._scale_m
 
     def covers(self, places_m: Array) -> Mask:
-        """Mask (P,) of the places (P, 2) among the window's cells."""
-        return self._far_at(places_m) <= 0.0
+        """Mask (P,) of the places (P, 2) near the path, on settled ground too."""
+        return np.asarray(self._covered[self._index(places_m)])
+
+    def mean_m(self, places_m: Array) -> Array:
+        """Mean depth (P,) at covered places (P, 2); on settled ground, that of the nearest cell at the last focus."""
+        if not self.is_focused:
+            return self.posterior.mean_m(places_m)
+        field = self._grid.fill(self._mean_m)
+        mean_m, settled = field[self._index(places_m)], self._far_at(places_m) > 0.0
+        mean_m[~settled] = self.posterior.mean_m(places_m[~settled])
+        return mean_m
+
+    def around(self, place_m: Array, radius_m: float) -> Posterior:
+        """The posterior within a circle about a place (2,), given the centers in it and near it.
+
+        Raises:
+            IllConditionedError: if they cannot be factorized.
+        """
+        off_m = np.hypot(*(self._centers.places_m - place_m).T)
+        local = self.posterior.blank()
+        local.follow(self._centers.take(np.flatnonzero(off_m <= radius_m + MARGINS[-1][0] * self._scale_m)))
+        return local
+
+    @property
+    def risks_elsewhere(self) -> Array:
+        """Risk of each cell outside of the window (C,), when the window was focused."""
+        return np.delete(self._risk, self._cells)
 
     def focus(self, path_m: Array) -> None:
         """Focuses the window on a path (P, 2)."""
         grid = self._grid
-        off_path = np.ones(grid.inside.shape, dtype=bool)
-        off_path[self._index(path_m)] = False
-        on = (distance_transform_edt(off_path) * grid.resolution_m <= CELLS_SCALES * self._scale_m) & grid.inside
-        self._update_elsewhere(on)
+        self._update_map()
+        self._covered = self._near(path_m, CELLS_SCALES) & grid.inside
+        surveyed = self._near(self._centers.places_m, SETTLED_SCALES)
+        settled = surveyed & (grid.fill(self._risk) <= SETTLED_SHARE * self._levels.largest_risk)
+        on = self._covered & ~settled
+        on = on if on.any() else self._covered
         self._far_m = np.asarray(distance_transform_edt(~on)) * grid.resolution_m
         self.is_focused = True
         self._follow()
         self._cells = np.flatnonzero(on[grid.inside])
         self._fine = CachedPoints(self.posterior, grid.places_m[self._cells])
         coarse_m = self._coarse_grid.places_m
-        inside = self.covers(coarse_m)
+        inside = self._far_at(coarse_m) <= 0.0
         self._coarse = CachedPoints(self.posterior, coarse_m[inside] if inside.any() else self._fine.places_m)
         self.elsewhere_risk = float(self._risk.sum() - self._risk[self._cells].sum())
 
@@ -119,16 +168,21 @@ class GroundWindow:
         """Covers the whole map again."""
         if self.is_focused:
             self.is_focused, self.elsewhere_risk, self.most_centers = False, 0.0, None
-            self._fine = self._coarse = self._cells = None
+            self._fine = self._coarse = None
+            self._covered, self._far_m = self._grid.inside.copy(), np.zeros(self._grid.inside.shape)
             self._follow()
 
     def _follow(self) -> None:
-        c = self._centers
+        c, self._is_current = self._centers, True
         if self.is_focused and len(c):
-            c = self._thinned(c.take(np.flatnonzero(self.near(c.places_m))))
+            c = self._thinned(c)
         elif self.most_centers is not None:
             c = self._averaged(c, self.most_centers)
-        self.posterior.follow(c)
+        try:
+            self.posterior.follow(c)
+            self.refused = ""
+        except IllConditionedError as error:
+            self.refused = f"map: {error}"
 
     def _averaged(self, centers: Centers, most: int) -> Centers:
         """At most `most` centers: averages in square cells, if there are more."""
@@ -138,44 +192,54 @@ class GroundWindow:
         return found
 
     def _thinned(self, centers: Centers) -> Centers:
-        """The centers, those far from the window's cells averaged."""
-        if not len(centers):
-            return centers
-        far = self._far_at(centers.places_m) > AVERAGED_SCALES * self._scale_m
-        keys = np.column_stack([np.arange(len(centers)), np.full((len(centers), 2), -1)])
-        cells = np.floor(self.posterior.kernel.scale(centers.places_m[far]) / AVERAGED_SIDE)
-        keys[far] = np.column_stack([np.full(len(cells), -1), cells])
-        return centers.averaged(keys)
+        """The centers near the window's cells, those not close to them averaged."""
+        far_m, found = self._far_at(centers.places_m), centers
+        for counts, averaged in MARGINS:
+            kept = np.flatnonzero(far_m <= counts * self._scale_m)
+            found = centers.take(kept)
+            far = far_m[kept] > averaged * self._scale_m
+            keys = np.column_stack([np.arange(len(found)), np.full((len(found), 2), -1)])
+            cells = np.floor(self.posterior.kernel.scale(found.places_m[far]) / AVERAGED_SIDE)
+            keys[far] = np.column_stack([np.full(len(cells), -1), cells])
+            found = found.averaged(keys) if len(found) else found
+            if len(found) <= MOST_EXACT:
+                break
+        return found
 
-    def _update_elsewhere(self, window: Mask) -> None:
-        """Updates the risk of all cells outside of the window (ny, nx) near which centers have come or gone."""
+    def _update_map(self) -> None:
+        """Updates risk and mean of all cells near which centers have come or gone."""
         grid, everywhere = self._grid, self._grid.places_m
         count = np.zeros(grid.inside.shape)
         np.add.at(count, self._index(self._centers.places_m), 1.0)
         if not len(self._risk):
-            self._risk = np.zeros(len(everywhere))
-            self._set_risk(np.arange(len(everywhere)), NO_CENTERS)
-        elif self._cells is not None:
-            now = self.fine.current()
-            self._risk[self._cells] = self._levels.risk(now.mean_m, np.sqrt(now.data_var_m2))
+            self._risk, self._mean_m = np.zeros(len(everywhere)), np.zeros(len(everywhere))
+            self._set_map(np.arange(len(everywhere)), NO_CENTERS)
         changed = count != self._count
         self._count = count
         if not changed.any():
             return
         near = np.asarray(distance_transform_edt(~changed)) * grid.resolution_m <= STALE_SCALES * self._scale_m
-        stale = np.flatnonzero((near & ~window)[grid.inside])
+        stale = np.flatnonzero(near[grid.inside])
         tiles, tile = np.unique(np.floor(everywhere[stale] / TILE_M), axis=0, return_inverse=True)
         for number, corner in enumerate(tiles * TILE_M):
             off = np.abs(self._centers.places_m - (corner + 0.5 * TILE_M)).max(axis=1)
-            close = np.flatnonzero(off <= 0.5 * TILE_M + DATA_SCALES * self._scale_m)
-            self._set_risk(stale[tile.ravel() == number], self._centers.take(close))
+            close = np.flatnonzero(off <= 0.5 * TILE_M + PLACES_SCALES * self._scale_m)
+            self._set_map(stale[tile.ravel() == number], self._centers.take(close))
 
-    def _set_risk(self, cells: NDArray[np.int64], centers: Centers) -> None:
-        """Sets the risk of some cells given the centers near them."""
+    def _set_map(self, cells: NDArray[np.int64], centers: Centers) -> None:
+        """Sets risk and mean of some cells given the centers near them."""
         local = self.posterior.blank()
         local.follow(centers)
         mean_m, variance_m2 = local.moments(self._grid.places_m[cells])
-        self._risk[cells] = self._levels.risk(mean_m, np.sqrt(variance_m2))
+        self._mean_m[cells], self._risk[cells] = mean_m, self._levels.risk(mean_m, np.sqrt(variance_m2))
+
+    def _near(self, places_m: Array, scales: float) -> Mask:
+        """Mask (ny, nx) of the cells at most so many length scales from places (P, 2)."""
+        off = np.ones(self._grid.inside.shape, dtype=bool)
+        off[self._index(places_m)] = False
+        if off.all():
+            return np.zeros_like(off)
+        return np.asarray(distance_transform_edt(off) * self._grid.resolution_m <= scales * self._scale_m)
 
     def _index(self, places_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows and columns of the cells nearest to places (P, 2)."""

@@ -259,6 +259,10 @@ class Method(Protocol):
         """Chooses the plan whose first leg is travelled next."""
         ...
 
+    def evaluates(self, step: int, planner: PlannerConfig) -> bool:
+        """Whether the decision from this step evaluates plans; else it continues the last one if the ground allows."""
+        return True
+
     def map_reward(self, situation: Situation) -> AnytimeReward:
         """Reward of paths over the legs that are planned in detail: by default, all remaining ones."""
         return self.context.map_reward(situation)

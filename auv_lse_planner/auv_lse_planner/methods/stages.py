@@ -5,10 +5,17 @@ It bends them as if they were a short mission, except that it ends on the line a
 limited to the ground near the stage (`ground_window.py`); the places of the line after it count as measured at its end.
 After `RENEW_LEGS` legs, the next stage begins: what is left of this one, and more of the line.
 
-The account of the bound continues. Let R be the risk of the map now, E the drop of risk expected until the mission's
-end, and E_s the drop that the stage computes for its ground. Then E = E_s + d, where d belongs to the rest of the
-mission. A new stage chooses d so that the expected end risk R - E of the last plan stays the same. In the last
-`RENEW_LEGS` legs d is 0.
+The account of the bound covers the whole map. The drop of risk expected until the mission's end is E = E_s + d. The
+stage computes E_s for its ground; d belongs to the cells elsewhere. They are expected to end with the risk e or less,
+and not to lose more than the share of the legs left:
+
+    d = min(sum of max(r - e, 0) over the risk r of these cells, E_0 (legs left) / (all legs))
+
+E_0 is what the best naive path is expected to bring, and e is chosen so that E = E_0 at the start. A new stage computes
+d again. It is never negative, so the reward expected at the end is never below the reward so far.
+
+Plans are evaluated at a bend and when a stage begins. In between the last plan is followed, and its value is carried
+on, unless the ground ahead makes it void.
 """
 
 from __future__ import annotations
@@ -55,7 +62,8 @@ class Stages:
         self._line_m = np.zeros((0, 2))  # places at the steps from `_line_step` on
         self._line_step = 0
         self._drop = 0.0
-        self._end_risk = math.nan  # expected at the mission's end, of the last choice
+        self._first_drop = math.nan  # drop expected of the line at the start, E_0
+        self._end_level = math.nan  # risk with which a cell elsewhere is expected to end, e
         context.window.most_centers = MAX_UNFOCUSED
 
     @staticmethod
@@ -73,9 +81,9 @@ class Stages:
         first = max(self._end - self._line_step, 0)
         return Rest(self._end, self._line_m[first + 1 : self._steps - self._line_step + 1], self._drop)
 
-    def record(self, end_risk: float) -> None:
-        """Records the risk that the chosen plan is expected to leave at the mission's end."""
-        self._end_risk = end_risk
+    def begins(self, step: int) -> bool:
+        """Whether a stage begins at this step."""
+        return not self._context.window.is_focused or step - self._begin >= RENEW_LEGS
 
     def shift(self, legs: int) -> None:
         """Delays the stage and the line by so many legs; what no longer fits into the mission is dropped."""
@@ -85,15 +93,11 @@ class Stages:
     def last_plan(self, s: Situation) -> Followed:
         """The last plan, or the best naive path at the start; extended if a new stage begins."""
         last = s.last
-        if last is not None and self._context.window.is_focused and s.step - self._begin < RENEW_LEGS:
-            return last
         if last is not None:
-            return self._extended(s, last)
-        last, drop = self._best_naive(s)
+            return self._extended(s, last) if self.begins(s.step) else last
+        last, self._first_drop = self._best_naive(s)
         self._line_m, self._line_step, self._end = last.path.states[:, 1:].copy(), s.step, s.step
-        extended = self._extended(s, last)
-        self._drop += drop  # `_extended` had nothing to continue
-        return extended
+        return self._extended(s, last)
 
     def tour(self, end_m: Array) -> Tour | None:
         """The rest of the line as a tour from a place (2,); None if there is no rest."""
@@ -110,15 +114,15 @@ class Stages:
         line = self._line_m[max(self._end - self._line_step, 0) :]
         return {
             "end": self._end,
-            "drop": self._drop,
-            "end_risk": self._end_risk,
+            "first_drop": self._first_drop,
+            "end_level": self._end_level,
             "line_step": self._line_step + len(self._line_m) - len(line),
             "line": np.round(line, 2).tolist(),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Continues from a `snapshot`; the next decision begins a stage."""
-        self._end, self._drop, self._end_risk = values["end"], values["drop"], values["end_risk"]
+        self._end, self._first_drop, self._end_level = values["end"], values["first_drop"], values["end_level"]
         self._line_m, self._line_step = np.array(values["line"]).reshape(-1, 2), values["line_step"]
 
     # ------------------------------------------------------------------ a new stage
@@ -144,12 +148,13 @@ class Stages:
         plan = replace(plan, tour=self.tour(followed.states[-1, 1:]))
         context.window.focus(followed.places_m)
         self._drop = 0.0
-        reward = context.map_reward(s, self.rest())
-        end = reward.value(context.map_places(followed)[: reward.legs]).expected_end
-        if math.isnan(self._end_risk):
-            self._drop = -end
-        elif self._steps - s.step > RENEW_LEGS:
-            self._drop = reward.risk_before - end - self._end_risk
+        risks = context.window.risks_elsewhere
+        if math.isnan(self._end_level):
+            reward = context.map_reward(s, self.rest())
+            elsewhere = self._first_drop - reward.value(context.map_places(followed)[: reward.legs]).expected_end
+            self._end_level = max(0.0, float(risks.mean()) - elsewhere / len(risks)) if len(risks) else 0.0
+        most = max(self._first_drop, 0.0) * (1.0 - s.step / self._steps)
+        self._drop = min(float(np.maximum(risks - self._end_level, 0.0).sum()), most)
         return Followed(plan, followed)
 
     def _line(self, begin: int, end: int) -> Array:

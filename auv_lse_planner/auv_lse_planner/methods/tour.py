@@ -30,12 +30,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.stages import INTERVALS, Stages
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
 from auv_lse_planner.paths.steering import LOOK_AHEAD
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Value
 from auv_lse_planner.search.path_search import search_path
 from auv_lse_planner.search.uct import Actions
 
@@ -63,19 +64,22 @@ class Tour(Method):
         self._optimized_at = -1
         self._seeds: list[Actions] = []
         self._stages = Stages(context) if Stages.needed(context) else None
+        self._value: Value | None = None  # of the last plan, when it was evaluated; None after a shift
         self._follows = follows_isobath(context.settings)
 
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
         s, context, last = situation, self.context, situation.last
         void = self._void(s)
+        if last is not None and self._value is not None and not void and not self.evaluates(s.step, s.planner):
+            return self._continued(last, self._value)
         context.assume_plans(s)
         if self._stages is not None:
             s = replace(s, last=self._stages.last_plan(s))
             last = s.last
         reward = self.map_reward(s)
         mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in context.mates_ahead(s))])
-        due = situation.last is None or bool(void) or self._interval_is_over(s)
+        due = situation.last is None or bool(void) or self._interval_is_over(s.step, s.planner)
         heads = self._heads(s, mates_m) if (due or self._follows) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None:
@@ -98,8 +102,7 @@ class Tour(Method):
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
         void_value = reference if void and reference is not None else math.nan
-        if self._stages is not None:
-            self._stages.record(reward.risk_before - chosen.value.expected_end)
+        self._value = chosen.value
         if chosen is not incumbent:
             self._candidates.follow(chosen, s.step)
         return Choice(
@@ -119,6 +122,23 @@ class Tour(Method):
             deadline_hit=found.deadline_hit,
         )
 
+    def evaluates(self, step: int, planner: PlannerConfig) -> bool:
+        """See `Method`."""
+        if self._stages is None or self._follows or self._value is None:
+            return True
+        return self._stages.begins(step) or self._interval_is_over(step, planner)
+
+    def _continued(self, last: Followed, value: Value) -> Choice:
+        """The last plan, with the value that it had when it was evaluated."""
+        same = Candidate(last.plan, last.path, value)
+        return Choice(
+            chosen=same,
+            incumbent=same,
+            team_plan=last.plan,
+            assured=value.expected_end - self.budget,
+            budget=self.budget,
+        )
+
     def map_reward(self, situation: Situation) -> AnytimeReward:
         """See `Method`."""
         return self.context.map_reward(situation, None if self._stages is None else self._stages.rest())
@@ -131,6 +151,7 @@ class Tour(Method):
     def shift(self, legs: int) -> None:
         """See `Method`."""
         self._optimized_at += legs
+        self._value = None
         self._candidates.shift(legs)
         if self._stages is not None:
             self._stages.shift(legs)
@@ -165,9 +186,9 @@ class Tour(Method):
         in_area = space.path_feasible(s.state, actions, LOOK_AHEAD, static=True)
         return "shallow ground" if in_area else "border of the area"
 
-    def _interval_is_over(self, s: Situation) -> bool:
-        every = s.planner.tour_interval * (1 if self._stages is None else INTERVALS)
-        return bool(every and s.step - self._optimized_at >= every)
+    def _interval_is_over(self, step: int, planner: PlannerConfig) -> bool:
+        every = planner.tour_interval * (1 if self._stages is None else INTERVALS)
+        return bool(every and step - self._optimized_at >= every)
 
     def _search(self, problem: TourProblem, last: Followed | None, heads: list[Actions]) -> Candidates:
         if last is None:

@@ -51,14 +51,13 @@ from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.vehicle import problems
 from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
+from auv_lse_planner.vehicle.shallow_ground import ShallowGround
 from auv_lse_planner.vehicle.surfacing import Surfacings
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 from auv_lse_planner.vehicle.until import Until
 
 Array = NDArray[np.float64]
 
-#: Shallow ground is checked this far (m) beyond the reach of a plan's legs, to leave room for turns.
-SHALLOWS_BEYOND_M = 100.0
 #: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
 COARSE_M = 30.0
 
@@ -121,7 +120,12 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()  # before the last decision
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
-        self._shallow_grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
+        self._shallow_ground = ShallowGround(
+            self.space,
+            self._context.window,
+            area.grid(max(10.0, 2.0 * settings.area.raster_m)),
+            settings.vehicle.depth_m + settings.vehicle.min_water_m,
+        )
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
@@ -251,8 +255,9 @@ class VehiclePlanner:
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         method = self._method  # before it takes the map, whose size it may bound
-        self._take_centers()
-        self._keep_off_shallows(state)
+        evaluates = method.evaluates(step, self.planner)
+        self._take_centers(evaluates)
+        self._keep_off_shallows(state, evaluates)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
         situation = Situation(
             planner=self.planner,
@@ -466,31 +471,28 @@ class VehiclePlanner:
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
         return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
 
-    def _take_centers(self) -> None:
+    def _take_centers(self, evaluates: bool) -> None:
+        window = self._context.window
         if self.planner.family_name != "tour":
-            self._context.window.release()
+            window.release()
         centers, self._new_centers = self._new_centers, None
-        if centers is None:
+        if centers is not None:
+            window.set_centers(centers)
+        if evaluates:
+            window.update()
+        self._map_refused = window.refused
+
+    def _keep_off_shallows(self, state: Array, evaluates: bool) -> None:
+        """Blocks ground that the map shows as too shallow, within reach of legs planned from `state`."""
+        if not len(self._context.window.centers):
             return
+        leg_m = float(self.motion.lengths_m.max())
         try:
-            self._context.window.set_centers(centers)
-            self._map_refused = ""
+            if not evaluates:
+                self._shallow_ground.update_ahead(state[1:], LOOK_AHEAD * leg_m)
+            elif self.planner.family.to_the_end:
+                self._shallow_ground.update_window()
+            else:
+                self._shallow_ground.update_around(state[1:], (max(self.planner.horizon, LOOK_AHEAD) + 2) * leg_m)
         except IllConditionedError as error:
             self._map_refused = f"map: {error}"
-
-    def _keep_off_shallows(self, state: Array) -> None:
-        """Blocks ground that the map shows as too shallow, within reach of legs planned from `state`."""
-        if not len(self.posterior.centers):
-            return
-        places = self._shallow_grid.places_m
-        if not self.planner.family.to_the_end:
-            legs = max(self.planner.horizon, LOOK_AHEAD) + 2
-            reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
-            places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]
-        elif self._context.window.is_focused:
-            places = places[self._context.window.covers(places)]
-        limit_m = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
-        depths_m, banks = self.posterior.mean_m(places), self.posterior.banks
-        if banks is not None and len(places):
-            depths_m = banks.depths(places, depths_m)
-        self.space.set_shallow(places, depths_m < limit_m, self._shallow_grid.resolution_m)

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from planner_helpers import centers, settings
 
-from auv_lse_planner.methods import stages
+from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_planner.methods import ground_window, stages
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 STEPS, STAGE, RENEW = 26, 10, 4
@@ -46,27 +49,58 @@ def test_near_legs_are_exact_and_the_rest_is_a_tour():
         assert abs(step + len(path) - STEPS) <= stages.REST_SEGMENT_LEGS
 
 
-def test_account_goes_on_when_a_stage_begins(monkeypatch):
-    ends = []
-    extended = stages.Stages._extended
+def test_what_is_expected_elsewhere_is_carried_to_the_end(monkeypatch):
+    """A mate's plan over ground that this vehicle never comes near counts, in the last legs too."""
+    monkeypatch.setattr(ground_window, "CELLS_SCALES", 0.6)
+    parameters = settings({"method": "tour"}, 2, STEPS, vehicle={"surfacings": 0})
+    planner = VehiclePlanner(1, parameters, np.random.default_rng(1))
+    v = planner.settings.vehicle
+    planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
+    for step in range(STEPS - RENEW // 2):
+        mate = Plan.at(step, np.array([0.0, -20.0, 150.0]), (), FITTED[1])
+        planner.receive_plan(15.7 * step, 2, mate)
+        bound = _decide(planner, step).bound
+        assert bound.expected_end > 0.0
+        assert bound.lower_bound == pytest.approx(bound.expected_total - bound.budget)
+    stage = planner._method._stages
+    assert stage.is_last
+    assert 0.0 < stage.rest().drop < bound.expected_end
 
-    def spy(self, s, last):
-        before = self._end_risk
-        found = extended(self, s, last)
-        reward = self._context.map_reward(s, self.rest())
-        value = reward.value(self._context.map_places(found.path)[: reward.legs])
-        ends.append((s.step, before, reward.risk_before - value.expected_end))
-        return found
 
-    monkeypatch.setattr(stages.Stages, "_extended", spy)
+def test_reward_expected_at_the_end_is_never_below_the_reward_so_far():
     planner = _planner()
-    bounds = [_decide(planner, step).bound for step in range(STEPS)]
-    assert [step for step, _, _ in ends] == list(range(0, STEPS, RENEW))
-    for step, before, after in ends[1:]:
-        if STEPS - step > RENEW:
-            assert after == pytest.approx(before)
-    assert planner._method._stages.rest().drop == 0.0
-    assert all(bound.budget >= 0.0 for bound in bounds)
+    for step in range(STEPS):
+        bound = _decide(planner, step).bound
+        assert bound.expected_end >= 0.0
+        assert bound.budget >= 0.0
+    assert 0.0 <= planner._method._stages.rest().drop < 0.2 * planner.records[0].expected_end
+
+
+def test_between_bends_the_last_plan_and_its_value_are_carried_on():
+    planner = _planner()
+    interval = stages.INTERVALS * planner.planner.tour_interval
+    for step in range(2 * interval):
+        before = planner.records[-1] if planner.records else None
+        rows = planner.posterior.data_rows
+        plan, decision = planner._followed, _decide(planner, step)
+        if step % interval and step % RENEW:
+            assert decision.plan == plan.plan
+            assert decision.bound.incumbent_kept
+            assert decision.bound.expected_total == before.expected_total
+            assert planner.posterior.data_rows == rows
+        else:
+            assert planner.posterior.data_rows > rows or step == 0
+
+
+def test_shallow_ground_ahead_voids_a_plan_between_bends():
+    planner = _planner()
+    _decide(planner, 0)
+    place = planner.path.states[2, 1:]
+    around = place + 6.0 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+    planner.set_centers(Centers(around, np.full(4, 1.0), np.full(4, 0.2)), 15.7)
+    decision = planner.decide(15.7)
+    assert decision.bound.void == "shallow ground"
+    assert decision.bound.iterations
 
 
 def test_first_plan_is_expected_to_end_as_the_best_naive_path():
@@ -109,14 +143,14 @@ def test_short_mission_has_no_stages():
 
 def test_restored_planner_continues_the_account_and_the_line():
     planner = _planner()
-    for step in range(7):
+    for step in range(12):
         _decide(planner, step)
     kept = json.loads(json.dumps(planner.snapshot()))
     other = _planner()
     other.restore(kept)
     end = planner.path.states[min(3, len(planner.path)), 1:]
-    other.odometry(15.7 * 7, *(float(x) for x in planner.path.states[0]))
-    first, again = _decide(planner, 7), _decide(other, 7)
+    other.odometry(15.7 * 12, *(float(x) for x in planner.path.states[0]))
+    first, again = _decide(planner, 12), _decide(other, 12)
     assert again.bound.expected_total == pytest.approx(first.bound.expected_total, rel=0.05)
     assert other.path.states[min(3, len(other.path)), 1:] == pytest.approx(end, abs=30.0)
 
