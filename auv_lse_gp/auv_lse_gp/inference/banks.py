@@ -30,6 +30,8 @@ BANK_M = 25.0
 LEAST = 0.05
 #: Largest spacing (m) of the places along the shore by which the nearest piece of it is found.
 SPACING_M = 4.0
+#: Number of the nearest of these places whose pieces of shore are compared.
+_NEAREST = 8
 #: Half of the distance (m) of the finite difference for the slope of s.
 _SLOPE_M = 0.05
 
@@ -56,12 +58,12 @@ class Banks:
 
     def factor(self, places_m: Array) -> Array:
         """Factor s (P,) at places (P, 2)."""
-        _, nearest = self._tree.query(places_m)
-        pieces, off = self._pieces_m[:, nearest], places_m - self._places_m[nearest]
-        squares = np.maximum(np.einsum("spd,spd->sp", pieces, pieces), 1e-12)
-        along = np.clip(np.einsum("spd,pd->sp", pieces, off) / squares, 0.0, 1.0)
-        rest = off - along[:, :, None] * pieces
-        distance = np.sqrt(np.einsum("spd,spd->sp", rest, rest).min(axis=0))
+        _, nearest = self._tree.query(places_m, k=np.arange(1, min(_NEAREST, self._tree.n) + 1))
+        pieces, off = self._pieces_m[:, nearest], np.asarray(places_m)[:, None] - self._places_m[nearest]
+        squares = np.maximum(np.einsum("spkd,spkd->spk", pieces, pieces), 1e-12)
+        along = np.clip(np.einsum("spkd,pkd->spk", pieces, off) / squares, 0.0, 1.0)
+        rest = off - along[..., None] * pieces
+        distance = np.sqrt(np.einsum("spkd,spkd->spk", rest, rest).min(axis=(0, 2)))
         return np.asarray(np.maximum(1.0 - np.exp(-distance / BANK_M), LEAST))
 
     def mean(self, open_ground: PriorMean) -> PriorMean:

@@ -90,8 +90,10 @@ def test_slopes_are_those_of_the_depth():
 
 
 def test_the_factor_rests_on_the_distance_to_the_nearest_piece_of_shore():
+    rng = np.random.default_rng(2)
     lines = [np.array([[0.0, 0.0], [0.0, 90.0], [70.0, 120.0]]), np.array([[200.0, 10.0], [150.0, 12.0]])]
-    at = np.random.default_rng(2).uniform(-60.0, 320.0, (300, 2))
+    lines.append(np.column_stack([np.linspace(100.0, 300.0, 30), 200.0 + rng.uniform(-20.0, 20.0, 30)]))  # jagged
+    at = rng.uniform(-60.0, 320.0, (5000, 2))
     shore = shapely.union_all([shapely.LineString(line) for line in lines])
     distance = shapely.distance(shapely.points(at), shore)
     expected = np.maximum(1.0 - np.exp(-distance / BANK_M), 0.05)
