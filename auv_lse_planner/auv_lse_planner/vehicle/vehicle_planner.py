@@ -120,12 +120,7 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()  # before the last decision
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
-        self._shallow_ground = ShallowGround(
-            self.space,
-            self._context.window,
-            area.grid(max(10.0, 2.0 * settings.area.raster_m)),
-            settings.vehicle.depth_m + settings.vehicle.min_water_m,
-        )
+        self._shallow_ground = self._ground_to_avoid(area)
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
@@ -133,6 +128,11 @@ class VehiclePlanner:
         self._recent = Recent()
         self._map_offset_m = np.zeros(3)  # of the map from odometry: heading (always 0), north, east
         self._leg_map_offset_m = self._map_offset_m  # when the last leg was decided
+
+    def _ground_to_avoid(self, area: OperatingArea) -> ShallowGround:
+        """Ground that the map shows as too shallow."""
+        v, grid = self.settings.vehicle, area.grid(max(10.0, 2.0 * self.settings.area.raster_m))
+        return ShallowGround(self.space, self._context.window, grid, v.depth_m + v.min_water_m)
 
     def _most_surfacings(self) -> int:
         wanted = self.settings.vehicle.surfacings
