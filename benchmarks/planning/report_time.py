@@ -1,8 +1,9 @@
-"""Time and memory of the report, certificate and export of a long mission's recording.
+"""Figures of a long mission from its run folder: decisions, recording, and time and memory of report and exports.
 
-    python -m benchmarks.planning.report_time [RUN]
+    python -m benchmarks.planning.report_time [RUN [--again VEHICLE]]
 
-Without RUN, a mission of three vehicles and 1,200 legs is flown in the fleet engine first, which takes much longer. Its
+Decisions and processor times are those of the flight; report, certificate and export are made anew. Without RUN, a
+mission of three vehicles and 1,200 legs is flown in the fleet engine first, which takes much longer. Its
 method is `lawnmower`, which plans fastest. The fleet engine publishes no maps, so the certificate of its recording
 compares none: to measure that, give a recording of `scripts/mission`.
 """
@@ -10,26 +11,38 @@ compares none: to measure that, give a recording of `scripts/mission`.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_planner.methods.decision import Decision
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_record.recording import Recording, recording_in
 from auv_lse_record.run_writer import write_run
+from auv_lse_shore.replay.inputs import read_inputs
+from auv_lse_shore.replay.recompute_decisions import recompute_decisions
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.command import end_with
-from benchmarks.planning.day import square
+from benchmarks.planning.day import FIRST_MS, LONGEST_MS, MEAN_MS, square
 from benchmarks.rows import Row, row
 
 #: Legs and vehicles of the mission.
 FULL, SMOKE = (1200, 3), (4, 1)
 #: Goals of the report: wall-clock time (s), and memory of its largest process (MB).
 REPORT_S, REPORT_MB = 60.0, 1500.0
+#: Legs of the mission's first and last part, whose decisions are compared.
+PART_LEGS = 200
+#: Largest recording (MB).
+RECORDING_MB = 400.0
 #: What is measured: name, module and options.
 COMMANDS = (
     ("report", "auv_lse_shore.replay", ("--report", "--out", "{out}")),
@@ -38,12 +51,71 @@ COMMANDS = (
 )
 
 
+def _of_decisions(vehicle: int, decisions: Sequence[tuple[int, float]]) -> Iterator[Row]:
+    """The rows of one vehicle's decisions: step and time (ms) of each."""
+    steps, times_ms = np.array(decisions).T
+    later, last = times_ms[1:], steps[-1]
+    if not len(later):
+        return
+    for name, value_ms, goal_ms in (
+        ("first decision", times_ms[0], FIRST_MS),
+        ("other decisions, mean", later.mean(), MEAN_MS),
+        ("other decisions, longest", later.max(), LONGEST_MS),
+    ):
+        yield row(f"auv{vehicle}: {name}", value_ms, "ms", goal=f"<= {goal_ms:g} ms", holds=value_ms <= goal_ms)
+    yield row(f"auv{vehicle}: other decisions beyond {LONGEST_MS:g} ms", (later > LONGEST_MS).sum())
+    if last > 2 * PART_LEGS:
+        early = times_ms[(steps > 0) & (steps <= PART_LEGS)].mean()
+        late = times_ms[steps > last - PART_LEGS].mean()
+        yield row(f"auv{vehicle}: mean of legs 1 to {PART_LEGS}", early, "ms")
+        yield row(f"auv{vehicle}: mean of the last {PART_LEGS} legs", late, "ms", "the first", late / early)
+
+
+def flown(run: Path) -> Iterator[Row]:
+    """The rows of the flight: wall-clock time of each vehicle's decisions, processor time, size of the recording."""
+    decisions: dict[int, list[tuple[int, float]]] = {}
+    path = recording_in(run)
+    with Recording(path) as recording:
+        for recorded in recording.values({"planner/bound"}):
+            decisions.setdefault(recorded.vehicle, []).append((recorded.value.step, 1e3 * recorded.value.planning_s))
+    for vehicle, found in sorted(decisions.items()):
+        yield from _of_decisions(vehicle, found)
+    clock = run / "logs" / "times.json"
+    for name, value_s in json.loads(clock.read_text())["processor_s"].items() if clock.is_file() else ():
+        yield row(f"{name}: processor time", value_s, "s")
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    size_mb = sum(file.stat().st_size for file in files) / 1e6
+    yield row("recording", size_mb, "MB", goal=f"<= {RECORDING_MB:g} MB", holds=size_mb <= RECORDING_MB)
+
+
+def decided_again(run: Path, vehicle: int) -> Iterator[Row]:
+    """The rows of one vehicle's decisions, decided again from the recorded inputs: processor time."""
+    inputs = read_inputs(run)
+    settings = Settings.from_patterns(inputs.parameters, str(run))
+    decisions: list[tuple[int, float]] = []
+    decide = VehiclePlanner.decide
+
+    def timed(planner: VehiclePlanner, now_s: float) -> Decision:
+        step, began_s = planner.decided, time.process_time()
+        decision = decide(planner, now_s)
+        decisions.append((step, 1e3 * (time.process_time() - began_s)))
+        return decision
+
+    VehiclePlanner.decide = timed  # type: ignore[method-assign]
+    try:
+        recompute_decisions(inputs.vehicles[vehicle], settings, inputs.lockstep, 1e-6, lambda share: None)
+    finally:
+        VehiclePlanner.decide = decide  # type: ignore[method-assign]
+    yield from _of_decisions(vehicle, decisions)
+
+
 def measured(run: Path, out: Path) -> Iterator[Row]:
-    """The rows of a recording.
+    """The rows of a flight, then those of the commands that read its recording.
 
     Raises:
         RuntimeError: if a command fails.
     """
+    yield from flown(run)
     for name, module, options in COMMANDS:
         command = [sys.executable, "-m", module, str(run), *(part.format(out=out) for part in options)]
         began = time.perf_counter()
@@ -79,10 +151,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the rows of a given recording, or of a mission flown here."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.report_time", description=__doc__)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="run folder, or a recording")
+    parser.add_argument("--again", type=int, metavar="VEHICLE", help="only decide again what a vehicle of RUN decided")
     options = parser.parse_args(arguments)
+    if options.again is not None and options.run is None:
+        parser.error("--again needs RUN")
     with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
-        for each in run() if options.run is None else measured(options.run, Path(folder)):
-            print(f"{each['name']}: {each['value']:.1f} {each['unit']}", flush=True)
+        if options.run is None:
+            rows: Iterable[Row] = run()
+        else:
+            again = options.again
+            rows = measured(options.run, Path(folder)) if again is None else decided_again(options.run, again)
+        for each in rows:
+            ratio = "" if each.get("ratio") is None else f" ({each['ratio']:.2f} times {each['against']})"
+            print(f"{each['name']}: {each['value']:.1f} {each['unit']}{ratio}", flush=True)
     return 0
 
 

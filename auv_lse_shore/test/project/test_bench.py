@@ -71,12 +71,24 @@ def test_the_path_along_a_known_isobath_takes_the_nearer_part_of_it():
     assert until.length_m(whole) == pytest.approx(290.0 + 400.0 + 280.0, rel=0.02)
 
 
-def test_report_certificate_and_export_of_a_recording_are_timed():
+def test_decisions_report_certificate_and_export_of_a_recording_are_timed():
     report_time = importlib.import_module("benchmarks.planning.report_time")
     rows = report_time.run(smoke=True)
     check(rows)
-    assert [row["name"].split(":")[0] for row in rows[::3]] == ["report", "certificate", "export"]
-    assert all(row["value"] > 0.0 for row in rows)
+    subjects = list(dict.fromkeys(row["name"].split(":")[0] for row in rows))
+    assert subjects == ["auv1", "recording", "report", "certificate", "export"]
+    assert all(row["value"] > 0.0 for row in rows if "beyond" not in row["name"])
+
+
+def test_late_decisions_are_compared_with_early_ones():
+    report_time = importlib.import_module("benchmarks.planning.report_time")
+    times = [(step, 5000.0 if step == 0 else 10.0 if step <= 200 else 600.0 if step == 300 else 30.0)
+             for step in range(500)]  # fmt: skip
+    rows = {row["name"]: row for row in report_time._of_decisions(1, times)}
+    assert rows["auv1: first decision"]["value"] == 5000.0
+    assert rows["auv1: other decisions, longest"]["holds"] is False
+    assert rows["auv1: other decisions beyond 500 ms"]["value"] == 1
+    assert rows["auv1: mean of the last 200 legs"]["ratio"] == pytest.approx(3.0 + 570.0 / 200.0 / 10.0, rel=0.02)
 
 
 @pytest.mark.ros
