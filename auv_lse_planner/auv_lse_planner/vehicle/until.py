@@ -61,9 +61,13 @@ class Until:
         heard = [self._heard.get(mate, began) for mate in self._mates]
         return self.reached and all(reached or now_s - heard_s > silence_s for heard_s, reached in heard)
 
-    def judge(self, decided: int, posterior: Posterior) -> bool:
-        """Judges the map if that is due after `decided` decisions; returns whether it was."""
-        if self._judge is None or decided % JUDGE_LEGS or not len(posterior):
+    def is_due(self, decided: int) -> bool:
+        """Whether the map is to be judged after `decided` decisions."""
+        return self._judge is not None and decided % JUDGE_LEGS == 0
+
+    def judge(self, posterior: Posterior) -> bool:
+        """Judges the map; returns whether a quality was asked for and there are soundings."""
+        if self._judge is None or not len(posterior):
             return False
         self.quality = self._judge.judge(posterior)
         self.met = self.met + 1 if self.quality.meets(self.asked) else 0

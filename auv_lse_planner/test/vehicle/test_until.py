@@ -65,7 +65,7 @@ def test_without_a_request_nothing_is_judged_and_nothing_ends() -> None:
     own = Until(settings, OperatingArea(settings.area), [])
     posterior = Posterior(settings.gp)
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    assert not own.judge(JUDGE_LEGS, posterior)
+    assert not own.judge(posterior)
     assert not own.agreed(100.0, SILENCE_S)
 
 
@@ -91,12 +91,13 @@ def test_everything_that_is_asked_for_must_be_met(asked: dict[str, Any], met: bo
 def test_a_map_is_judged_every_few_legs_and_the_state_survives_a_restart() -> None:
     own = until(reached=False, undiscovered_m=1e5)
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
-    assert not own.judge(JUDGE_LEGS, posterior), "no sounding"
+    assert not own.judge(posterior), "no sounding"
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    assert not own.judge(JUDGE_LEGS + 1, posterior)
-    assert own.judge(JUDGE_LEGS, posterior)
+    assert not own.is_due(JUDGE_LEGS + 1)
+    assert own.is_due(JUDGE_LEGS)
+    assert own.judge(posterior)
     assert not own.reached, "found once only"
-    assert own.judge(2 * JUDGE_LEGS, posterior)
+    assert own.judge(posterior)
     assert own.reached
     assert 100.0 < own.quality.undiscovered_m < 1e5
     assert not own.agreed(7.0, SILENCE_S)
@@ -112,12 +113,12 @@ def test_a_quality_that_is_lost_again_is_no_longer_announced() -> None:
     own = until(reached=False, undiscovered_m=1e5)
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    for judged in (1, 2):
-        own.judge(judged * JUDGE_LEGS, posterior)
+    for _ in range(2):
+        own.judge(posterior)
     assert own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=0.1)  # no map has that
-    own.judge(3 * JUDGE_LEGS, posterior)
+    own.judge(posterior)
     assert not own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=1e5)
-    own.judge(4 * JUDGE_LEGS, posterior)
+    own.judge(posterior)
     assert not own.reached, "the count begins anew"
