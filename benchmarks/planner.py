@@ -285,12 +285,12 @@ def _decision(method: str, count: int, sizes: Sizes) -> list[Row]:
     times, values = [], []
     for _ in range(sizes.repeats):
         made = planner(method, count, **sizes.options)
-        made._take_centers()  # the node takes the map as it arrives
+        made._take_centers(evaluates=True)  # the node takes the map as it arrives
         begin = time.process_time()
         values.append(made.decide(0.0).bound.expected_end)
         times.append(1e3 * (time.process_time() - begin))
     made = planner(method, count, **sizes.options)
-    made._take_centers()
+    made._take_centers(evaluates=True)
     begin = time.process_time()
     limited = made.decide(0.0, deadline=lambda: time.process_time() - begin > 0.020)
     spent = 1e3 * (time.process_time() - begin)
@@ -316,7 +316,7 @@ def _flown(made: VehiclePlanner, legs: int, now_s: float) -> float:
 def under_way(sizes: Sizes = FULL) -> list[Row]:
     """What a 20 ms deadline leaves of a decision of `tour` that looks for another plan, with one in hand."""
     made = planner("tour", sizes.centers, **sizes.options)
-    made._take_centers()
+    made._take_centers(evaluates=True)
     every, now_s = made.planner.tour_interval, 0.0
     assert every is not None
     full_ms, limited_ms, shares = [], [], []
@@ -345,7 +345,7 @@ def samples_cost(sizes: Sizes = FULL) -> list[Row]:
         options = {"samples_per_leg": samples, **sizes.options}
         planner("augmented", sizes.centers, **options).decide(0.0)
         made = planner("augmented", sizes.centers, **options)
-        made._take_centers()
+        made._take_centers(evaluates=True)
         begin = time.process_time()
         made.decide(0.0)
         rows.append(

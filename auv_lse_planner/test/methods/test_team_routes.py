@@ -23,7 +23,7 @@ def planner(vehicle=1, vehicles=3, steps=30, team_routes=True, **sections):
 def test_every_vehicle_computes_the_same_routes_whatever_it_has_measured():
     one, other = planner(1), planner(3)
     other.set_centers(centers(np.random.default_rng(3), 20), 0.0)
-    other._take_centers()
+    other._take_centers(evaluates=True)
     assert len(one._context.routes.lines_m) == 3
     for a, b in zip(one._context.routes.lines_m, other._context.routes.lines_m, strict=True):
         assert np.array_equal(a, b)
