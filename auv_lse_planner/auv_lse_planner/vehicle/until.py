@@ -9,11 +9,12 @@ can end a vehicle whose own map lacks the quality.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import UNKNOWN, Quality, QualityJudge
 
@@ -61,13 +62,18 @@ class Until:
         heard = [self._heard.get(mate, began) for mate in self._mates]
         return self.reached and all(reached or now_s - heard_s > silence_s for heard_s, reached in heard)
 
-    def is_due(self, decided: int) -> bool:
-        """Whether the map is to be judged after `decided` decisions."""
-        return self._judge is not None and decided % JUDGE_LEGS == 0
+    def judge(self, decided: int, whole: Callable[[], Posterior]) -> bool:
+        """Judges the whole map, if that is due after `decided` decisions; returns whether it was judged.
 
-    def judge(self, posterior: Posterior) -> bool:
-        """Judges the map; returns whether a quality was asked for and there are soundings."""
-        if self._judge is None or not len(posterior):
+        A map that cannot be factorized is judged later.
+        """
+        if self._judge is None or decided % JUDGE_LEGS:
+            return False
+        try:
+            posterior = whole()
+        except IllConditionedError:
+            return False
+        if not len(posterior):
             return False
         self.quality = self._judge.judge(posterior)
         self.met = self.met + 1 if self.quality.meets(self.asked) else 0

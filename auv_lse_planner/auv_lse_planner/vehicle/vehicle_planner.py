@@ -348,16 +348,9 @@ class VehiclePlanner:
     def judge_map(self) -> bool:
         """Judges the map for `mission.until`, if that is due; returns whether it was.
 
-        Call it after each decision. It takes one to two seconds, and counts from the next decision on. A map whose
-        centers cannot be factorized is judged later.
+        Call it after each decision. It takes one to two seconds, and counts from the next decision on.
         """
-        if not self.until.is_due(self._travel.decided):
-            return False
-        try:
-            whole = self._context.window.whole()
-        except IllConditionedError:
-            return False
-        return self.until.judge(whole)
+        return self.until.judge(self._travel.decided, self._context.window.whole)
 
     def is_last(self, leg: Leg) -> bool:
         """Whether a leg is the mission's last one."""

@@ -12,6 +12,7 @@ import pytest
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import Quality
 from auv_lse_planner.vehicle.until import IN_A_ROW, JUDGE_LEGS, Until
@@ -65,7 +66,7 @@ def test_without_a_request_nothing_is_judged_and_nothing_ends() -> None:
     own = Until(settings, OperatingArea(settings.area), [])
     posterior = Posterior(settings.gp)
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    assert not own.judge(posterior)
+    assert not own.judge(JUDGE_LEGS, lambda: posterior)
     assert not own.agreed(100.0, SILENCE_S)
 
 
@@ -88,16 +89,20 @@ def test_everything_that_is_asked_for_must_be_met(asked: dict[str, Any], met: bo
     assert nothing.meets(until(deviation_m=100.0).asked) is False, "no line found"
 
 
+def refused() -> Posterior:
+    raise IllConditionedError("two centers at one place")
+
+
 def test_a_map_is_judged_every_few_legs_and_the_state_survives_a_restart() -> None:
     own = until(reached=False, undiscovered_m=1e5)
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
-    assert not own.judge(posterior), "no sounding"
+    assert not own.judge(JUDGE_LEGS, lambda: posterior), "no sounding"
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    assert not own.is_due(JUDGE_LEGS + 1)
-    assert own.is_due(JUDGE_LEGS)
-    assert own.judge(posterior)
+    assert not own.judge(JUDGE_LEGS + 1, lambda: posterior), "not due"
+    assert not own.judge(JUDGE_LEGS, refused), "centers that cannot be factorized"
+    assert own.judge(JUDGE_LEGS, lambda: posterior)
     assert not own.reached, "found once only"
-    assert own.judge(posterior)
+    assert own.judge(JUDGE_LEGS, lambda: posterior)
     assert own.reached
     assert 100.0 < own.quality.undiscovered_m < 1e5
     assert not own.agreed(7.0, SILENCE_S)
@@ -114,11 +119,11 @@ def test_a_quality_that_is_lost_again_is_no_longer_announced() -> None:
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
     for _ in range(2):
-        own.judge(posterior)
+        own.judge(JUDGE_LEGS, lambda: posterior)
     assert own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=0.1)  # no map has that
-    own.judge(posterior)
+    own.judge(JUDGE_LEGS, lambda: posterior)
     assert not own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=1e5)
-    own.judge(posterior)
+    own.judge(JUDGE_LEGS, lambda: posterior)
     assert not own.reached, "the count begins anew"
