@@ -66,6 +66,7 @@ class SoundingsTable:
         north_m, east_m: Places (m), if the table has them.
         lat_deg, lon_deg: Places (WGS84), if the table has them.
         time_s: Times (s), if the table has them.
+        vehicles: Which vehicle took each sounding, if the table has a column `vehicle`.
     """
 
     path: Path
@@ -78,6 +79,7 @@ class SoundingsTable:
     lat_deg: Array | None
     lon_deg: Array | None
     time_s: Array | None = None
+    vehicles: NDArray[np.str_] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -274,12 +276,15 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     if (time := column(("time_s",))) is not None:
         indices["time"] = time
     values: dict[str, list[float]] = {key: [] for key in indices}
+    vehicle, vehicles = column(("vehicle",)), []
     for number, line in rows[1:]:
         fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
             raise SoundingsError(f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}; expected {len(header)}")
         for key, index in indices.items():
             values[key].append(_number(fields[index], key, f"{path}:{number}: {header[index]}"))
+        if vehicle is not None:
+            vehicles.append(fields[vehicle].strip())
     arrays = {key: np.array(found) for key, found in values.items()}
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     depth_name = header[indices["depth"]]
@@ -300,6 +305,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         lat_deg=arrays.get("lat"),
         lon_deg=arrays.get("lon"),
         time_s=arrays.get("time"),
+        vehicles=None if vehicle is None else np.array(vehicles),
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.run_data import RunData
-from auv_lse_shore.survey_import.reading import read_log
+from auv_lse_shore.survey_import.reading import read_logs
 from auv_lse_shore.survey_import.run import check_free, survey_run, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
 from auv_lse_shore.survey_import.track import PlacedLog, Placement, local_origin, place, vehicle_of
@@ -88,7 +88,7 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         MissingPackageError: if a package that a format needs is missing.
         OSError: if a file cannot be read or written.
     """
-    logs = [read_log(path, options.density, _progress(path)) for path in options.logs]
+    logs = [log for path in options.logs for log in read_logs(path, options.density, _progress(path))]
     origin = local_origin(logs)
     if options.origin:
         if origin is None:

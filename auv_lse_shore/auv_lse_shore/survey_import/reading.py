@@ -15,8 +15,8 @@ from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
 _HEAD = 4096
 
 
-def read_log(path: Path, density_kgpm3: float, progress: Progress) -> SurveyLog:
-    """Reads a log of any known format.
+def read_logs(path: Path, density_kgpm3: float, progress: Progress) -> list[SurveyLog]:
+    """Reads a file of any known format: one log, or one of each vehicle of a table.
 
     Args:
         path: The file.
@@ -33,9 +33,9 @@ def read_log(path: Path, density_kgpm3: float, progress: Progress) -> SurveyLog:
     if not head.strip():
         raise LogError(f"{path}: got an empty file; expected a log. Copy it from the vehicle again")
     if b"\0" in head:
-        return _read_binary(path, head, density_kgpm3, progress)
+        return [_read_binary(path, head, density_kgpm3, progress)]
     if nmea.is_nmea(head):
-        return nmea.read(path, density_kgpm3, progress)
+        return [nmea.read(path, density_kgpm3, progress)]
     return _read_table(path)
 
 
@@ -52,19 +52,28 @@ def _read_binary(path: Path, head: bytes, density_kgpm3: float, progress: Progre
     )
 
 
-def _read_table(path: Path) -> SurveyLog:
-    """A table with times, or with soundings in the order of its lines."""
+def _read_table(path: Path) -> list[SurveyLog]:
+    """A table with times, or with soundings in the order of its lines; a log for each vehicle."""
     table = read_table(path)
     is_geodetic = table.lat_deg is not None and table.lon_deg is not None
     columns: Any = (table.lat_deg, table.lon_deg) if is_geodetic else (table.north_m, table.east_m)
     stamps = np.arange(len(table.values), dtype=float) if table.time_s is None else table.time_s
-    order = np.argsort(stamps, kind="stable")
     depths = -table.values if table.upward else table.values
-    return SurveyLog(
-        name=path.name,
-        positions=np.column_stack([stamps, *columns])[order],
-        depths=np.column_stack([stamps, depths])[order],
-        is_geodetic=is_geodetic,
-        has_time=table.time_s is not None,
-        notes=[f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"],
-    )
+    positions, pings = np.column_stack([stamps, *columns]), np.column_stack([stamps, depths])
+    order = np.argsort(stamps, kind="stable")
+    vehicles = np.zeros(len(order)) if table.vehicles is None else table.vehicles
+    names = np.unique(vehicles)
+    logs = []
+    for name in names:
+        own = order[vehicles[order] == name]
+        logs.append(
+            SurveyLog(
+                name=path.name if len(names) == 1 else f"{path.name}, vehicle {name}",
+                positions=positions[own],
+                depths=pings[own],
+                is_geodetic=is_geodetic,
+                has_time=table.time_s is not None,
+                notes=[f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"],
+            )
+        )
+    return logs

@@ -257,6 +257,22 @@ def test_several_logs_become_one_run_one_after_the_other(tmp_path):
     assert soundings.stamp_s[300] - soundings.stamp_s[299] == pytest.approx(60.0, abs=1.1)
 
 
+def test_vehicles_that_took_turns_in_a_table_are_logs_of_their_own(tmp_path, capsys):
+    """As in the soundings that scripts/export writes: read as one track, every position would jump."""
+    rows = survey()
+    half = len(rows) // 2
+    turns = []
+    for stamp_s, first, second in zip(rows[:, 0], rows[:half, 1:], rows[half:, 1:], strict=False):
+        for name, (lat, lon, depth) in (("auv1", first), ("auv2", second)):
+            turns.append(f"{stamp_s:.3f},{name},{lat:.8f},{lon:.8f},{depth:.3f}")
+    (tmp_path / "two.csv").write_text("\n".join(["time_s,vehicle,lat,lon,depth_m", *turns]) + "\n")
+    assert main([str(tmp_path / "two.csv"), "--out", str(tmp_path / "run")]) == 0
+    shown = capsys.readouterr().out
+    assert "two.csv, vehicle auv1: " in shown
+    assert "jump" not in shown
+    assert len(read_run(tmp_path / "run").vehicles[0].soundings) == len(turns)
+
+
 def test_part_of_a_log_an_origin_and_the_transducers_place(tmp_path):
     path, out = written(tmp_path, "a.csv"), tmp_path / "run"
     part = ["--from", "100", "--to", "150", "--offset", "2", "1", "--origin", "46.4999", "6.6"]
