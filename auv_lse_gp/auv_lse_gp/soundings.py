@@ -260,23 +260,9 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     header_line, header_text = rows[0]
     separator = next((c for c in ",;\t" if c in header_text), None)
     header = [name.lower() for name in _fields(header_text, separator, f"{path}:{header_line}")]
-
-    def column(names: tuple[str, ...]) -> int | None:
-        return next((header.index(name) for name in names if name in header), None)
-
-    wanted = {"north": column(_NORTH), "east": column(_EAST), "lat": column(_LAT), "lon": column(_LON)}
-    for a, b in (("north", "east"), ("lat", "lon")):
-        if wanted[a] is None or wanted[b] is None:
-            del wanted[a], wanted[b]
-    upward = column(_DEPTH) is None
-    wanted["depth"] = column(_ELEVATION) if upward else column(_DEPTH)
-    indices = {key: index for key, index in wanted.items() if index is not None}
-    if "depth" not in indices or not {"north", "lat"} & set(indices):
-        raise SoundingsError(f"{path}:{header_line}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
-    if (time := column(("time_s",))) is not None:
-        indices["time"] = time
+    indices = _columns(header, f"{path}:{header_line}")
     values: dict[str, list[float]] = {key: [] for key in indices}
-    vehicle, vehicles = column(("vehicle",)), []
+    vehicle, vehicles = header.index("vehicle") if "vehicle" in header else None, []
     for number, line in rows[1:]:
         fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
@@ -288,6 +274,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     arrays = {key: np.array(found) for key, found in values.items()}
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     depth_name = header[indices["depth"]]
+    upward = depth_name not in _DEPTH
     marks = np.flatnonzero(is_no_data(arrays["depth"]))
     if len(marks):
         raise SoundingsError(
@@ -307,6 +294,28 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         time_s=arrays.get("time"),
         vehicles=None if vehicle is None else np.array(vehicles),
     )
+
+
+def _columns(header: list[str], where: str) -> dict[str, int]:
+    """Numbers of the columns of places, depths or elevations, and times.
+
+    Raises:
+        SoundingsError: if places or depths are missing.
+    """
+
+    def column(names: tuple[str, ...]) -> int | None:
+        return next((header.index(name) for name in names if name in header), None)
+
+    wanted = {"north": column(_NORTH), "east": column(_EAST), "lat": column(_LAT), "lon": column(_LON)}
+    for a, b in (("north", "east"), ("lat", "lon")):
+        if wanted[a] is None or wanted[b] is None:
+            del wanted[a], wanted[b]
+    depth = column(_DEPTH)
+    wanted |= {"depth": column(_ELEVATION) if depth is None else depth, "time": column(("time_s",))}
+    indices = {key: index for key, index in wanted.items() if index is not None}
+    if "depth" not in indices or not {"north", "lat"} & set(indices):
+        raise SoundingsError(f"{where}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
+    return indices
 
 
 def _fields(line: str, separator: str | None, where: str) -> list[str]:
