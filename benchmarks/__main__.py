@@ -44,9 +44,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
     p.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
-    p.add_argument(
-        "--lake", type=Path, metavar="FILE", help="a real lake for the groups gp and missed"
-    )
+    p.add_argument("--lake", type=Path, metavar="FILE", help="a real lake for the groups gp and missed")
     return p
 
 

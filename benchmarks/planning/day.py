@@ -23,7 +23,7 @@ from benchmarks.fleet import SEED, timed
 from benchmarks.rows import Row, row
 
 #: Legs and vehicles of each mission.
-FULL = ((100, 1), (300, 1), (1000, 1), (2000, 1), (100, 3), (300, 3), (1000, 3))
+FULL = ((100, 1), (300, 1), (1000, 1), (1200, 1), (2000, 1), (100, 3), (300, 3), (1000, 3))
 SMOKE = ((4, 1),)
 #: Area (m^2) for each leg of each vehicle.
 AREA_M2 = 600.0 * 700.0 / 300.0

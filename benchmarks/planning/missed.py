@@ -245,7 +245,7 @@ def table(lines: Sequence[Line]) -> list[str]:
 def lengths(groups: Mapping[str, Sequence[Line]]) -> list[str]:
     """Where the true isobath lies that the estimate does not come near, in Markdown."""
     text = [
-        "| ground, vehicles: variant | where | share of the isobath | of it not found | share of what is not found |",
+        "| ground, vehicles: variant | where | share of the isobath | share not found there | share of all not found |",
         "|---" * 5 + "|",
     ]
     for name, group in groups.items():

@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -101,11 +102,8 @@ def decided_again(run: Path, vehicle: int) -> Iterator[Row]:
         decisions.append((step, 1e3 * (time.process_time() - began_s)))
         return decision
 
-    VehiclePlanner.decide = timed  # type: ignore[method-assign]
-    try:
+    with mock.patch.object(VehiclePlanner, "decide", timed):
         recompute_decisions(inputs.vehicles[vehicle], settings, inputs.lockstep, 1e-6, lambda share: None)
-    finally:
-        VehiclePlanner.decide = decide  # type: ignore[method-assign]
     yield from _of_decisions(vehicle, decisions)
 
 
