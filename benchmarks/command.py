@@ -17,6 +17,12 @@ def existing_file(text: str) -> Path:
     return Path(text)
 
 
+def parser_of(module: str, about: str | None) -> argparse.ArgumentParser:
+    """The command line of `python -m MODULE`; `about` is its docstring, whose lines stay as they are."""
+    formatter = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog=f"python -m {module}", description=about, formatter_class=formatter)
+
+
 def end_with(main: Callable[[], int | None]) -> NoReturn:
     """Runs `main` and ends the process: with its return value (None: 0), or after Ctrl-C with 130 and one word."""
     try:

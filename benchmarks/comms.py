@@ -8,7 +8,6 @@ their value to the receivers.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from collections import Counter
@@ -33,7 +32,7 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.receivers_risk import ReceiverMap, ReceiversRisk
 from auv_lse_sim.ground.lake import SyntheticLake
 from auv_lse_sim.water.channel import Channel, Position, snr_db
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.navigation.channel_loss import loss_at_range
 from benchmarks.rows import Row, row
 
@@ -458,9 +457,7 @@ def run(*, smoke: bool = False) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draws the figure, or prints the comparison."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.comms", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of("benchmarks.comms", __doc__)
     parser.add_argument("what", choices=("figure", "selections"), help="see above")
     if parser.parse_args(arguments).what == "figure":
         channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")

@@ -9,7 +9,6 @@ the reason, that reason is required.
 
 from __future__ import annotations
 
-import argparse
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -32,7 +31,7 @@ from auv_lse_comms.packet.fields import (
     path_bytes,
     samples_start,
 )
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 LIMITS = Limits(
     steps=100,
@@ -248,7 +247,7 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the reasons for each kind of damage."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.comms_fuzz", description=__doc__)
+    parser = parser_of("benchmarks.comms_fuzz", __doc__)
     parser.add_argument("inputs", type=int, nargs="?", default=1_000_000, metavar="N", help="(default: a million)")
     parser.add_argument("seed", type=int, nargs="?", default=0, metavar="SEED", help="(default: 0)")
     options = parser.parse_args(arguments)

@@ -5,14 +5,13 @@ python -m benchmarks.licences > config/licences.txt
 
 from __future__ import annotations
 
-import argparse
 import importlib.metadata
 import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 _ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = _ROOT / "config" / "constraints.txt"
@@ -56,9 +55,7 @@ def _in_file(name: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the page."""
-    argparse.ArgumentParser(
-        prog="python -m benchmarks.licences", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args(arguments)
+    parser_of("benchmarks.licences", __doc__).parse_args(arguments)
     print(_HEAD, end="")
     for name, version in pins():
         print(f"{name}=={version}  {licence_of(name)}")

@@ -9,7 +9,6 @@ Figures hold for one machine and one set of libraries: another BLAS rounds diffe
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import math
@@ -25,7 +24,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 #: Largest relative difference between two figures of merit that are called the same.
 TOLERANCE = 1e-12
@@ -105,11 +104,7 @@ def differences(before: Any, now: Any, where: str = "") -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line. Returns 1 if missions differ."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.reference_missions",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.reference_missions", __doc__)
     parser.add_argument("--write", type=Path, metavar="FILE", help="write what the missions give")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="fly them again and compare with this file")
     parser.add_argument("--only", nargs="+", choices=MISSIONS, metavar="NAME", help=f"of {', '.join(MISSIONS)}")

@@ -10,7 +10,6 @@ would have them do is what `scripts/campaign config/campaigns/prior.yaml` flies.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
 import json
@@ -30,7 +29,7 @@ from auv_lse_shore.judge.reliability import Reliability
 from auv_lse_shore.judge.team_map import map_of, mission_settings
 from auv_lse_shore.judge.verdict import judge
 from auv_lse_shore.reproduce.study import base_mission
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.results_file import FOLDER, appended, read
 
 FIRST_LAKE = 8200
@@ -110,11 +109,7 @@ def table(lines: list[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.navigation.gp_prior",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.navigation.gp_prior", __doc__)
     parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
     parser.add_argument(
         "--out", type=Path, default=FOLDER / "gp_prior.jsonl", help="results file, appended to (default: %(default)s)"

@@ -9,7 +9,6 @@ consistency use `measure()`.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,7 +23,7 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.water.current import Current
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 Array = NDArray[np.float64]
 
@@ -114,11 +113,7 @@ def measure(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints NEES against its bounds, and the drift; the last filter is not told of the compass's harmonics."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.navigation.navigation_consistency",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.navigation.navigation_consistency", __doc__)
     parser.add_argument("dives", type=int, nargs="?", default=100, metavar="DIVES", help="of each kind (default: 100)")
     parser.add_argument(
         "duration_s", type=float, nargs="?", default=1500.0, metavar="SECONDS", help="of a dive (default: 1500)"

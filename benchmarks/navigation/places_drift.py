@@ -10,7 +10,6 @@ the file that are there already are not flown again.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import sys
@@ -36,7 +35,7 @@ from auv_lse_shore.places.adjustment import adjust
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.results_file import FOLDER, appended, read
 
 Array = NDArray[np.float64]
@@ -188,7 +187,7 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Simulates the missing missions and prints the table. Returns 0, 130 after Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.places_drift", description=__doc__)
+    parser = parser_of("benchmarks.navigation.places_drift", __doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 20), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument(
         "--out",

@@ -8,7 +8,6 @@ Settings whose labels begin alike, up to the first comma, are compared seed by s
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ import yaml
 from pyarrow import parquet
 
 from auv_lse_shore.campaign.statistics import interval
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 #: Columns: of a row, and heading.
 COLUMNS = (
@@ -81,9 +80,7 @@ def print_rows(
     module: str, about: str | None, lines: Callable[[Mapping[str, Mapping[int, Row]]], list[str]], given: Arguments
 ) -> int:
     """Command line of a table over campaigns' folders. Returns 0, or 2 if there are no rows."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m {module}", description=about, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(module, about)
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
     folders = parser.parse_args(given).folders
     groups = rows_of(folders)

@@ -8,7 +8,6 @@ expected risk, and its true loss by the ground (both the mean cost of a cell), a
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -22,7 +21,7 @@ from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.ground.ground_source import ground_of
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 Array = NDArray[np.float64]
 
@@ -88,11 +87,7 @@ def judged(settings: Settings, ground: Ground, rows: Array, gate: SoundingGate) 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0."""
-    p = argparse.ArgumentParser(
-        prog="python -m benchmarks.navigation.sensor_faults",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    p = parser_of("benchmarks.navigation.sensor_faults", __doc__)
     p.add_argument("--smoke", action="store_true", help="a few steps: shows only that it runs")
     options = p.parse_args(arguments)
     steps = 4 if options.smoke else 100

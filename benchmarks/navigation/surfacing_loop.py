@@ -8,14 +8,13 @@ Section `places` has the instruments' true accuracy.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 
 import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.campaign.statistics import interval
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.navigation.places_drift import flown, judged
 
 DRIFTS = (0.1, 1.0, 10.0)
@@ -54,7 +53,7 @@ def row(seed: int, drift: float, surfaces: bool, steps: int) -> dict[str, float]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the table. Returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.surfacing_loop", description=__doc__)
+    parser = parser_of("benchmarks.navigation.surfacing_loop", __doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7700, 2), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--drifts", type=float, nargs="+", default=DRIFTS, help="times the default's drift")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")

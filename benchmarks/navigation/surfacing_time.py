@@ -10,7 +10,6 @@ which a vehicle is led, that of its own filter: so far its legs are from where t
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from collections.abc import Sequence
 
@@ -19,7 +18,7 @@ import numpy as np
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.campaign.statistics import interval
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.navigation.places_drift import flown, judged, settings_of
 
 #: Parts of the mission at which the vehicles begin to climb.
@@ -74,7 +73,7 @@ def row(seed: int, part: float, steps: int) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the table. Returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.surfacing_time", description=__doc__)
+    parser = parser_of("benchmarks.navigation.surfacing_time", __doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 6), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     options = parser.parse_args(arguments)

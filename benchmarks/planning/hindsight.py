@@ -40,7 +40,7 @@ from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_shore.judge.isobath import compare, trace
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning.planner_loop import light_mission, settings_for
 from benchmarks.planning.planner_methods import AREAS, area, lake
 
@@ -235,11 +235,7 @@ def _way(mowing: float, gone: float, best: float) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.hindsight",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.hindsight", __doc__)
     parser.add_argument("--methods", nargs="+", default=["tour"], choices=METHODS, metavar="METHOD", help="any method")
     parser.add_argument("--vehicles", type=int, default=1, metavar="K", help="size of the team (default: %(default)s)")
     parser.add_argument("--area", default="small", choices=AREAS, help="where (default: %(default)s)")

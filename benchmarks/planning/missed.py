@@ -45,7 +45,7 @@ from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_shore.campaign.statistics import interval, proportion
 from auv_lse_shore.judge import isobath
 from auv_lse_shore.judge.evaluation import Evaluation
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.planner_loop import settings_for
 from benchmarks.planning.planner_methods import area, spread_windows
 from benchmarks.planning.planner_methods import lake as ground_of
@@ -409,11 +409,7 @@ def _goal(vehicles: int, key: str, value: float) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Flies what is missing in the file, and prints the tables."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.missed",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.missed", __doc__)
     parser.add_argument("--first", type=int, default=FIRST, help="seed of the first lake (default: %(default)s)")
     parser.add_argument("--lakes", type=int, default=12, help="made-up lakes (default: %(default)s)")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], metavar="K", help="teams")

@@ -11,7 +11,6 @@ in the results file are not flown again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -31,7 +30,7 @@ from numpy.typing import NDArray
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.campaign.statistics import interval
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.hindsight import Sea
 from benchmarks.planning.planner_loop import judged_map, light_mission, settings_for
 from benchmarks.planning.planner_methods import AREAS, area, spread_windows
@@ -178,11 +177,7 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.peer",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.peer", __doc__)
     parser.add_argument(
         "--environment", type=Path, default=FOLDER / "peer", metavar="FOLDER", help="of the peer (default: %(default)s)"
     )

@@ -24,7 +24,6 @@ count those of the whole team. Therefore the map of all soundings is compared wi
 
 from __future__ import annotations
 
-import argparse
 import os
 from pathlib import Path
 from typing import Any
@@ -42,7 +41,7 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
 
@@ -207,11 +206,7 @@ def _mean(values: np.ndarray) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.planner_bound",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.planner_bound", __doc__)
     parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
     parser.add_argument(
         "--out",

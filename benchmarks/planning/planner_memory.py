@@ -8,7 +8,6 @@ correction of places, which moves every center.
 
 from __future__ import annotations
 
-import argparse
 import gc
 import re
 import time
@@ -22,7 +21,7 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.vehicle.intake import PlannerIntake
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 _SIZES = (300, 1000, 2000)
 _AGAIN = 12
@@ -36,7 +35,7 @@ def private_mb() -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0, or 1 if a full map made again takes ever more memory."""
-    p = argparse.ArgumentParser(prog="python -m benchmarks.planning.planner_memory", description=__doc__)
+    p = parser_of("benchmarks.planning.planner_memory", __doc__)
     p.add_argument("--most", type=int, metavar="N", default=3000, help="centers at most (default: %(default)s)")
     options = p.parse_args(arguments)
     settings = Settings.load(None, {"mission.vehicles": 2})

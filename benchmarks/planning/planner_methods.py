@@ -13,7 +13,6 @@ what three can.
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_common.vocabulary.naive_ids import STRIPS
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
 
@@ -186,11 +185,7 @@ def table(lines: list[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.planner_methods",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.planner_methods", __doc__)
     parser.add_argument("--table", type=existing_file, help="only print the tables of this results file")
     parser.add_argument(
         "--out",

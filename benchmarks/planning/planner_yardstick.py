@@ -5,7 +5,6 @@ Run: python -m benchmarks.planning.planner_yardstick --situations 200
 
 from __future__ import annotations
 
-import argparse
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -27,7 +26,7 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import SearchProblem, search_path
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.tree import every_sequence
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 
 #: Sequences of the exhaustive search that are valued together.
 BATCH = 64
@@ -74,11 +73,7 @@ def shares(situations: int, augmented: bool, iterations: int | None = None, firs
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.planner_yardstick",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.planner_yardstick", __doc__)
     parser.add_argument("--situations", type=int, default=200, help="number of situations (default: %(default)s)")
     parser.add_argument("--iterations", type=int, help="search budget; default: that of the method 'augmented'")
     options = parser.parse_args(arguments)

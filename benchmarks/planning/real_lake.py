@@ -12,7 +12,6 @@ is flown with --fresh.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
 import json
@@ -27,7 +26,7 @@ from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.navigation.places_table import Row
 from benchmarks.planning.headline_table import means, pairs
 from benchmarks.planning.planner_methods import area, spread_windows
@@ -135,7 +134,7 @@ def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the tables. Returns 0, 1 without any window."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.real_lake", description=__doc__)
+    parser = parser_of("benchmarks.planning.real_lake", __doc__)
     parser.add_argument("file", type=existing_file, help="the lake's grid or soundings")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")

@@ -10,7 +10,6 @@ compares none: to measure that, give a recording of `scripts/mission`.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -32,7 +31,7 @@ from auv_lse_shore.replay.inputs import read_inputs
 from auv_lse_shore.replay.recompute_decisions import recompute_decisions
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning.day import FIRST_MS, LONGEST_MS, MEAN_MS, square
 from benchmarks.rows import Row, row
 
@@ -147,7 +146,7 @@ def run(*, smoke: bool = False) -> list[Row]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the rows of a given recording, or of a mission flown here."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.report_time", description=__doc__)
+    parser = parser_of("benchmarks.planning.report_time", __doc__)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="run folder, or a recording")
     parser.add_argument("--again", type=int, metavar="VEHICLE", help="only decide again what a vehicle of RUN decided")
     options = parser.parse_args(arguments)

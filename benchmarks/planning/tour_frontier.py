@@ -9,7 +9,6 @@ using 1, 2 and 4 places per leg. Fewer places underestimate the value of turning
 
 from __future__ import annotations
 
-import argparse
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -28,7 +27,7 @@ from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.search.tour import TourSearch
 from auv_lse_planner.vehicle.vehicle_planner import COARSE_M, VehiclePlanner
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning.planner_loop import settings_for
 from benchmarks.planning.planner_methods import area
 
@@ -102,11 +101,7 @@ class Frontier:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.tour_frontier",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.tour_frontier", __doc__)
     parser.add_argument("--weights", type=float, nargs="+", default=[0.0, 1.0, 2.0, 4.0], help="anytime weights")
     parser.add_argument("--bends", type=int, default=3, help="how often a tour is bent (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=100, help="legs of the mission (default: %(default)s)")

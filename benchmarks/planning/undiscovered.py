@@ -10,7 +10,6 @@ the second file all missions are judged again, from the soundings flown before: 
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ from auv_lse_gp.map.depth_map import BAND_SIGMAS, WIDENED, DepthMap
 from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
 from auv_lse_shore.campaign.statistics import proportion
 from auv_lse_shore.judge import isobath
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.planner_methods import spread_windows
 from benchmarks.planning.undiscovered_flights import ground_of, mission, settings, where_of
 from benchmarks.results_file import FOLDER, fly, read
@@ -159,11 +158,7 @@ def jobs(seeds: Sequence[int], teams: Sequence[int], real: Path | None) -> list[
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Flies what is missing in the file, and prints the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.undiscovered",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.undiscovered", __doc__)
     parser.add_argument("--first", type=int, nargs="+", default=[5000], help="seeds of first lakes")
     parser.add_argument("--lakes", type=int, default=20, help="lakes of each made-up kind from each of them on")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 2, 3], help="teams")

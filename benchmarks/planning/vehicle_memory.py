@@ -9,7 +9,6 @@ does, publishes the map, decides four legs and takes three packets.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 
@@ -21,7 +20,7 @@ from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning.day import square
 from benchmarks.planning.planner_memory import private_mb
 
@@ -31,7 +30,7 @@ _MODES, _PACKET = 10, 14
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0."""
-    p = argparse.ArgumentParser(prog="python -m benchmarks.planning.vehicle_memory", description=__doc__)
+    p = parser_of("benchmarks.planning.vehicle_memory", __doc__)
     p.add_argument("--legs", type=int, default=1200, help="legs of each vehicle (default: %(default)s)")
     p.add_argument("--vehicles", type=int, default=3, help="vehicles (default: %(default)s)")
     p.add_argument("--rounds", type=int, default=5, help="rounds (default: %(default)s)")

@@ -10,7 +10,6 @@ be stopped and continued.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ from auv_lse_gp.map.quality import QualityJudge
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.vehicle.until import JUDGE_LEGS
 from auv_lse_shore.judge.isobath import length_m, trace
-from benchmarks.command import end_with, existing_file
+from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.undiscovered_flights import ground_of, settings, where_of
 from benchmarks.results_file import FOLDER, fly, read
 
@@ -106,7 +105,7 @@ def table(lines: Sequence[Line]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Judges what is missing in the file, and prints the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.quality.stop_rule", description=__doc__)
+    parser = parser_of("benchmarks.planning.quality.stop_rule", __doc__)
     parser.add_argument("--flights", type=existing_file, required=True, metavar="FILE", help="missions flown")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 2, 3], help="teams (default: all)")
     parser.add_argument("--out", type=Path, default=FOLDER / "stop_rule.jsonl", help="results (default: %(default)s)")

@@ -21,7 +21,6 @@ The known isobath counts the way from the start. `scripts/bench until` prints th
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -46,7 +45,7 @@ from auv_lse_gp.map.certainty import FOUND, classify, lines_of
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_planner.search.routing import ruin_and_recreate
 from auv_lse_shore.judge.isobath import trace
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning import peer
 from benchmarks.planning.peer import environment
 from benchmarks.planning.peer import request as peer_request
@@ -253,11 +252,7 @@ def _rows(name: str, lines: Sequence[dict[str, Any]]) -> list[Row]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Flies what is missing in the file, and prints the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planning.quality.until",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.planning.quality.until", __doc__)
     parser.add_argument("--environment", type=Path, metavar="FOLDER", help="of the peer (default: without it)")
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS, help="kinds of ground")
     parser.add_argument("--vehicles", type=int, default=1, help="number of vehicles (default: %(default)s)")
