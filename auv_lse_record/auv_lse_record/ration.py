@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Found
 from auv_lse_record.message_types import stamp_of
 
-#: Number of held messages of a topic that goes with another one: the markers of two isobaths, and some.
-_HELD = 8
+#: Number of held messages of a topic that goes with another one: more than come while a map is on its way.
+_HELD = 24
 
 #: A message to record: topic, bytes.
 Kept = tuple[str, bytes]
@@ -25,7 +25,7 @@ class _Leader:
     """A rationed topic: when its next message is due, and its newest message that was left out, with what goes with it.
 
     `followers` are the newest messages of the topics that are recorded with it, by topic. Of topics with revisions, in
-    `states`, the last one up to a stamp goes with a message.
+    `states`, the last one up to a stamp goes with a message; the dictionary has the stamp of the one recorded last.
     """
 
     bytes_per_s: float
@@ -34,12 +34,17 @@ class _Leader:
     held_s: float = math.nan
     held: list[Kept] = field(default_factory=list)
     followers: dict[str, deque[tuple[float, bytes]]] = field(default_factory=dict)
-    states: set[str] = field(default_factory=set)
+    states: dict[str, float] = field(default_factory=dict)
+
+    def is_late(self, topic: str, stamp_s: float) -> bool:
+        """Whether a follower's message belongs to the message recorded last, which has come before it."""
+        return stamp_s == self.recorded_s or self.states.get(topic, math.inf) < stamp_s <= self.recorded_s
 
     def add(self, topic: str, stamp_s: float, data: bytes) -> None:
         """Keeps a follower's message."""
         self.followers.setdefault(topic, deque(maxlen=_HELD)).append((stamp_s, data))
-        if stamp_s == self.held_s:
+        held_s = max((stamp_of(each) for name, each in self.held if name == topic), default=-math.inf)
+        if stamp_s == self.held_s or (topic in self.states and held_s < stamp_s <= self.held_s):
             self.held.append((topic, data))
 
     def going_with(self, stamp_s: float) -> Iterator[Kept]:
@@ -51,7 +56,12 @@ class _Leader:
 
     def record(self, stamp_s: float, messages: list[Kept]) -> list[Kept]:
         """Counts the bytes of messages that are recorded; returns the messages."""
+        if stamp_s != self.recorded_s:
+            self.states = dict.fromkeys(self.states, -math.inf)
         self.recorded_s, self.held_s, self.held = stamp_s, math.nan, []
+        for topic, data in messages:
+            if topic in self.states:
+                self.states[topic] = stamp_of(data)
         self.due_s = max(self.due_s, stamp_s) + sum(len(data) for _, data in messages) / self.bytes_per_s
         return messages
 
@@ -87,9 +97,9 @@ class Ration:
         leader = self._leaders.setdefault(key, _Leader(self._bytes_per_s * ration))
         if row.recorded_with:
             if row.total is not None:
-                leader.states.add(topic)
-            if stamp_s == leader.recorded_s:
-                return leader.record(stamp_s, [(topic, data)])
+                leader.states.setdefault(topic, -math.inf)
+            if leader.is_late(topic, stamp_s):
+                return leader.record(leader.recorded_s, [(topic, data)])
             leader.add(topic, stamp_s, data)
             return []
         messages = [(topic, data), *leader.going_with(stamp_s)]

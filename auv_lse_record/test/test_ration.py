@@ -91,6 +91,33 @@ def test_centers_that_arrive_before_or_after_their_map_are_recorded() -> None:
     assert take("field", 1.0)[0] == ("/auv1/field", 1.0), "a second mission in one recording"
 
 
+def test_a_map_that_arrives_before_older_centers_is_recorded_with_them() -> None:
+    """Topics are in no order: with the map of 3 s, the centers of 2 s belong to it and may come after it."""
+    ration, rows = Ration(RATE), {n: find_topic(f"/auv1/{n}") for n in ("kernel_centers", "field")}
+
+    def take(name: str, stamp_s: float, size: int = 100) -> list[tuple[str, float]]:
+        kept = ration.take(f"/auv1/{name}", rows[name], message(stamp_s, size))
+        return [(topic.removeprefix("/auv1/"), stamp_of(data)) for topic, data in kept]
+
+    take("kernel_centers", 1.0)
+    assert take("field", 3.0, int(9 * RATE)) == [("field", 3.0), ("kernel_centers", 1.0)]
+    assert take("kernel_centers", 2.0) == [("kernel_centers", 2.0)]
+    assert take("kernel_centers", 1.5) == [], "older than what is recorded"
+    assert take("field", 7.0) == [], "the next map is not due"
+    assert take("kernel_centers", 6.0) == []
+    assert take("kernel_centers", 8.0) == []
+    rest = [(topic.removeprefix("/auv1/"), stamp_of(data)) for topic, data in ration.rest()]
+    assert rest[0] == ("field", 7.0)
+    assert rest[-1] == ("kernel_centers", 6.0)
+
+
+def test_a_map_before_any_centers_is_recorded_with_those_that_come_later() -> None:
+    ration, rows = Ration(RATE), {n: find_topic(f"/auv1/{n}") for n in ("kernel_centers", "field")}
+    for stamp_s in (3.0, 1.0):  # the second one begins another mission in the same recording
+        assert len(ration.take("/auv1/field", rows["field"], message(stamp_s, 100))) == 1
+        assert len(ration.take("/auv1/kernel_centers", rows["kernel_centers"], message(stamp_s - 0.5, 100))) == 1
+
+
 def test_without_a_rate_everything_is_recorded() -> None:
     assert not any(Ration(0.0).concerns(find_topic(f"/auv1/{name}")) for name in VEHICLE_TOPICS)
     concerned = {name for name in VEHICLE_TOPICS if Ration(1.0).concerns(find_topic(f"/auv1/{name}"))}

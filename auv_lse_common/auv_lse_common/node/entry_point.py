@@ -25,6 +25,9 @@ from auv_lse_common.process.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
+#: Rounds in which a node that gathers messages serves the last ones; the first round may only list what has changed.
+_LAST_ROUNDS = 5
+
 
 def prepare() -> None:
     """Loads what every node uses, so that processes forked later share it.
@@ -100,8 +103,9 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
             executor.spin_once()
             if gather_s:
                 time.sleep(gather_s)
-        if gather_s and rclpy.ok():  # what gathered meanwhile is served, too: the first round lists what has changed
-            for _ in range(2):
+        if gather_s and rclpy.ok():  # what gathered meanwhile is served, too
+            for _ in range(_LAST_ROUNDS):
+                time.sleep(gather_s)
                 executor.spin_once(0.0)
     finally:
         stopping.set_wake(None)
