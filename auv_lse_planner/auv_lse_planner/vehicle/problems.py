@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.vehicle.travel import Travel
+
+Array = NDArray[np.float64]
 
 #: Report a team mate that has been silent for this share of `planner.plan_expiry_s`.
 SILENT_SHARE = 0.25
@@ -58,13 +63,20 @@ def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str,
     return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
 
 
-def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
-    """The problem of a vehicle outside the area; empty inside or without an estimate."""
+def of_place(travel: Travel, space: FreeSpace, map_offset_m: Array) -> dict[str, str]:
+    """The problem of a vehicle outside the area; empty inside, margin included, or without an estimate.
+
+    Args:
+        map_offset_m: Offset from odometry to map coordinates: heading (rad), north, east (m), shape (3,).
+    """
     found: dict[str, str] = {}
     if travel.estimate is None:
         return found
-    outside_m = -space.clearance_m(travel.estimate.north_m, travel.estimate.east_m)
-    if outside_m > HOLD_BEYOND_M:
+    clearance_m = space.clearance_m(
+        travel.estimate.north_m + float(map_offset_m[1]), travel.estimate.east_m + float(map_offset_m[2])
+    )
+    outside_m = -clearance_m - space.margin_m
+    if clearance_m < -HOLD_BEYOND_M:
         found["outside"] = f"place: {outside_m:.0f} m outside the area, more than {HOLD_BEYOND_M:.0f} m: holding"
     elif outside_m > 0.0:
         found["outside"] = f"place: {outside_m:.1f} m outside the area: returning"

@@ -216,7 +216,7 @@ class VehiclePlanner:
         """Texts about current problems, by problem key (`problems.py`)."""
         started = now_s >= self.settings.vehicle.start_delay_s
         found = problems.of_odometry(now_s, self._travel, self.planner, started)
-        found |= problems.of_place(self._travel, self.space)
+        found |= problems.of_place(self._travel, self.space, self._map_offset_m)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
             travelled_s = self._travel.decided * self.motion.leg_length_m / self.settings.vehicle.speed_mps

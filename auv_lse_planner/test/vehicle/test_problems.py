@@ -1,6 +1,7 @@
 """Each problem: when it is there, its key, and its words."""
 
 import numpy as np
+from planner_helpers import settings
 
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
@@ -10,6 +11,7 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.vehicle import problems
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 PLANNER = PlannerConfig(method="augmented", odometry_timeout_s=10.0, map_timeout_s=60.0, plan_expiry_s=600.0)
 
@@ -30,6 +32,22 @@ def test_missing_or_old_odometry():
     assert problems.of_odometry(12.5, _travel(2.0), PLANNER, started=True) == {
         "odometry old": "odometry: last 10.5 s ago, more than planner.odometry_timeout_s = 10 s; planning has stopped"
     }
+
+
+def test_place_outside_the_area():
+    area = {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0], "margin_m": 10.0}
+    planner = VehiclePlanner(1, settings(area=area), np.random.default_rng(0))
+
+    def text(north_m, east_m):
+        planner.odometry(0.0, 0.0, north_m, east_m)
+        return planner.problems(0.0).get("outside", "")
+
+    assert text(150.0, 0.5) == "", "in the margin, but in the area"
+    assert text(150.0, -4.0) == "place: 4.0 m outside the area: returning"
+    planner.set_map_offset(0.0, 6.0)
+    assert text(150.0, -4.0) == "", "its corrected place is in the area"
+    planner.set_map_offset(0.0, -6.0)
+    assert text(150.0, 4.0) == "place: 2.0 m outside the area: returning"
 
 
 def test_rejected_or_old_map():
