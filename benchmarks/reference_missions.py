@@ -62,13 +62,6 @@ MISSIONS: dict[str, dict[str, Any]] = {
         "mission.seed": 10,
     },
     "local_no_merging": {"gp.local": True, "gp.merge": False, "mission.steps": 30, "mission.seed": 11},
-    "dec_mcts": {
-        "planner.method": "augmented",
-        "planner.coordination": "dec_mcts",
-        "mission.vehicles": 2,
-        "mission.steps": 15,
-        "mission.seed": 12,
-    },
 }
 
 

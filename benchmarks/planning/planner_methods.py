@@ -39,18 +39,16 @@ METHODS = (
     "straddle",
     "plain",
     "plain_beyond",
-    "dec_mcts",
     "augmented",
     "exponential_quadratic",
     "fixed_tour",
     "tour",
 )
 #: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip; plain
-#: search credited beyond the team mates' plans, and coordinated by Dec-MCTS; tours that start from joint routes.
+#: search credited beyond the team mates' plans; tours that start from joint routes.
 VARIANTS: dict[str, dict[str, Any]] = {
     "covering": {"method": "lawnmower", "naive_paths": STRIPS},
     "plain_beyond": {"method": "plain", "credit": "beyond"},
-    "dec_mcts": {"method": "plain", "coordination": "dec_mcts"},
     "team_routes": {"method": "tour", "team_routes": True},
 }
 #: North and east span (m) of the areas, and their margin around the start (0, 0).

@@ -52,7 +52,7 @@ class MethodEntry:
     risk_integral: str | None = None
 
 
-#: Families by name: the values of `planner.proposals`, and `dec_mcts`, which `planner.coordination` selects.
+#: Families by name: the values of `planner.proposals`.
 FAMILIES: dict[str, Family] = {
     "tour": Family(
         bound_of="map", to_the_end=True, all_mates=True, places_per_leg=MAP_PLACES_PER_LEG, sends_tours=True
@@ -63,11 +63,7 @@ FAMILIES: dict[str, Family] = {
     "benefit": Family(),
     "variance": Family(),
     "straddle": Family(),
-    "dec_mcts": Family(all_mates=True),
 }
-
-#: Values of `planner.proposals`.
-PROPOSALS = tuple(name for name in FAMILIES if name != "dec_mcts")
 
 #: No naive path after the searched legs, and no incumbent.
 _PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}

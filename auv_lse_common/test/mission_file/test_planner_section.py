@@ -78,9 +78,3 @@ def test_mission_too_long_to_evaluate_is_rejected(method: str, most: int) -> Non
 
 def test_method_with_a_short_horizon_allows_any_length() -> None:
     check_planner(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
-
-
-def test_contradictory_planner_parameters_are_rejected_with_their_source():
-    message = r"m\.yaml: planner\.coordination: 'dec_mcts' is a tree search .* got planner\.method 'tour'"
-    with pytest.raises(ParameterError, match=message):
-        PlannerSettings.from_parameters({"area": {}, "planner": {"coordination": "dec_mcts"}}, "m.yaml")

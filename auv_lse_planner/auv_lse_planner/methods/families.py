@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from auv_lse_planner.methods.baselines import NaivePath, OneLeg
-from auv_lse_planner.methods.dec_mcts import DecMcts
 from auv_lse_planner.methods.method import Method, PlanningContext
 from auv_lse_planner.methods.tour import Tour
 from auv_lse_planner.methods.tree_search import TreeSearch
@@ -13,7 +12,6 @@ from auv_lse_planner.methods.tree_search import TreeSearch
 CLASSES: dict[str, Callable[[PlanningContext], Method]] = {
     "tour": Tour,
     "path": TreeSearch,
-    "dec_mcts": DecMcts,
     "naive": NaivePath,
     "random": OneLeg,
     "benefit": OneLeg,

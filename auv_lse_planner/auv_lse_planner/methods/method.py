@@ -217,7 +217,6 @@ class Choice:
 
     chosen: Candidate
     incumbent: Candidate | None
-    team_plan: Plan
     assured: float
     leg_reward: float = 0.0
     map_risk: float = math.nan

@@ -46,21 +46,16 @@ class PathMethod(Method):
         infeasible = incumbent is not None and not self._is_feasible(s, incumbent)
         proposal = self.propose(s, reward)
         found = proposal.found
-        new = self._evaluated(Plan.at(s.step, s.state, found.actions, proposal.naive_path), reward, found.value)
-        if proposal.team_plan is not None:  # it was found against draws; evaluate it against the last received plans
-            new = self._evaluated(new.plan, reward)
+        plan = Plan.at(s.step, s.state, found.actions, proposal.naive_path)
+        new = Candidate(plan, context.rollout.follow(plan), Value(found.value, found.value))
         chosen, may_stay = new, s.planner.incumbent and not infeasible
         if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
             chosen = incumbent
-        team_plan = chosen.plan
-        if proposal.team_plan is not None and chosen is new:
-            team_plan = Plan.at(s.step, s.state, *proposal.team_plan)
         gains = reward.contributions(reward.posterior.at(chosen.path.places_m))
         per_leg = context.rollout.samples_per_leg
         choice = Choice(
             chosen=chosen,
             incumbent=incumbent,
-            team_plan=team_plan,
             assured=float(gains[chosen.path.own * per_leg :].sum()),
             leg_reward=float(gains[:per_leg].sum()),
             infeasible=infeasible,
@@ -90,10 +85,3 @@ class PathMethod(Method):
         path, left = incumbent.path, self.context.rollout.steps - s.step
         legs = max(LOOK_AHEAD, min(s.planner.horizon, left))
         return self.context.space.path_feasible(path.states[0], path.actions, legs)
-
-    def _evaluated(self, plan: Plan, reward: PathReward, value: float | None = None) -> Candidate:
-        """A new plan with its path and its value; None: compute the value."""
-        path = self.context.rollout.follow(plan)
-        if value is None:
-            value = reward.value(reward.posterior.at(path.places_m))
-        return Candidate(plan, path, Value(value, value))

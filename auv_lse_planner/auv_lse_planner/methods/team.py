@@ -14,8 +14,6 @@ from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
 
-#: Number of different plans kept for each team mate.
-PLANS_PER_MATE = 3
 #: A packet arrives at most this late (s), and of one mate at most so many. Another plan with a lower step than the last
 #: one corrects it: the mate has started again, or that plan was forged.
 LATE_S, LATE_MOST = 120.0, 2
@@ -28,7 +26,6 @@ class _Mate:
     path: PlannedPath
     reference_step: float  # the mate was at least at this step ...
     reference_s: float  # ... at this time
-    earlier: list[_Mate]  # different plans received before this one, newest first
     late: int = 0  # plans ignored as late since the last correction
 
 
@@ -82,7 +79,7 @@ class Team:
                 known.late += 1
                 return
             late, is_correction = 0, True
-        reference_step, earlier = float(plan.step), []
+        reference_step = float(plan.step)
         if known is not None:
             # An unchanged plan may be sent long after its first step. A plan with the same state and a later step is
             # the old one, delayed by a surfacing. Keep the better estimate in both cases.
@@ -90,9 +87,7 @@ class Team:
             delayed = plan.step > known.plan.step and np.array_equal(plan.state, known.plan.state)
             if delayed or (estimate > reference_step and plan.step <= known.plan.step and not is_correction):
                 reference_step = estimate
-            earlier = [known, *known.earlier][: PLANS_PER_MATE - 1]
-            known.earlier = []
-        self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, now_s, earlier, late)
+        self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, now_s, late)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s
@@ -104,13 +99,9 @@ class Team:
     def places_ahead(self, now_s: float, vehicle: int) -> Array:
         """Measurement places (P, 2) ahead of a team mate, at its estimated step."""
         mate = self._mates.get(vehicle)
-        return np.empty((0, 2)) if mate is None or self._expired(mate, now_s) else self._ahead(mate, now_s)
-
-    def recent_places(self, now_s: float) -> list[list[Array]]:
-        """For each team mate with a received plan, the places (P, 2) ahead on each of its kept plans, newest first."""
-        heard = [[mate, *mate.earlier] for _, mate in sorted(self._mates.items())]
-        recent = [[self._ahead(m, now_s) for m in plans if not self._expired(m, now_s)] for plans in heard]
-        return [places for places in recent if places]
+        if mate is None or self._expired(mate, now_s):
+            return np.empty((0, 2))
+        return self._path_ahead(mate, now_s).places_m[:MAX_PLACES]
 
     def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
         """For each mate with a valid or assumed plan: its legs (P,) from now to each place, and the places (P, 2)."""
@@ -135,7 +126,7 @@ class Team:
     def _assume(self, vehicle: int, now_s: float) -> None:
         assert self._assumed_plan is not None
         plan = self._assumed_plan(vehicle)
-        self._assumed[vehicle] = _Mate(plan, now_s, self._follow(plan), float(plan.step), now_s, [])
+        self._assumed[vehicle] = _Mate(plan, now_s, self._follow(plan), float(plan.step), now_s)
 
     def snapshot(self) -> list[list[float]]:
         """Mates with an assumed plan and the time (s) of its assumption, for a journal."""
@@ -152,6 +143,3 @@ class Team:
     def _path_ahead(self, mate: _Mate, now_s: float) -> PlannedPath:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))
         return mate.path.from_step(mate.plan.step + passed)
-
-    def _ahead(self, mate: _Mate, now_s: float) -> Array:
-        return self._path_ahead(mate, now_s).places_m[:MAX_PLACES]

@@ -108,7 +108,6 @@ class Tour(Method):
         return Choice(
             chosen=chosen,
             incumbent=incumbent,
-            team_plan=chosen.plan,
             assured=chosen.value.expected_end - self.budget,
             map_risk=reward.risk_before,
             budget=self.budget,
@@ -134,7 +133,6 @@ class Tour(Method):
         return Choice(
             chosen=same,
             incumbent=same,
-            team_plan=last.plan,
             assured=value.expected_end - self.budget,
             budget=self.budget,
         )

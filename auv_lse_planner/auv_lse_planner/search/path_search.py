@@ -51,12 +51,10 @@ class Proposal:
     Attributes:
         found: Its actions, their value, and statistics of the search.
         naive_path: Id of the naive path that continues it, `NONE` for none.
-        team_plan: Actions and naive path of the plan sent to team mates instead of this one; None: this one is sent.
     """
 
     found: SearchResult
     naive_path: int
-    team_plan: tuple[Actions, int] | None = None
 
 
 def search_path(problem: SearchProblem, space: FreeSpace, rollout: Rollout, reward: PathReward) -> Proposal:

@@ -1,7 +1,6 @@
 """Monte Carlo tree search (UCT) over actions, for any reward.
 
-The tree defines the admissible actions, and the valuer evaluates sequences: `PathSequences` at the path's own places,
-`JointDraws` on the map, averaged over the team mates' possible plans (Dec-MCTS).
+The tree defines the admissible actions, and the valuer evaluates sequences, for example `PathSequences`.
 
 Nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to [0, 1], adds one
 node, and completes the sequence to the horizon with random feasible actions. Sequences are evaluated in batches. Within

@@ -275,7 +275,7 @@ class VehiclePlanner:
         if self.until.agreed(now_s, self.planner.plan_expiry_s):
             self._travel.end_at(step + 1)
         decision = Decision(
-            plan=dataclasses.replace(choice.team_plan, quality_reached=self.until.reached),
+            plan=dataclasses.replace(choice.chosen.plan, quality_reached=self.until.reached),
             leg=leg,
             bound=self._bound(situation, choice),
             statistics=Statistics(
@@ -427,16 +427,17 @@ class VehiclePlanner:
             lower = bound.reward_so_far + end - budget
             bound = dataclasses.replace(bound, expected_end=end, budget=budget, lower_bound=lower)
         leg = dataclasses.replace(decision.leg, surface=True)
-        return dataclasses.replace(decision, leg=leg, bound=bound, plan=self._delay(legs, decision.plan))
+        plan = dataclasses.replace(self._delay(legs), quality_reached=decision.plan.quality_reached)
+        return dataclasses.replace(decision, leg=leg, bound=bound, plan=plan)
 
-    def _delay(self, legs: int, team_plan: Plan) -> Plan:
+    def _delay(self, legs: int) -> Plan:
         """Delays the followed path by `legs` steps, for a stop; its last legs no longer fit into the mission.
 
         A naive path may depend on the number of legs left, so that the delayed plan would lead elsewhere. The plan then
         continues with the path's explicit actions. A new choice would restart the lanes and the budget.
 
         Returns:
-            The delayed plan for the team.
+            The delayed plan.
         """
         assert self._followed is not None  # it was decided
         decided, path = self._followed.plan, self._followed.path
@@ -449,7 +450,7 @@ class VehiclePlanner:
             later = self.rollout.follow(plan)
         self._followed = Followed(plan, later)
         self._method.shift(legs)
-        return plan if team_plan == decided else dataclasses.replace(team_plan, step=team_plan.step + legs)
+        return plan
 
     def _anchor(self) -> tuple[Array, bool]:
         """The state (3,) in the map to plan from, and whether it lies off the last plan.

@@ -94,11 +94,3 @@ def test_own_plans_are_ignored():
     team = _team()
     team.receive_plan(0.0, 3, _plan(0))
     assert team.age_s(0.0) == {}
-
-
-def test_last_different_plans_of_a_mate_are_kept_newest_first():
-    team = _team("all", expiry=100.0)
-    for north in (0.0, 500.0, 500.0, 900.0, 1300.0):
-        team.receive_plan(0.0, 1, _plan(0, north=north))
-    assert [[places[0, 0] for places in mate] for mate in team.recent_places(0.0)] == [[1310.0, 910.0, 510.0]]
-    assert team.recent_places(100.0) == []

@@ -433,27 +433,6 @@ def test_nonexistent_vehicle_is_rejected():
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 
-def test_dec_mcts_plans_against_the_mates_possible_plans():
-    s = settings({"method": "augmented", "coordination": "dec_mcts", "iterations": 60}, vehicles=2, steps=8)
-    one, two = (VehiclePlanner(k, s, np.random.default_rng(k)) for k in (1, 2))
-    told = []
-    for now in range(3):
-        for planner, other in ((one, two), (two, one)):
-            at = planner.leg.end_state if planner.leg is not None and now else np.zeros(3)
-            planner.odometry(20.0 * now, *at)
-            if now > 1:
-                planner.odometry(20.0 * now, *planner.leg.end_state)
-            decision = planner.decide(20.0 * now)
-            other.receive_plan(20.0 * now, planner.vehicle, decision.plan)
-            told.append(decision)
-            assert len(planner.rollout.follow(decision.plan)) == 8 - decision.plan.step
-            assert math.isfinite(decision.bound.expected_end)
-    assert told[-1].statistics.team_places > 0
-    # what is told is drawn from a distribution: not always the path that is travelled
-    draws = [places for mate in one.team.recent_places(60.0) for places in mate]
-    assert len({places.tobytes() for places in draws}) > 1
-
-
 def test_finished_vehicle_stays_finished_while_circling():
     planner = VehiclePlanner(1, settings({"method": "random"}, steps=2), np.random.default_rng(1))
     last = _fly(planner)[-1].leg

@@ -113,7 +113,6 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         ({"gp": {"signal_std_m": "x", "min_depth_m": 9.0, "max_depth_m": 8.0}}, None, ["signal_std_m", "min_depth_m"]),
         ({"sim": {"dvl": {"rate_hz": 0, "dropout_min_s": 9.0}, "lake": {"level_m": 99.0}}}, None,
          ["dvl.rate_hz", "dvl.dropout_min_s: got 9", "lake.terrace_m, level_m"]),
-        ({"planner": {"coordination": "dec_mcts"}, "mission": {"steps": 0}}, None, ["steps", "planner.coordination"]),
         ({"mission": {"vehicles": 0}}, {"modem": {"kind": "micromodem"}}, ["vehicles", r"\(auv2\): modem.port"]),
         ({"gp.kernel.x": 1, "gp.kernel": "matern32", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
         ({}, {"mission": {"steps": 5}, "gp": {"x": 1}}, ["/auv2.*: mission: is the same", "gp.x"]),

@@ -98,7 +98,7 @@ class Journalled(Fleet):
     [
         {"planner.method": "tour"},
         {"planner.method": "tour", "mission.until.undiscovered_m": 5000.0, "mission.steps": 20},
-        {"planner.coordination": "dec_mcts", "planner.method": "plain"},
+        {"planner.method": "plain"},
     ],
     ids=lambda more: "-".join(map(str, more.values())),
 )

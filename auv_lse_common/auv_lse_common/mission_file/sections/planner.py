@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.mission_file.methods import FAMILIES, METHODS, PROPOSALS, Family, MethodEntry
+from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry
 from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -78,7 +78,7 @@ class PlannerConfig:
     )
     proposals: FromMethod[str] = from_method(
         "path",
-        choices=PROPOSALS,
+        choices=tuple(FAMILIES),
         help="source of new plans: an optimized tour, a tree search, a naive path, or a next leg, random or with the "
         "best score",
     )
@@ -103,12 +103,6 @@ class PlannerConfig:
         choices=("id", "all"),
         help="plans that a vehicle takes into account: those of vehicles with lower numbers (id), or of all team mates",
     )
-    coordination: str = parameter(
-        "sequential",
-        choices=("sequential", "dec_mcts"),
-        help="sequential: each vehicle plans greedily, given the mates' plans; dec_mcts: Dec-MCTS (Best et al. 2019) "
-        "on the map's reward; it ignores credit and incumbent",
-    )
     deadline_s: float = parameter(
         2.0,
         unit="s",
@@ -132,7 +126,7 @@ class PlannerConfig:
     @property
     def family_name(self) -> str:
         """Name of the method's family, see `methods.FAMILIES`."""
-        return "dec_mcts" if self.coordination == "dec_mcts" else str(self.complete().proposals)
+        return str(self.complete().proposals)
 
     @property
     def family(self) -> Family:
@@ -145,39 +139,24 @@ class PlannerConfig:
         return METHODS[self.method]
 
     def complete(self) -> PlannerConfig:
-        """This configuration with the method's values for omitted parameters: no `FromMethod` parameter is None.
-
-        Raises:
-            ValueError: if the parameters contradict each other.
-        """
+        """This configuration with the method's values for omitted parameters: no `FromMethod` parameter is None."""
         paper = {f.name: f.metadata["paper"] for f in fields(self) if "paper" in f.metadata}
-        given = {name: value for name in paper if (value := getattr(self, name)) is not None}
-        values = {**paper, **self.entry.parameters, **given}
+        values = {**paper, **self.entry.parameters}
+        values |= {name: value for name in paper if (value := getattr(self, name)) is not None}
         if values["augmented"] and not values["naive_paths"]:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
-        if self.coordination == "dec_mcts":
-            if values["proposals"] != "path" or self.entry.risk_integral:
-                raise ValueError(
-                    f"planner.coordination: 'dec_mcts' is a tree search with the exact risk; got planner.method "
-                    f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
-                    "proposals 'path'"
-                )
-            values["incumbent"] = given.get("incumbent", False)  # its value is a map reward
         return replace(self, **values)
 
 
 def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
-    """Rejects contradictory parameters, and missions with too many places to evaluate together.
+    """Rejects missions with too many places to evaluate together.
 
     Raises:
-        ParameterError: naming the contradiction, or the largest number of steps that the method can plan.
+        ParameterError: naming the largest number of steps that the method can plan.
     """
-    try:
-        complete = planner.complete()
-    except ValueError as error:
-        raise ParameterError(f"{where}: {error}") from error
+    complete = planner.complete()
     each = max(complete.family.places_per_leg, complete.samples_per_leg)
     places = mission.steps * each
     if places > MAX_PLACES and (complete.augmented or complete.family.to_the_end):
