@@ -72,7 +72,7 @@ def search_problem(state, rng, step=0, naive_paths=(), **planner) -> SearchProbl
 
 def context(roll, space, posterior, rng, grid) -> PlanningContext:
     """What the methods of vehicle 1 of 2 share."""
-    team = Team(1, 2, "id", 15.7, 600.0, roll.follow)
+    team = Team(1, 2, 15.7, 600.0, roll.follow)
     return PlanningContext(
         vehicle=1,
         settings=settings(vehicles=2, steps=roll.steps),

@@ -25,7 +25,7 @@ class Family:
     Attributes:
         bound_of: Places at which reward and bound count the drop of risk: the whole "map", or this vehicle's "path".
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
-        all_mates: Whether the plans of all team mates count; otherwise only of those before it in `planner.team_order`.
+        all_mates: Whether the plans of all team mates count; otherwise only of those with lower numbers (paper).
         places_per_leg: Least number of places on each leg at which this vehicle's paths are evaluated.
         sends_tours: Whether plans are sent as tours or as long sequences of actions.
     """

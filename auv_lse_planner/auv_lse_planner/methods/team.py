@@ -34,14 +34,13 @@ class Team:
 
     Attributes:
         others: Their numbers.
-        before: Those that precede this vehicle in `planner.team_order`.
+        before: Those with lower numbers, which plan before this vehicle (paper, section 6).
     """
 
     def __init__(
         self,
         vehicle: int,
         vehicles: int,
-        order: str,
         leg_s: float,
         expiry_s: float,
         follow: Callable[[Plan], PlannedPath],
@@ -50,13 +49,12 @@ class Team:
         """Starts without any plan.
 
         Args:
-            order: "id" (lower numbers come before) or "all".
             leg_s: Duration of a leg (s).
             expiry_s: Age (s) at which a plan expires.
             assumed: The plan assumed for a team mate without a received plan (`assume_plans`); None: none.
         """
         self.others = [v for v in range(1, vehicles + 1) if v != vehicle]
-        self.before = self.others if order == "all" else [v for v in self.others if v < vehicle]
+        self.before = [v for v in self.others if v < vehicle]
         self._vehicle, self._leg_s, self._expiry_s, self._follow = vehicle, leg_s, expiry_s, follow
         self._mates: dict[int, _Mate] = {}
         self._assumed_plan = assumed

@@ -93,7 +93,6 @@ class VehiclePlanner:
         self.team = Team(
             vehicle,
             mission.vehicles,
-            self.planner.team_order,
             leg_m / settings.vehicle.speed_mps,
             self.planner.plan_expiry_s,
             self.rollout.follow,

@@ -17,14 +17,13 @@ def _follow(plan):
     return PlannedPath(plan.step, states, np.full(10, 5), 1, states[1:, None, 1:])
 
 
-def _team(order="id", vehicle=3, expiry=600.0):
-    return Team(vehicle, 4, order, 20.0, expiry, _follow)
+def _team(vehicle=3, expiry=600.0):
+    return Team(vehicle, 4, 20.0, expiry, _follow)
 
 
-def test_team_orders():
-    assert _team("id").before == [1, 2]
-    assert _team("id", vehicle=1).before == []
-    assert _team("all").before == [1, 2, 4]
+def test_vehicles_with_lower_numbers_plan_before():
+    assert _team().before == [1, 2]
+    assert _team(vehicle=1).before == []
 
 
 def test_passed_places_are_dropped_and_old_plans_expire():

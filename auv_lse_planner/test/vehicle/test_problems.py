@@ -63,7 +63,7 @@ def test_missing_or_expired_plans_of_preceding_mates():
     def follow(plan):
         return PlannedPath(plan.step, np.zeros((1, 3)), np.zeros(0, np.int64), 0, np.zeros((0, 1, 2)))
 
-    team = Team(3, 4, "id", 20.0, 600.0, follow)
+    team = Team(3, 4, 20.0, 600.0, follow)
     team.receive_plan(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
     missing = {"plan of 1 missing": "team: no plan received from vehicle 1 yet; planning without it"}
     assert problems.of_team(249.0, team, PLANNER, 149.0) == {}, "no slot of vehicle 1 may have come yet"

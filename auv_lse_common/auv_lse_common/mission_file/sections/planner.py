@@ -98,11 +98,6 @@ class PlannerConfig:
         help="method tour: start from joint routes of the whole team, and assume team mates on theirs until they are "
         "heard; the same for all vehicles",
     )
-    team_order: str = parameter(
-        "id",
-        choices=("id", "all"),
-        help="plans that a vehicle takes into account: those of vehicles with lower numbers (id), or of all team mates",
-    )
     deadline_s: float = parameter(
         2.0,
         unit="s",
