@@ -2,7 +2,7 @@
 
 Soundings become kernel centers in a table, or are merged into centers. The posterior is updated only when it is read:
 one refactorization, from the first moved center on, for any number of soundings. If a factorization could fail
-(`_always_factorizable`), each new center is factorized immediately, so that `add` can reject it.
+(`_is_well_conditioned`), each new center is factorized immediately, so that `add` can reject it.
 """
 
 from __future__ import annotations
@@ -124,10 +124,6 @@ class OnlineGp:
             self.counts.refused += 1
             raise
         row = np.array([[north_m, east_m, depth_m]], dtype=float)
-        sigmas = self.config.outlier_sigmas
-        if sigmas > 0.0 and len(self) and not self._fits(row, sigmas)[0]:
-            self.counts.outliers += 1
-            return Outcome.OUTLIER
         noise = self.config.noise_std_m if noise_std_m is None else noise_std_m
         return self._insert(row, int(grow), np.array([noise]))[0]
 
@@ -147,7 +143,7 @@ class OnlineGp:
         room = len(soundings) if max_new is None else max_new
         noise = np.full(len(soundings), self.config.noise_std_m) if noise_std_m is None else noise_std_m
         outcomes: list[Outcome | None] = [None] * len(soundings)
-        together = plausible(self.config, soundings) & self._always_factorizable(
+        together = plausible(self.config, soundings) & self._is_well_conditioned(
             min(len(self) + len(soundings), max(self.config.max_centers, len(self)))
         )
         inserted = self._insert(soundings[together], room, noise[together]) if together.any() else []
@@ -336,7 +332,7 @@ class OnlineGp:
     @property
     def centers(self) -> Centers:
         """A copy of the kernel centers."""
-        if self.is_tiled or self._always_factorizable(len(self)):
+        if self.is_tiled or self._is_well_conditioned(len(self)):
             self._apply_merges()
         else:
             self._sync()
@@ -408,10 +404,6 @@ class OnlineGp:
             self.problems.append(text)
             warnings.warn(text, stacklevel=3)
 
-    def _always_factorizable(self, size: int) -> bool:
-        """Whether the factorization of `size` centers can be postponed; the outlier gate needs the factor each time."""
-        return self.config.outlier_sigmas == 0.0 and self._is_well_conditioned(size)
-
     def _is_well_conditioned(self, size: int) -> bool:
         """Whether `size` centers can be factorized wherever they are.
 
@@ -429,7 +421,7 @@ class OnlineGp:
         if not len(centers):
             return
         n = len(self)
-        can_wait = self._always_factorizable(n + len(centers))
+        can_wait = self._is_well_conditioned(n + len(centers))
         if not can_wait and not self.is_tiled:
             self._sync()
         self._table.append(centers)

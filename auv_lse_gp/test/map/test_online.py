@@ -12,6 +12,7 @@ from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support import compiled
 from auv_lse_gp import GpConfig, IllConditionedError, Kernel, OnlineGp, Outcome, SoundingError
 from auv_lse_gp.inference.factor import BLOCK, Factor
+from auv_lse_gp.map import online
 from auv_lse_gp.map.merging import MERGE_WINDOW
 
 
@@ -123,7 +124,7 @@ def test_postponed_factorization_gives_the_same_posterior(merge, monkeypatch):
     assert blocks == []  # where they are needs no factor
     mean, std = later.predict(places + 3.0)
     assert blocks == [len(later)]
-    monkeypatch.setattr(OnlineGp, "_always_factorizable", lambda self, size: False)
+    monkeypatch.setattr(OnlineGp, "_is_well_conditioned", lambda self, size: False)
     for (north, east), depth in zip(places, depths, strict=True):
         at_once.add(north, east, depth)
     assert later.counts == at_once.counts
@@ -230,22 +231,9 @@ def test_implausible_soundings_are_rejected(sounding, message):
     assert len(gp) == 0
 
 
-def test_outlier_gate():
-    gp = OnlineGp(GpConfig(outlier_sigmas=5.0, merge=False))
-    for (north, east), depth in zip(*soundings(200), strict=True):
-        gp.add(north, east, depth)
-    before, flagged = len(gp), gp.counts.outliers
-    place = np.array([200.0, 200.0])
-    mean, std = (float(x[0]) for x in gp.predict(place[None]))
-    spread = math.hypot(std, 0.3)
-    assert gp.add(*place, mean + 5.1 * spread) is Outcome.OUTLIER
-    assert (len(gp), gp.counts.outliers) == (before, flagged + 1)
-    assert gp.add(*place, mean + 4.9 * spread) is not Outcome.OUTLIER
-    assert flagged <= 2  # noise as configured: hardly a sounding is flagged
-
-
 def test_ill_conditioned_sounding_is_rejected_without_loss(monkeypatch):
-    gp = OnlineGp(GpConfig(outlier_sigmas=50.0))  # with the gate each sounding is factorized at once
+    monkeypatch.setattr(online, "_EPSILON", 1.0)  # with so few digits, each sounding is factorized at once
+    gp = OnlineGp(GpConfig())
     places, depths = soundings(50)
     add_all(gp, places, depths)
     size, before = len(gp), gp.predict(places)
@@ -333,14 +321,15 @@ def test_factor_appends_truncates_and_solves():
         factor.solve_in_place(np.asfortranarray(right))
 
 
-@pytest.mark.parametrize("outlier_sigmas", [0.0, 5.0])
+@pytest.mark.parametrize("at_once", [False, True], ids=["together", "each at once"])
 @pytest.mark.parametrize("max_new", [None, 20])
-def test_add_all_equals_adding_one_by_one(outlier_sigmas, max_new):
+def test_add_all_equals_adding_one_by_one(monkeypatch, at_once, max_new):
+    if at_once:  # with so few digits, each sounding is factorized at once
+        monkeypatch.setattr(online, "_EPSILON", 1.0)
     places, depths = soundings(200)
     rows = np.column_stack([places, depths])
     rows[7, 2], rows[9, 0] = -5.0, math.nan  # refused
-    config = GpConfig(outlier_sigmas=outlier_sigmas)
-    one, many = OnlineGp(config), OnlineGp(config)
+    one, many = OnlineGp(GpConfig()), OnlineGp(GpConfig())
     wanted, room = [], len(rows) if max_new is None else max_new
     for north, east, depth in rows.tolist():
         try:

@@ -60,13 +60,10 @@ class GpConfig:
         help="Radius of the local subset (d_eps, along the first axis), and the support of a Wendland kernel. "
         "0: a default multiple of the length scale.",
     )
-    outlier_sigmas: float = parameter(
-        0.0, low=0.0, help="A sounding more than this many sigmas from its prediction is flagged, not used; 0: no gate."
-    )
     team_outlier_sigmas: float = parameter(
         5.0,
         low=0.0,
-        help="The same for team mates' samples, against this vehicle's map; 0: no gate.",
+        help="A team mate's sample more than this many sigmas from its prediction is not used; 0: no gate.",
     )
     max_centers: int = parameter(
         12000,
