@@ -59,7 +59,7 @@ def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -
     area = section(AreaConfig, parameters, "area", where)
     if is_given(parameters, "motion.actions_deg"):
         known["n_actions"] = len(motion.actions_deg)
-    if packet.check_limits and is_given(parameters, "area.polygon_m"):
+    if is_given(parameters, "area.polygon_m"):
         corners = np.reshape(area.polygon_m, (-1, 2))
         known["north_m"], known["east_m"] = Limits.box(corners, packet.area_margin_m)
     try:

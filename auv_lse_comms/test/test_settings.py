@@ -32,9 +32,6 @@ def test_limits_come_from_the_mission() -> None:
     ):
         with pytest.raises(ValueError, match=reason):
             bridge.set_plan(dataclasses.replace(PLAN, **change))
-    bridge_of({**MISSION, "packet": {"check_limits": False}}, "m.yaml", 2).set_plan(
-        dataclasses.replace(PLAN, north_m=5e3)
-    )
 
 
 def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:

@@ -20,6 +20,9 @@ from auv_lse_common.vocabulary.leg import Leg, leg_point
 
 Array = NDArray[np.float64]
 
+#: Largest spacing (m) of the places at which a leg's clearance is checked.
+TRACK_SPACING_M = 1.0
+
 
 @compiled
 def advance(heading: float, north: float, east: float, turn: float, ahead: float, starboard: float):
@@ -65,7 +68,7 @@ class MotionTable:
         straights_m: Length of each action's straight, shape (A,).
         lengths_m: Arc plus straight of each action, shape (A,).
         tracks_m: Track of each action in the body's frame (ahead, starboard), shape (A, T, 2), at equal arc lengths of
-            at most `track_spacing_m`.
+            at most `TRACK_SPACING_M`.
         loops_m: Tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3). Repeating
             `loop_actions` keeps the vehicle inside this circle.
         loop_actions: The actions of the loops, shape (2,).
@@ -87,7 +90,7 @@ class MotionTable:
         starboard = np.sign(turns) * (radius - radius * np.cos(size) + self.straights_m * np.sin(size))
         ahead = radius * np.sin(size) + self.straights_m * np.cos(size)
         self.steps_m: Array = np.stack([ahead, starboard], axis=1)
-        count = math.ceil(float(self.lengths_m.max()) / config.track_spacing_m) + 1
+        count = math.ceil(float(self.lengths_m.max()) / TRACK_SPACING_M) + 1
         fractions = np.linspace(0.0, 1.0, count)
         self.tracks_m: Array = np.stack([self.points(a, fractions * self.lengths_m[a]) for a in range(turns.size)])
         self.spacing_m = float(self.lengths_m.max()) / (count - 1)

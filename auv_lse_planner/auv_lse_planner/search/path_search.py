@@ -19,6 +19,9 @@ from auv_lse_planner.search.uct import Actions, SearchResult, run_search
 
 Array = NDArray[np.float64]
 
+#: Number of paths that the search evaluates together.
+BATCH = 8
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchProblem:
@@ -64,5 +67,5 @@ def search_path(problem: SearchProblem, space: FreeSpace, rollout: Rollout, rewa
     # try the most promising sequences first
     seeds = [*p.seeds, *sequences.promising(space, p.horizon, planner.iterations // 4, 2, p.deadline)]
     tree = ActionTree(space, p.state, p.horizon, planner.exploration)
-    found = run_search(tree, sequences, p.horizon, planner.iterations, planner.batch, p.rng, p.deadline, seeds)
+    found = run_search(tree, sequences, p.horizon, planner.iterations, BATCH, p.rng, p.deadline, seeds)
     return Proposal(found, sequences.naive_path[found.actions])

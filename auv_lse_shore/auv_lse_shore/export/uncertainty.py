@@ -102,9 +102,3 @@ def cell_tvu_m(team: TeamMap, survey: Survey) -> Array:
     speed = survey.sounder_speed_mps if survey.sound_speed is None else float(survey.sound_speed[:, 1].mean())
     stretched = np.maximum(field.mean_m, 0.0) * std.sound_speed_mps / speed
     return SIGMAS_95 * np.sqrt(field.std_m**2 + std.water_level_m**2 + std.pressure_m**2 + stretched**2)
-
-
-def cell_orders(team: TeamMap, survey: Survey) -> Array:
-    """Code of the order that each cell meets, shape (ny, nx); NaN outside of the area."""
-    tvu, depth = cell_tvu_m(team, survey), team.field.mean_m
-    return np.where(np.isnan(depth), np.nan, orders_met(np.zeros_like(tvu), tvu, depth))

@@ -197,7 +197,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         refused = set_parameter(b, "/auv1/modem_node", "tdma.slot_s", 0.5)
         assert not refused.successful
         assert "slot_s" in refused.reason
-        assert not set_parameter(b, "/auv1/modem_node", "packet.selection", "useful").successful
+        assert not set_parameter(b, "/auv1/modem_node", "packet.area_margin_m", 5.0).successful
         assert "only at the start" in set_parameter(b, "/auv1/modem_node", "mission.steps", 5).reason
 
 

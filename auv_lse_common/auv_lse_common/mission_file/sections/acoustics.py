@@ -125,15 +125,12 @@ class PacketConfig:
     abort_without_tag: bool = parameter(
         False, help="obey abort calls in packets even without `tag`; any modem in the water can send them"
     )
-    check_limits: bool = parameter(
-        True, help="reject packets with positions outside the operating area's bounding box plus area_margin_m"
-    )
     area_margin_m: float = parameter(
         100.0,
         unit="m",
         low=0.0,
         high=100e3,
-        help="how far outside the operating area's bounding box a position may lie",
+        help="packets with a position farther outside the operating area's bounding box are rejected",
     )
     depth_min_m: float = parameter(
         -10.0, unit="m", low=SAMPLE_DEPTHS_M[0], high=SAMPLE_DEPTHS_M[1], help="smallest accepted water depth"

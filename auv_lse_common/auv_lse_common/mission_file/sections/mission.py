@@ -75,9 +75,6 @@ class MotionConfig:
         help="straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; 'growing' r "
         "(theta_max + |a|) is the paper's",
     )
-    track_spacing_m: float = parameter(
-        1.0, unit="m", above=0.0, help="spacing of the places at which a leg's clearance is checked"
-    )
 
     def __post_init__(self) -> None:
         """Rejects unusable action sets.

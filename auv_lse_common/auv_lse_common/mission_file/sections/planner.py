@@ -68,7 +68,6 @@ class PlannerConfig:
     exploration: FromMethod[float] = from_method(
         0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
     )
-    batch: int = parameter(8, low=1, high=256, help="paths that the search evaluates together")
     samples_per_leg: int = parameter(
         1, low=1, high=20, help="measurement places along each leg at which the reward is computed"
     )
