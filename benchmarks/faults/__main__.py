@@ -23,7 +23,7 @@ KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
     "disk": "a full disk under real nodes, and kills while it is full",
     "reboot": "power loss at random moments, with cut and torn files",
-    "day": "a working day of one vehicle's nodes, faster than real time, with kills and power losses",
+    "day": "a working day of a team's nodes, faster than real time, with kills and power losses",
     "soak": "a long mission of a large team, with mates that babble",
     "nodes": "a paced mission of real nodes under load: memory of each",
     "watch": "random sequences of readings for the safety watch: every limit, dropouts, outliers",

@@ -1,7 +1,8 @@
-"""A working day of one vehicle: kills of its nodes and power losses at random steps; nothing may be lost.
+"""A working day of a team: each vehicle has kills of its nodes and power losses at its own steps; nothing may be lost.
 
-Its nodes are real, and the water moves it faster than real time. The nodes' clock is that of the wall, so their periods
-(slots, health, the lead of a decision) are not shortened. The speed-up that the machine sustains is measured.
+The nodes are real, and the water moves the vehicles faster than real time. The nodes' clock is that of the wall, so
+slots, health and a decision's lead are not shortened; places are corrected as often as in a mission at real speed. The
+speed-up that the machine sustains is measured. No check depends on it: a vehicle waits at a leg's end for the next.
 """
 
 from __future__ import annotations
@@ -9,118 +10,343 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.faults.dive_bed import BACK_S, BOOTED_S, NODES, DiveBed, dive_bed
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.mission_run import RunState
+from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
+from benchmarks.faults.bed.ledger import journal_problem, lost_places
 from benchmarks.faults.kills import LEG_S
+from benchmarks.faults.nodes import look, memory_mb
 from benchmarks.faults.report import Report
 
 #: Speed (m/s) at which a leg takes `LEG_S`.
 SPEED_MPS = 1.5
-#: A leg may take so many times its time, and so much more (s): a decision's lead, and a restart.
-SLOW, SPARE_S = 6.0, 60.0
+#: A vehicle that decides nothing for so long (s), or is not back by then, never will.
+NEVER_S = 300.0
+#: The last kills of each vehicle, which show restarts after the day, and the legs between two of them in the team.
+LATE = ("gp_node", "planner_node")
+LATE_APART = 6
+#: A center may be this many spacings away after a restart: soundings are then merged in another order.
+SPACINGS = 2.0
+#: Goals: restart of a node after the day (s), memory of a vehicle (MB).
+RESTART_S, MEMORY_MB = 5.0, 500.0
+#: What a restarted node publishes first, and every reader receives; a restarted modem_node has to wait for a slot.
+OUTPUTS = {"gp_node": "kernel_centers", "safety_node": "mission/state", "planner_node": "waypoint"}
 
 
-def schedule(legs: int, kills: int, reboots: int, rng: np.random.Generator) -> list[tuple[int, str]]:
-    """Faults in order: the step after which each happens, and the node that is killed, "" for a power loss.
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """After which step what is killed: a node, or "" for a power loss; `late`: at the end of the day."""
 
-    Each has a step of its own; a node is not killed twice in a row, because the keeper delays repeated restarts.
+    step: int
+    node: str
+    late: bool = False
+
+    @property
+    def name(self) -> str:
+        """For the table."""
+        return f"`{self.node}`" if self.node else "power loss"
+
+
+def least_legs(vehicles: int, kills: int, reboots: int) -> int:
+    """The fewest legs of a mission in which each fault of the team has a step of its own."""
+    return vehicles * (kills + reboots) + vehicles * len(LATE) * LATE_APART + 4
+
+
+def schedule(vehicles: int, legs: int, kills: int, reboots: int, rng: np.random.Generator) -> dict[int, list[Fault]]:
+    """The faults of each vehicle, in order of their steps.
+
+    All faults of the team have different steps, and the vehicles take turns. A node is not killed twice in a row,
+    because the keeper delays repeated restarts. The last kills are those of `LATE`, near the mission's end.
     """
-    count = kills + reboots
-    steps = np.sort(rng.choice(np.arange(1, max(legs - 2, count + 1)), count, replace=False))
-    lost_power = set(rng.choice(count, reboots, replace=False).tolist())
-    faults: list[tuple[int, str]] = []
-    node = ""
-    for number, step in enumerate(steps.tolist()):
-        node = "" if number in lost_power else str(rng.choice([other for other in NODES if other != node]))
-        faults.append((step, node))
+    late = LATE[len(LATE) - min(kills, len(LATE)) :]
+    early = kills - len(late) + reboots
+    begin = legs - 2 - vehicles * len(late) * LATE_APART
+    steps = np.sort(rng.choice(np.arange(1, begin), vehicles * early, replace=False)).tolist()
+    faults: dict[int, list[Fault]] = {}
+    for k in range(vehicles):
+        lost_power = set(rng.choice(early, reboots, replace=False).tolist())
+        faults[k + 1] = own = []
+        node = ""
+        for number, step in enumerate(steps[k::vehicles]):
+            is_last = number == early - 1  # the next one is the first of `late`
+            others = [other for other in NODES if other != node and not (is_last and other in late[:1])]
+            node = "" if number in lost_power else str(rng.choice(others))
+            own.append(Fault(step, node))
+        own += [Fault(begin + (i * vehicles + k) * LATE_APART, node, late=True) for i, node in enumerate(late)]
     return faults
 
 
-def strike(bed: DiveBed, node: str) -> tuple[float, list[str]]:
-    """Kills a node, or cuts the power; returns the time until it is back (s), and what went wrong."""
-    from auv_lse_msgs.msg import MissionState
+@dataclass(slots=True)
+class Strike:
+    """A fault and the recovery from it; times (s) after the death of the processes, NaN until then.
 
-    water = bed.witness
-    water.forget()
-    began_s = time.monotonic()
-    if node:
-        bed.kill(node)
-        back_s = water.back([node], BACK_S)
-    else:
-        bed.cut_power()
+    Attributes:
+        output_s: The first output of the node, or of the last node to publish one.
+        cpu_s: Processor time of the node until then.
+        decided_s: The next decision; infinite if the mission has ended by then.
+        heard_s: The vehicle hears all mates, and they hear it; infinite without mates.
+        wrong: What was lost, or never came back.
+    """
+
+    vehicle: int
+    fault: Fault
+    step: int
+    output_s: float = math.nan
+    cpu_s: float = math.nan
+    decided_s: float = math.nan
+    heard_s: float = math.nan
+    wrong: list[str] = field(default_factory=list)
+
+    def missing(self) -> str:
+        """What has not come back; "" if everything has."""
+        parts = {"an output of each node": self.output_s, "a decision": self.decided_s, "mates' packets": self.heard_s}
+        return ", ".join(name for name, value in parts.items() if math.isnan(value))
+
+
+class VehicleDay:
+    """The day of one vehicle: its faults, one after the other, and the end of its mission.
+
+    Attributes:
+        strikes: Faults so far.
+        away_s, away_legs: Time (s) from each fault to the next decision, and the legs decided in it.
+        ended_s: When its mission had ended (by the steady clock); NaN until then.
+    """
+
+    def __init__(self, bed: DiveBed, vehicle: Vehicle, faults: Sequence[Fault], say: Callable[[str], None]) -> None:
+        self.vehicle = vehicle
+        self.strikes: list[Strike] = []
+        self.away_s, self.away_legs, self.ended_s = 0.0, 0, math.nan
+        self._bed, self._faults, self._say = bed, deque(faults), say
+        self._now: Strike | None = None
+        self._began_s = self._progress_s = time.monotonic()
+        self._seen_step = -1
+        self._maps_m: list[NDArray[np.float64]] = []  # centers at each fault that struck the map
+        self._kills = dict.fromkeys(NODES, 0)
+
+    @property
+    def mates(self) -> list[Vehicle]:
+        """The other vehicles."""
+        return [mate for mate in self._bed.vehicles.values() if mate is not self.vehicle]
+
+    def advance(self) -> bool:
+        """Strikes if it is time, watches a recovery; returns whether the day is over.
+
+        Raises:
+            RuntimeError: if the vehicle decides nothing any more.
+        """
+        now_s, ledger = time.monotonic(), self.vehicle.witness.ledger
+        if ledger.last_step > self._seen_step:
+            self._seen_step, self._progress_s = ledger.last_step, now_s
+        if self._now is not None:
+            self._watch(self._now)
+        elif self._faults and ledger.last_step >= self._faults[0].step:
+            self._strike(self._faults.popleft())
+        elif not self._faults and self.vehicle.witness.is_in(RunState.ENDED):
+            if math.isnan(self.ended_s):
+                self.ended_s = now_s
+                self._say(f"auv{self.vehicle.number}: the mission has ended")
+            return True
+        elif now_s > self._progress_s + NEVER_S:
+            where = f"auv{self.vehicle.number}: nothing after step {ledger.last_step}"
+            raise RuntimeError(f"{where} for {NEVER_S:g} s; see {self.vehicle.out / 'logs'}")
+        return False
+
+    def lost_at_end(self, legs: int) -> list[str]:
+        """What the vehicle has lost over the whole day; the day must be over."""
+        ledger = self.vehicle.witness.ledger
+        lost = [f"steps {steps} were not decided"] if (steps := ledger.lost_steps(legs)) else []
+        final_m = self.vehicle.witness.centers_m()
+        missing = sum(lost_places(each, final_m, _center_tolerance_m()) for each in self._maps_m)
+        lost += [f"{missing} centers of earlier maps are not in the last one"] if missing else []
+        known = [text for strike in self.strikes for text in strike.wrong]
+        return lost + [text for text in ledger.broken if text not in known]
+
+    def _strike(self, fault: Fault) -> None:
+        witness = self.vehicle.witness
+        self._now = Strike(self.vehicle.number, fault, witness.ledger.last_step)
+        self._began_s, self._broken = time.monotonic(), len(witness.ledger.broken)
+        self._struck = (fault.node,) if fault.node else NODES
+        if "gp_node" in self._struck:
+            self._maps_m.append(witness.centers_m())
+        self._log_sizes = {node: self._log(node).stat().st_size for node in self._struck}
+        self._journals = {node: path.read_bytes() for node in self._struck if (path := self._journal(node)).exists()}
+        if fault.node:
+            self.vehicle.kill(fault.node)
+        else:
+            self.vehicle.cut_power()
+        for node in self._struck:
+            self._kills[node] += 1
+        if not fault.node:
+            self.vehicle.launch()
+
+    def _watch(self, strike: Strike) -> None:
+        """Notes what has come back; closes the strike when everything has, or never will."""
+        vehicle, witness = self.vehicle, self.vehicle.witness
+        died_s = witness.since_s
         try:
-            bed.start()
+            started = vehicle.has_started()
         except RuntimeError as error:
-            return math.nan, [str(error)]
-        back_s = water.back(NODES, BOOTED_S)
-        back_s = math.nan if math.isnan(back_s) else time.monotonic() - began_s
-    if math.isnan(back_s):
-        return back_s, ["never back"]
-    water.wait(lambda: water.is_in(MissionState.RUNNING, MissionState.ENDED), BACK_S)
-    if water.state is None or water.state.state not in (MissionState.RUNNING, MissionState.ENDED):
-        return back_s, [f"state {water.state and water.state.state} after it; expected RUNNING"]
-    step = water.last_step
-    patience_s = SPARE_S + SLOW * LEG_S
-    if water.state.state == MissionState.RUNNING and math.isnan(water.wait(lambda: water.last_step > step, patience_s)):
-        return back_s, [f"no decision within {patience_s:.0f} s"]
-    return back_s, []
+            self._close(strike, [str(error)])
+            return
+        fault = strike.fault
+        outputs = {OUTPUTS[node] for node in self._struck if node in OUTPUTS}
+        if math.isnan(strike.output_s) and started and outputs <= set(witness.published_s) and self._is_ready():
+            strike.output_s = max([witness.published_s[topic] for topic in outputs], default=time.time()) - died_s
+            if fault.node and vehicle.program is not None:
+                found = look(vehicle.program.process.pid).get(f"auv{vehicle.number}.{fault.node}")
+                strike.cpu_s = math.nan if found is None else found.cpu_s
+        if math.isnan(strike.decided_s) and not math.isnan(strike.output_s):
+            if witness.ledger.last_step > strike.step and witness.is_in(RunState.RUNNING, RunState.ENDED):
+                strike.decided_s = time.time() - died_s
+                self.away_s += time.monotonic() - self._began_s
+                self.away_legs += witness.ledger.last_step - strike.step
+            elif witness.is_in(RunState.ENDED):
+                strike.decided_s = math.inf
+        sent_s = witness.published_s.get("modem/tx", math.inf)
+        heard = [witness.heard_s.get(mate.number, 0.0) > died_s for mate in self.mates]
+        heard += [mate.witness.heard_s.get(vehicle.number, 0.0) > sent_s for mate in self.mates]
+        if math.isnan(strike.heard_s) and all(heard):
+            strike.heard_s = time.time() - died_s if heard else math.inf  # without mates
+        missing = strike.missing()
+        if not missing:
+            self._close(strike, self._lost_by(strike))
+        elif time.monotonic() > self._began_s + NEVER_S:
+            self._close(strike, [f"not back after {NEVER_S:g} s: {missing}"])
+
+    def _is_ready(self) -> bool:
+        """Whether every node that was struck has reported in its log to be ready."""
+        return all("ready after" in self._logged(node) for node in self._struck)
+
+    def _lost_by(self, strike: Strike) -> list[str]:
+        """What a fault has destroyed, now that everything is back."""
+        witness, lost = self.vehicle.witness, []
+        for node, journal in self._journals.items():
+            if problem := journal_problem(journal, self._logged(node), self._kills[node]):
+                lost.append(f"{node}: {problem}")
+        if "gp_node" in self._struck:
+            missing = lost_places(self._maps_m[-1], witness.centers_m(), _center_tolerance_m())
+            lost += [f"{missing} of {len(self._maps_m[-1])} centers are not in the next map"] if missing else []
+        return lost + sorted(witness.problems) + witness.ledger.broken[self._broken :]
+
+    def _close(self, strike: Strike, wrong: list[str]) -> None:
+        strike.wrong += wrong
+        self.strikes.append(strike)
+        self._now = None
+        self._progress_s = time.monotonic()
+        self._say(
+            f"auv{strike.vehicle} step {strike.step}: {strike.fault.name}: output after {strike.output_s:.1f} s, "
+            f"decision after {strike.decided_s:.1f} s, mates after {strike.heard_s:.1f} s; {'; '.join(wrong)}"
+        )
+
+    def _log(self, node: str) -> Path:
+        return self.vehicle.out / "logs" / f"auv{self.vehicle.number}.{node}.log"
+
+    def _logged(self, node: str) -> str:
+        """What a node has logged since it was struck."""
+        return self._log(node).read_bytes()[self._log_sizes[node] :].decode(errors="replace")
+
+    def _journal(self, node: str) -> Path:
+        found = sorted(self.vehicle.out.glob(f"journal/*/auv{self.vehicle.number}.{node}.journal"))
+        return found[-1] if found else Path("none")
+
+
+def _center_tolerance_m() -> float:
+    return SPACINGS * GpConfig().min_spacing_m
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults day`."""
+    parser.add_argument("--vehicles", type=int, default=3, metavar="N", help="vehicles (default: %(default)s)")
     parser.add_argument("--hours", type=float, default=5.0, metavar="H", help="mission time (default: %(default)s)")
     parser.add_argument("--speed-up", type=float, default=50.0, metavar="X", help="aim (default: %(default)s)")
     parser.add_argument("--method", default="tour", metavar="NAME", help="planning method (default: %(default)s)")
-    parser.add_argument("--kills", type=int, default=10, metavar="N", help="kills of nodes (default: %(default)s)")
-    parser.add_argument("--reboots", type=int, default=2, metavar="N", help="power losses (default: %(default)s)")
+    parser.add_argument(
+        "--kills", type=int, default=10, metavar="N", help="kills of nodes of each vehicle (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--reboots", type=int, default=2, metavar="N", help="power losses of each vehicle (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """Flies the day; the report has the speed-up between faults."""
-    legs = max(options.kills + options.reboots + 4, round(options.hours * 3600.0 / LEG_S))
-    rows: dict[str, list[float]] = {}
-    lost: list[str] = []
-    survived = 0
-    away_s = 0.0
-    with dive_bed(folder, say) as bed:
-        water = bed.witness
-        bed.dive("resume", legs, SPEED_MPS * options.speed_up, options.method)
-        began_s, first = time.monotonic(), water.last_step
-        faults = schedule(legs, options.kills, options.reboots, np.random.default_rng(options.seed))
+    """Flies the day; the report has the speed-up, restarts at its end, and memory."""
+    vehicles, kills, reboots = options.vehicles, options.kills, options.reboots
+    legs = max(least_legs(vehicles, kills, reboots), round(options.hours * 3600.0 / LEG_S))
+    faults = schedule(vehicles, legs, kills, reboots, np.random.default_rng(options.seed))
+    with dive_bed(folder, vehicles) as bed:
+        places = {"interval_s": PlacesConfig().interval_s / options.speed_up}
+        bed.dive("resume", legs, SPEED_MPS * options.speed_up, options.method, {"places": places})
+        began_s = time.monotonic()
+        first = {k: vehicle.witness.ledger.last_step for k, vehicle in bed.vehicles.items()}
+        days = [VehicleDay(bed, vehicle, faults[k], say) for k, vehicle in bed.vehicles.items()]
+        bed.wait(lambda: sum(day.advance() for day in days) == vehicles, math.inf)  # advances every vehicle
+        bed.spend(1.0)  # the last maps
+        sizes_mb = {day.vehicle.number: memory_mb(day.vehicle.pids()) for day in days}
+        lost = [f"auv{day.vehicle.number}: {text}" for day in days for text in day.lost_at_end(legs)]
+        packets = {day.vehicle.number: len(day.vehicle.witness.ledger.slots) for day in days}
+    strikes = [strike for day in days for strike in day.strikes]
+    lost += [f"auv{s.vehicle}, {s.fault.name} at step {s.step}: {text}" for s in strikes for text in s.wrong]
+    lines = [*_fault_rows(strikes), "", *_late_rows(days, sizes_mb, packets), ""]
+    team = f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, {legs} legs each ({legs * LEG_S / 3600.0:.1f} h, "
+    speed = _speed([day.ended_s - began_s for day in days], legs - 1 - max(first.values()), days)
+    verdict = "; ".join(lost) or "nothing lost: every step decided once, every journal read back, no center lost"
+    lines.append(f"{team}{options.method}) {speed} (aim: {options.speed_up:g}); {verdict}")
+    worst = max((strike.output_s for strike in strikes if not math.isnan(strike.output_s)), default=None)
+    return Report(lines, len(strikes), sum(not strike.wrong for strike in strikes), worst, lost)
 
-        def await_step(wanted: int) -> None:
-            while water.last_step < wanted:
-                step = water.last_step
-                if math.isnan(water.wait(lambda: water.last_step > step, SPARE_S + SLOW * LEG_S)):  # noqa: B023
-                    raise RuntimeError(f"no decision after step {step}; see {bed.out / 'logs'}")
 
-        for step, node in faults:
-            await_step(step)
-            broken, struck_s = len(water.broken), time.monotonic()
-            back_s, wrong = strike(bed, node)
-            away_s += time.monotonic() - struck_s
-            wrong += water.broken[broken:]
-            survived += not wrong
-            what = node or "power loss"
-            lost += [f"{what} at step {step}: {text}" for text in wrong]
-            rows.setdefault(what, []).append(back_s)
-            say(f"step {water.last_step} of {legs}: {what}: back after {back_s:.1f} s; {'; '.join(wrong)}")
-        await_step(legs - 1)
-        flown_s = time.monotonic() - began_s
-        broken_ones = [text for text in water.broken if not any(text in known for known in lost)]
-        lost += broken_ones
-        packets = len(water.slots)
-    sustained = (legs - 1 - first) * LEG_S / max(flown_s - away_s, 1e-9)
-    lines = ["| fault | times | back after (median, worst) |", "|---|---|---|"]
-    lines += [f"| {kind} | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for kind, s in sorted(rows.items())]
-    lines.append(
-        f"{legs} legs ({legs * LEG_S / 3600.0:.1f} h, {options.method}) in {flown_s:.0f} s, {packets} packets; "
-        f"{sustained:.1f} times real time between the faults (aim: {options.speed_up:g}); "
-        + ("; ".join(lost) or "nothing lost: every step decided once")
+def _speed(flown_s: Sequence[float], legs: int, days: Sequence[VehicleDay]) -> str:
+    """How fast the mission was, with and without the recoveries; each vehicle has decided so many legs in `flown_s`."""
+    between = [(legs - day.away_legs) * LEG_S / (s - day.away_s) for day, s in zip(days, flown_s, strict=True)]
+    return (
+        f"in {max(flown_s):.0f} s: {legs * LEG_S / max(flown_s):.1f} times real time with all recoveries, "
+        f"{min(between):.1f} to {max(between):.1f} times between them"
     )
-    worst = max((s for own in rows.values() for s in own if not math.isnan(s)), default=None)
-    return Report(lines, tried=len(faults), survived=survived, worst_recovery_s=worst, lost=lost)
+
+
+def _fault_rows(strikes: Sequence[Strike]) -> list[str]:
+    """The table of all faults by what was killed: median and longest times."""
+    lines = [
+        "| fault | times | first output after | processor time for it | next decision after | heard again after |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in sorted({strike.fault.name for strike in strikes}):
+        own = [strike for strike in strikes if strike.fault.name == name]
+        columns = (
+            _times([getattr(strike, part) for strike in own]) for part in ("output_s", "cpu_s", "decided_s", "heard_s")
+        )
+        lines.append(f"| {name} | {len(own)} | {' | '.join(columns)} |")
+    return lines
+
+
+def _times(seconds: Sequence[float]) -> str:
+    finite = [s for s in seconds if math.isfinite(s)]
+    return f"{np.median(finite):.1f} s, {max(finite):.1f} s" if finite else "-"
+
+
+def _late_rows(
+    days: Sequence[VehicleDay], sizes_mb: dict[int, tuple[float, float]], packets: dict[int, int]
+) -> list[str]:
+    """The table of each vehicle at the end of the day: restarts after it, memory, packets."""
+    lines = [
+        f"| vehicle | {' | '.join(f'`{node}` killed near the end: first output (processor time)' for node in LATE)} "
+        "| memory (PSS; at most, alone) | packets sent |",
+        "|---|" + "---|" * len(LATE) + "---|---|",
+    ]
+    for day in days:
+        k = day.vehicle.number
+        late = {strike.fault.node: strike for strike in day.strikes if strike.fault.late}
+        shown = [f"{late[n].output_s:.1f} s ({late[n].cpu_s:.1f} s)" if n in late else "-" for n in LATE]
+        pss_mb, alone_mb = sizes_mb[k]
+        lines.append(f"| auv{k} | {' | '.join(shown)} | {pss_mb:.0f} MB; {alone_mb:.0f} MB | {packets[k]} |")
+    lines.append(f"goals: first output within {RESTART_S:g} s, memory of a vehicle at most {MEMORY_MB:g} MB")
+    return lines

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.node.state_file import FILE_BYTES
-from benchmarks.faults.dive_bed import BACK_S, NODES, DiveBed, dive_bed
+from benchmarks.faults.bed.dive_bed import BACK_S, NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.report import Report
 
 SMALL = ("--moments", "20")
@@ -26,9 +26,9 @@ REPORTED_S = 12.0
 _ORDERS = ("", "HOLD", "ABORT")
 
 
-def set_limit(bed: DiveBed, limit: int) -> None:
+def set_limit(vehicle: Vehicle, limit: int) -> None:
     """Sets the largest size of files for every process of the vehicle."""
-    for pid in bed.pids():
+    for pid in vehicle.pids():
         with contextlib.suppress(ProcessLookupError):
             _, most = resource.prlimit(pid, resource.RLIMIT_FSIZE)
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (limit, most))
@@ -38,29 +38,29 @@ def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float,
     """Fills the disk and kills a node; returns a description, the recovery time (s) and what went wrong."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
-    water, wrong = bed.witness, []
-    water.spend(rng.uniform(0.5, 3.0))
+    vehicle, wrong = bed.vehicles[1], []
+    water = vehicle.witness
+    bed.spend(rng.uniform(0.5, 3.0))
     limit = 0 if rng.random() < 0.25 else FILE_BYTES
     water.problems.clear()
-    set_limit(bed, limit)
-    reported_s = water.wait(lambda: "cannot be written" in water.problems, REPORTED_S)
+    set_limit(vehicle, limit)
+    reported_s = bed.wait(lambda: "cannot be written" in water.problems, REPORTED_S)
     order = _ORDERS[rng.integers(len(_ORDERS))]
     if order:
         water.order(getattr(MissionCommand, order))
         wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
-        if math.isnan(water.wait(lambda: water.is_in(wanted), 5.0)):
+        if math.isnan(bed.wait(lambda: water.is_in(wanted), 5.0)):
             wrong.append(f"{order} was not obeyed on a full disk")
     before = water.state.state
     what = f"{'read-only' if limit == 0 else 'full'} disk, {order or 'no order'}, {node} killed"
-    is_full = any(file.stat().st_size > limit - 1000 for file in bed.out.glob("journal/*/*.journal"))
+    is_full = any(file.stat().st_size > limit - 1000 for file in vehicle.out.glob("journal/*/*.journal"))
     if math.isnan(reported_s) and is_full:
         wrong.append(f"not reported within {REPORTED_S:g} s")
-    water.spend(rng.uniform(0.0, 0.5))
-    water.forget()
-    bed.kill(node)
-    back_s = water.back([node], BACK_S)
-    water.wait(lambda: water.state is not None, 5.0)
-    water.spend(1.5)
+    bed.spend(rng.uniform(0.0, 0.5))
+    vehicle.kill(node)
+    back_s = bed.wait(lambda: water.has_back([node]), BACK_S)
+    bed.wait(lambda: water.state is not None, 5.0)
+    bed.spend(1.5)
     state = water.state
     if math.isnan(back_s) or state is None:
         return what, math.nan, [*wrong, "never back"]
@@ -76,14 +76,14 @@ def recover(bed: DiveBed) -> bool:
     """Gives the disk its space back, resets and resumes the mission; returns whether steps are decided again."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
-    water = bed.witness
-    set_limit(bed, resource.RLIM_INFINITY)
+    water = bed.vehicles[1].witness
+    set_limit(bed.vehicles[1], resource.RLIM_INFINITY)
     for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
         if not water.is_in(MissionState.RUNNING):
             water.order(command)
-            water.wait(lambda wanted=state: water.is_in(wanted), 5.0)
-    step = water.last_step
-    return not math.isnan(water.wait(lambda: water.last_step > step, 10.0))
+            bed.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+    step = water.ledger.last_step
+    return not math.isnan(bed.wait(lambda: water.ledger.last_step > step, 10.0))
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,21 +100,23 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     lost: list[str] = []
     survived = resumed = 0
     node = ""
-    with dive_bed(folder, say) as bed:
+    with dive_bed(folder) as bed:
+        vehicle = bed.vehicles[1]
+        ledger = vehicle.witness.ledger
         for number in range(options.moments):
-            if bed.program is None or not resumed:
+            if vehicle.program is None or not resumed:
                 bed.dive()
-            broken = len(bed.witness.broken)
+            broken = len(ledger.broken)
             node = str(rng.choice([other for other in NODES if other != node]))  # the keeper delays repeated restarts
             what, back_s, wrong = fill(bed, node, rng)
             resumed = recover(bed) if not math.isnan(back_s) else False
-            wrong += bed.witness.broken[broken:]
+            wrong += ledger.broken[broken:]
             survived += not wrong
             lost += [f"{what}: {text}" for text in wrong]
             rows.setdefault(what.rpartition(", ")[2].split()[0], []).append(back_s)
             more = f"; {'; '.join(wrong)}" if wrong else ""
             say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
-        packets = len(bed.witness.slots)
+        packets = len(ledger.slots)
     lines = ["| killed on a full disk | kills | back after (median, worst) |", "|---|---|---|"]
     lines += [f"| `{node}` | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for node, s in sorted(rows.items())]
     causes = ", ".join(f"{text} ({n})" for text, n in Counter(t.partition(": ")[2] for t in lost).items())

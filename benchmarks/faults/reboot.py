@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES
-from benchmarks.faults.dive_bed import BOOTED_S, NODES, DiveBed, dive_bed
+from benchmarks.faults.bed.dive_bed import BOOTED_S, NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.report import Report
 
 SMALL = ("--moments", "20")
@@ -41,13 +41,13 @@ def tear(path: Path, rng: np.random.Generator) -> None:
     path.write_bytes(data)
 
 
-def damage(bed: DiveBed, rng: np.random.Generator) -> str:
+def damage(vehicle: Vehicle, rng: np.random.Generator) -> str:
     """Damages the files of a dive; returns which state file is torn, "" if none is."""
-    for journal in sorted(bed.out.glob("journal/*/*.journal")):
+    for journal in sorted(vehicle.out.glob("journal/*/*.journal")):
         cut(journal, rng)
     if rng.random() < 2.0 / 3.0:
         return ""
-    files = [*sorted(bed.out.glob("journal/*/*.state")), bed.out / "auv1.dive"]
+    files = [*sorted(vehicle.out.glob("journal/*/*.state")), vehicle.out / "auv1.dive"]
     torn = files[int(rng.integers(len(files)))]
     tear(torn, rng)
     return torn.name
@@ -57,28 +57,29 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
     """Cuts the power once; returns a description, the time until the mission state is back (s), and what went wrong."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
-    water, wrong = bed.witness, []
-    water.spend(rng.uniform(0.5, 4.0))
+    vehicle, wrong = bed.vehicles[1], []
+    water = vehicle.witness
+    bed.spend(rng.uniform(0.5, 4.0))
     order = _ORDERS[rng.integers(len(_ORDERS))]
     if order:
         water.order(getattr(MissionCommand, order))
         wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
-        if math.isnan(water.wait(lambda: water.is_in(wanted), 5.0)):
+        if math.isnan(bed.wait(lambda: water.is_in(wanted), 5.0)):
             wrong.append(f"{order} was not obeyed")
-    water.spend(rng.uniform(0.0, 0.5))
+    bed.spend(rng.uniform(0.0, 0.5))
     before = water.state.state
-    water.forget()
-    bed.cut_power()
-    torn = damage(bed, rng)
+    vehicle.cut_power()
+    torn = damage(vehicle, rng)
     what = f"{after_reboot}, {order or 'under way'}, {torn or 'journals'} damaged"
     began_s = time.monotonic()
     try:
-        bed.start()
+        bed.start(vehicle)
     except RuntimeError as error:
         return what, math.nan, [*wrong, str(error)]
-    back_s = math.nan if math.isnan(water.back(NODES, BOOTED_S)) else time.monotonic() - began_s
-    water.wait(lambda: water.state is not None, 10.0)
-    water.spend(2.5)  # more than safety.patience_s
+    has_back = bed.wait(lambda: water.has_back(NODES), BOOTED_S)
+    back_s = math.nan if math.isnan(has_back) else time.monotonic() - began_s
+    bed.wait(lambda: water.state is not None, 10.0)
+    bed.spend(2.5)  # more than safety.patience_s
     state = water.state
     if state is None or math.isnan(back_s):
         return what, math.nan, [*wrong, "never back"]
@@ -99,15 +100,15 @@ def resume(bed: DiveBed) -> bool:
     """Resumes the mission, if its state is trusted; returns whether steps are decided again."""
     from auv_lse_msgs.msg import MissionCommand, MissionState
 
-    water = bed.witness
+    water = bed.vehicles[1].witness
     if "not trusted" in water.problems:
         return False
     for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
         if not water.is_in(MissionState.RUNNING):
             water.order(command)
-            water.wait(lambda wanted=state: water.is_in(wanted), 5.0)
-    step = water.last_step
-    return not math.isnan(water.wait(lambda: water.last_step > step, 10.0))
+            bed.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+    step = water.ledger.last_step
+    return not math.isnan(bed.wait(lambda: water.ledger.last_step > step, 10.0))
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,17 +125,19 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     lost: list[str] = []
     survived = 0
     after_reboot, resumed = "", False
-    with dive_bed(folder, say) as bed:
+    with dive_bed(folder) as bed:
+        witness = bed.vehicles[1].witness
+        ledger = witness.ledger
         for number in range(options.moments):
             if not resumed:
                 after_reboot = ("resume", "surface")[int(rng.integers(2))]
                 bed.dive(after_reboot)
-            broken = len(bed.witness.broken)
+            broken = len(ledger.broken)
             what, back_s, wrong = reboot(bed, after_reboot, rng)
             resumed = not math.isnan(back_s) and resume(bed)
-            if not resumed and not wrong and "not trusted" not in bed.witness.problems:
+            if not resumed and not wrong and "not trusted" not in witness.problems:
                 wrong.append("the mission did not resume after GO")
-            wrong += bed.witness.broken[broken:]
+            wrong += ledger.broken[broken:]
             survived += not wrong
             lost += [f"{what}: {text}" for text in wrong]
             rows.setdefault("a state file, too" if ".state" in what or ".dive" in what else "journals", []).append(
@@ -142,7 +145,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             )
             more = f"; {'; '.join(wrong)}" if wrong else ""
             say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
-        packets = len(bed.witness.slots)
+        packets = len(ledger.slots)
     lines = ["| damaged | power losses | all nodes back after (median, worst) |", "|---|---|---|"]
     lines += [f"| {kind} | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for kind, s in sorted(rows.items())]
     lines.append(

@@ -1,10 +1,24 @@
-"""`scripts/faults all`: a row for each kind, also for one that breaks and one that Ctrl-C interrupts."""
+"""`scripts/faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
 
+import math
+import os
+from itertools import pairwise
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
+from auv_lse_common.node.journal import Journal
+from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_comms.packet.fields import PACKET_BYTES
+from auv_lse_comms.packet.tag import Tagger
+from auv_lse_comms.tdma import Tdma
 from benchmarks.faults import __main__ as faults
+from benchmarks.faults import day
+from benchmarks.faults.bed.dive_bed import DiveBed
+from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_places
+from benchmarks.faults.nodes import memory_mb
 from benchmarks.faults.report import Report
 
 
@@ -70,3 +84,249 @@ def test_every_kind_accepts_its_small_size():
     assert {"kills", "water"} <= set(small)
     for name, arguments in small.items():
         faults.parser().parse_args([name, *arguments])
+
+
+# ------------------------------------------------------------------ a day's schedule
+
+
+@pytest.mark.parametrize(("vehicles", "kills", "reboots", "more"), [(3, 10, 2, 1000), (1, 10, 2, 0), (2, 1, 1, 0)])
+def test_a_day_has_all_faults_each_at_a_step_of_its_own(vehicles, kills, reboots, more):
+    legs = day.least_legs(vehicles, kills, reboots) + more
+    for seed in range(50):
+        faults_of = day.schedule(vehicles, legs, kills, reboots, np.random.default_rng(seed))
+        assert faults_of == day.schedule(vehicles, legs, kills, reboots, np.random.default_rng(seed))
+        every = [fault.step for own in faults_of.values() for fault in own]
+        assert sorted(faults_of) == list(range(1, vehicles + 1))
+        assert len(set(every)) == len(every) == vehicles * (kills + reboots)
+        assert min(every) >= 1
+        assert max(every) < legs - 1
+        late = list(day.LATE[-min(kills, 2) :])
+        for own in faults_of.values():
+            assert [fault.step for fault in own] == sorted(fault.step for fault in own)
+            assert sum(not fault.node for fault in own) == reboots
+            assert [fault.node for fault in own if fault.late] == [fault.node for fault in own[-len(late) :]] == late
+            assert all(a.node != b.node for a, b in pairwise(own) if a.node)
+
+
+def test_the_vehicles_take_turns_and_the_last_restarts_come_after_the_day():
+    faults_of = day.schedule(3, 1146, 10, 2, np.random.default_rng(1))
+    owners = [k for _, k in sorted((fault.step, k) for k, own in faults_of.items() for fault in own)]
+    assert owners == [1, 2, 3] * 12
+    assert all(fault.step >= 1100 for own in faults_of.values() for fault in own if fault.late)
+
+
+# ------------------------------------------------------------------ what counts as lost
+
+SLOTS = TdmaConfig(slot_s=1.5, guard_s=0.05, send_duration_s=0.5, max_range_m=300.0)
+
+
+@pytest.fixture
+def ledger():
+    return Ledger(2, Tdma(SLOTS, 2, 3), Tagger(bytes(16), 8, "dive"))
+
+
+def test_a_leg_may_be_published_again_but_not_decided_again(ledger):
+    for step in range(3):
+        ledger.take_leg(step, (10.0 * step, 0.0))
+        ledger.take_record(step)
+    ledger.take_leg(2, (20.0, 0.0))  # by a restarted planner
+    assert not ledger.broken
+    ledger.take_leg(1, (10.0, 1.0))
+    ledger.take_record(2)
+    assert ledger.broken == [
+        "the leg of step 1 was decided twice, with different ends",
+        "step 2 decided after step 2",
+    ]
+
+
+def test_a_step_is_lost_without_leg_and_record(ledger):
+    ledger.take_record(0)
+    ledger.take_leg(2, (0.0, 0.0))  # its planner was killed before the record
+    assert ledger.last_step == 2
+    assert ledger.lost_steps(4) == [1, 3]
+    ledger.new_dive()
+    assert ledger.lost_steps(2) == [0, 1]
+
+
+def test_each_packet_has_a_counter_and_a_slot_of_its_own(ledger):
+    sender = Tagger(bytes(16), 8, "dive")
+
+    def sealed(slot_s, source=2):
+        return sender.seal(bytes(PACKET_BYTES), source, slot_s)
+
+    ledger.take_packet(6.1, sealed(6.0))  # slots of 1.5 s: vehicle 2 owns those at 1.5, 6.0, 10.5 s, ...
+    ledger.take_packet(10.6, sealed(10.5))
+    assert not ledger.broken
+    assert len(ledger.slots) == 2
+    ledger.take_packet(10.8, sealed(10.5))
+    ledger.take_packet(7.6, sealed(6.0))
+    ledger.take_packet(15.1, sealed(15.0, source=3))
+    assert [text.split("(")[0].strip() for text in ledger.broken] == [
+        "counter",
+        "a packet at 7.60 s is outside of the vehicle's slots",
+        "counter",
+        "a packet's tag is that of no slot",
+    ]
+
+
+def test_a_restarted_node_reads_its_whole_journal_but_for_torn_lines(tmp_path):
+    path = tmp_path / "journal"
+    before = Journal(path, {})
+    for number in range(5):
+        before.write("step", number)
+    before.close()
+    whole = path.read_bytes()
+
+    def problem(left, kills=1):
+        path.write_bytes(left)
+        after = Journal(path, {})
+        found = journal_problem(whole, f"journal {path}: {after.status}\n" if after.records else "", kills)
+        after.close()
+        return found
+
+    assert not problem(whole)
+    assert not problem(whole + b"torn by the ki")
+    assert problem(whole[:-30]) == "4 of the journal's 5 records read back"
+    assert problem(whole.partition(b"\n")[0] + b"\n") == "0 of the journal's 5 records read back"
+    assert problem(whole.replace(b"step", b"stop"), kills=4) == "0 of the journal's 5 records read back"
+    assert problem(whole.replace(b"step", b"stop", 2)) == "2 lines of the journal damaged by 1 kills"
+    assert not journal_problem(whole.partition(b"\n")[0] + b"\n", "", 1)  # nothing to read back
+
+
+def test_a_center_is_lost_if_no_later_one_is_near():
+    before = [[0.0, 0.0], [100.0, 0.0], [200.0, 0.0]]
+    after = [[0.0, 3.0], [101.0, 0.0], [500.0, 0.0]]
+    assert lost_places(before, after, 10.0) == 1
+    assert lost_places(before, [], 10.0) == 3
+    assert lost_places([], after, 10.0) == 0
+
+
+def test_memory_alone_is_not_less_than_the_share_of_it():
+    share_mb, alone_mb = memory_mb([os.getpid(), 2**30])  # no process has the second number
+    assert 0.0 < share_mb <= alone_mb
+
+
+# ------------------------------------------------------------------ a vehicle's day
+
+
+class FakeVehicle:
+    """A vehicle of the bed whose nodes do what a test tells them."""
+
+    def __init__(self, number, folder):
+        self.number, self.out, self.program = number, folder, None
+        self.killed, self.started = [], True
+        (folder / "logs").mkdir(parents=True)
+        (folder / "journal" / "1").mkdir(parents=True)
+        for node in day.NODES:
+            self.log(node, "ready after 1.00 s of processor time\n")
+        self.centers = np.array([[0.0, 0.0], [50.0, 0.0]])
+        self.state = RunState.RUNNING
+        self.received = []
+        self.witness = SimpleNamespace(
+            vehicle=number,
+            ledger=Ledger(number, Tdma(SLOTS, number, 3), Tagger(bytes(16), 8, "dive")),
+            published_s={},
+            heard_s={},
+            problems=set(),
+            since_s=0.0,
+            is_in=lambda *states: self.state in states,
+            centers_m=lambda: self.centers,
+            receive=lambda source, payload: self.received.append((source, payload)),
+        )
+
+    def log(self, node, text):
+        with (self.out / "logs" / f"auv{self.number}.{node}.log").open("a") as file:
+            file.write(text)
+
+    def kill(self, node):
+        self.killed.append(node)
+        self.witness.since_s += 100.0
+        self.witness.published_s.clear()
+
+    def has_started(self):
+        return self.started
+
+
+@pytest.fixture
+def team(tmp_path):
+    return {k: FakeVehicle(k, tmp_path / f"auv{k}") for k in (1, 2)}
+
+
+def begun(team, *faults_of_1):
+    bed = SimpleNamespace(vehicles=team)
+    return day.VehicleDay(bed, team[1], faults_of_1, lambda text: None)
+
+
+def come_back(team, node, step):
+    """Vehicle 1 is back after a kill: its node, a decision, and packets both ways."""
+    water, now_s = team[1].witness, team[1].witness.since_s
+    team[1].log(node, "ready after 0.10 s of processor time\n")
+    water.published_s |= {day.OUTPUTS[node]: now_s + 1.5, "modem/tx": now_s + 2.0}
+    water.heard_s[2] = now_s + 1.0
+    team[2].witness.heard_s[1] = now_s + 2.5
+    water.ledger.take_record(step)
+
+
+def test_a_recovery_is_over_when_the_node_the_mission_and_the_packets_are_back(team):
+    own = begun(team, day.Fault(3, "gp_node"))
+    water = team[1].witness
+    water.ledger.take_record(2)
+    assert not own.advance()
+    assert not team[1].killed
+    water.ledger.take_record(3)
+    own.advance()
+    assert team[1].killed == ["gp_node"]
+    team[2].witness.heard_s[1] = water.since_s + 2.5
+    own.advance()
+    (strike,) = [own._now]
+    assert strike.missing() == "an output of each node, a decision, mates' packets"
+    come_back(team, "gp_node", 4)
+    team[2].witness.heard_s[1] = water.since_s + 1.9  # from before the vehicle's next packet
+    own.advance()
+    assert strike.missing() == "mates' packets"
+    team[2].witness.heard_s[1] = water.since_s + 2.5
+    own.advance()
+    assert own.strikes == [strike]
+    assert strike.output_s == 1.5
+    assert not strike.wrong
+    team[1].state = RunState.ENDED
+    assert own.advance()
+    assert own.lost_at_end(5) == ["steps [0, 1] were not decided"]
+
+
+def test_a_restarted_map_without_a_center_and_a_journal_that_is_not_read_are_losses(team):
+    own = begun(team, day.Fault(0, "gp_node"))
+    (team[1].out / "journal" / "1" / "auv1.gp_node.journal").write_bytes(b"{}\n1 a\n2 b\n")
+    team[1].witness.ledger.take_record(0)
+    own.advance()
+    team[1].centers = team[1].centers[:1]
+    come_back(team, "gp_node", 1)
+    team[1].log("gp_node", "journal x: 1 records read back\n")
+    own.advance()
+    assert own.strikes[0].wrong == [
+        "gp_node: 1 of the journal's 2 records read back",
+        "1 of 2 centers are not in the next map",
+    ]
+    assert own.lost_at_end(2) == ["1 centers of earlier maps are not in the last one"]
+
+
+def test_what_never_comes_back_is_a_loss_and_a_silent_planner_ends_the_day(team, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(day.time, "monotonic", lambda: clock[0])
+    own = begun(team, day.Fault(0, "planner_node"))
+    team[1].witness.ledger.take_record(0)
+    own.advance()
+    clock[0] = day.NEVER_S + 1.0
+    own.advance()
+    assert own.strikes[0].wrong == ["not back after 300 s: an output of each node, a decision, mates' packets"]
+    assert math.isnan(own.strikes[0].output_s)
+    clock[0] += day.NEVER_S + 1.0
+    with pytest.raises(RuntimeError, match="auv1: nothing after step 0 for 300 s"):
+        own.advance()
+
+
+def test_the_water_carries_a_packet_to_all_mates(team, tmp_path):
+    DiveBed(tmp_path, team, tmp_path / "key")
+    team[2].witness.send(b"hello")
+    assert team[1].received == [(2, b"hello")]
+    assert not team[2].received

@@ -1,0 +1,1 @@
+"""Vehicles of real nodes without hardware: their programs, the water around them, what they must not lose."""

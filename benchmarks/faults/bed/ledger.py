@@ -1,0 +1,103 @@
+"""What a vehicle may not do, whatever is killed: decide a leg twice, reuse a counter, lose a journal or a map.
+
+Nothing here depends on the speed of the machine, on a clock, or on ROS.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
+from auv_lse_comms.tdma import Tdma
+
+#: A leg that is published again ends at the same place within this distance (m); a journal keeps all digits.
+SAME_LEG_M = 1e-6
+_READ_BACK = re.compile(r"journal \S+: (\d+) records read back(?:, (\d+) damaged)?")
+
+
+class Ledger:
+    """What the nodes of one vehicle have published, and which requirements that violates.
+
+    Attributes:
+        vehicle: Number of the vehicle.
+        broken: Violated requirements, one sentence each.
+        last_step: Last step decided; -1 before the first.
+        slots: Counters used by the packets: slot (s) and era.
+    """
+
+    def __init__(self, vehicle: int, tdma: Tdma, tagger: Tagger) -> None:
+        """Args: tdma: the team's slots. tagger: with the team's key and session."""
+        self.vehicle = vehicle
+        self.broken: list[str] = []
+        self.slots: set[tuple[float, bytes]] = set()
+        self._tdma, self._tagger = tdma, tagger
+        self.new_dive()
+
+    def new_dive(self) -> None:
+        """A dive begins: steps count from 0 again."""
+        self.last_step = self._last_record = -1
+        self._ends_m: dict[int, tuple[float, float]] = {}
+        self._recorded: set[int] = set()
+
+    def take_record(self, step: int) -> None:
+        """Takes the record of a decision, which is published once."""
+        if step <= self._last_record:
+            self.broken.append(f"step {step} decided after step {self._last_record}")
+        self._last_record = max(self._last_record, step)
+        self.last_step = max(self.last_step, step)
+        self._recorded.add(step)
+
+    def take_leg(self, step: int, end_m: tuple[float, float]) -> None:
+        """Takes the leg of a step, with its end: north, east (m). A restarted planner publishes its last one again."""
+        known_m = self._ends_m.setdefault(step, end_m)
+        if max(abs(known_m[0] - end_m[0]), abs(known_m[1] - end_m[1])) > SAME_LEG_M:
+            self.broken.append(f"the leg of step {step} was decided twice, with different ends")
+        self.last_step = max(self.last_step, step)
+
+    def lost_steps(self, legs: int) -> list[int]:
+        """The steps of a mission of so many legs of which neither leg nor record was published."""
+        return sorted(set(range(legs)) - set(self._ends_m) - self._recorded)
+
+    def take_packet(self, stamp_s: float, payload: bytes) -> None:
+        """Takes a packet that is sent at `stamp_s`: in an own slot, with a counter that no other packet has."""
+        if self._tdma.slot(stamp_s).owner != self.vehicle:
+            self.broken.append(f"a packet at {stamp_s:.2f} s is outside of the vehicle's slots")
+        body, tag = payload[: -self._tagger.size], payload[-self._tagger.size :]
+        found = self._tagger._slot_of(self.vehicle, body, tag, self._tdma.around(stamp_s, self.vehicle))
+        if found is None:
+            self.broken.append("a packet's tag is that of no slot")
+            return
+        key = (found[0], body[-TRAILER_BYTES:][:4] if found[1] else b"")
+        if key in self.slots:
+            self.broken.append(f"counter {key} used twice")
+        self.slots.add(key)
+
+
+def journal_problem(journal: bytes, log: str, kills: int) -> str:
+    """What a restarted node has not read back of its journal; "" if it has read everything.
+
+    Args:
+        journal: The file just before it was killed.
+        log: The node's log since then.
+        kills: How often the node has been killed; each kill may tear one line.
+    """
+    records = sum(map(bool, journal.split(b"\n")[1:]))  # the first line names the mission
+    found = _READ_BACK.findall(log)
+    read, damaged = (int(found[-1][0]), int(found[-1][1] or 0)) if found else (0, 0)
+    if read + damaged < records:
+        return f"{read + damaged} of the journal's {records} records read back"
+    return f"{damaged} lines of the journal damaged by {kills} kills" if damaged > kills else ""
+
+
+def lost_places(before_m: ArrayLike, after_m: ArrayLike, within_m: float) -> int:
+    """How many of a map's centers (n, 2) have no center (m, 2) of a later map within a distance (m)."""
+    before, after = np.reshape(before_m, (-1, 2)), np.reshape(after_m, (-1, 2))
+    if not len(before) or not len(after):
+        return len(before)
+    far_m: Sequence[float] = cKDTree(after).query(before)[0]
+    return int(np.count_nonzero(np.asarray(far_m) > within_m))
