@@ -61,7 +61,7 @@ class PlannerNode(VehicleNode):
     """planner_node: decides the legs of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        super().__init__("planner_node")
+        super().__init__("planner_node", replaced=("decided", "judged"))
         settings = PlannerSettings.from_parameters(self.parameters, self.where, self.vehicle)
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))

@@ -23,7 +23,7 @@ import hashlib
 import json
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,21 +39,25 @@ class Journal:
     """Records that survive a restart of the process.
 
     Attributes:
-        records: Records of an earlier process of the same mission, in order: lists of JSON values.
+        records: Records of an earlier process of the same mission, in order: lists of JSON values. Call `drop_records`
+            once they are restored; those of a day are tens of megabytes.
         damaged: Number of lines that could not be read.
         problem: Why records are not being written; "" if they are.
         stale: Why the state of an earlier process is out of date, so that none of it was restored; "" if it is not.
     """
 
-    def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path | None, identity: Mapping[str, Any], replaced: Collection[str] = ()) -> None:
         """Reads an existing file and opens it for appending. An unusable file sets `problem` and raises no error.
 
         Args:
             path: The file; its folder is made if it is missing. None: no journal is kept.
             identity: What the mission is known by: JSON values. A journal of another identity is set aside.
+            replaced: Kinds of records of which each replaces the one before; only the last of each is read.
         """
         self.records: list[list[Any]] = []
         self.damaged = 0
+        self._read_back = 0
+        self._replaced = tuple(f'["{kind}"'.encode() for kind in replaced)
         self.problem = self.stale = ""
         self._path, self._file = path, -1
         if path is None:
@@ -89,18 +93,32 @@ class Journal:
         elif first != head:
             path.replace(path.with_name(path.name + ".old"))
             return None
-        for line in lines:
-            if line:
-                self._take(line)
+        texts = [self._intact(line) for line in lines if line]
+        last = {kind: number for number, text in enumerate(texts) for kind in self._replaced if text.startswith(kind)}
+        for number, text in enumerate(texts):
+            if any(text.startswith(kind) and number < newest for kind, newest in last.items()):
+                self._read_back += 1
+            else:
+                self._take(text)
         return data.endswith(b"\n")
 
-    def _take(self, line: bytes) -> None:
+    @staticmethod
+    def _intact(line: bytes) -> bytes:
+        """The text of a line; empty if its checksum is another's."""
         checksum, _, text = line.partition(b" ")
-        record = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else None
+        return text if checksum == b"%08x" % zlib.crc32(text) else b""
+
+    def _take(self, text: bytes) -> None:
+        record = json.loads(text) if text else None
         if isinstance(record, list) and record and isinstance(record[0], str):
             self.records.append(record)
+            self._read_back += 1
         else:
             self.damaged += 1
+
+    def drop_records(self) -> None:
+        """Drops the records, which the node has restored."""
+        self.records = []
 
     @property
     def kept(self) -> bool:
@@ -113,7 +131,7 @@ class Journal:
         if self._path is None:
             return ""
         damaged = f", {self.damaged} damaged lines skipped" if self.damaged else ""
-        found = self.problem or f"{len(self.records)} records read back{damaged}"
+        found = self.problem or f"{self._read_back} records read back{damaged}"
         return f"{self.stale}; {found}" if self.stale else found
 
     def write(self, kind: str, *values: Any) -> None:
@@ -142,6 +160,7 @@ class Journal:
     def _set_stale(self, reason: str) -> None:
         self.stale = f"journal {self._path}: {reason}; its state is out of date and was not restored"
         self.records = []
+        self._read_back = 0
 
     def _mark_stale(self) -> None:
         """Marks the file in place, so that no later process restores its records; needs no space on the disk."""

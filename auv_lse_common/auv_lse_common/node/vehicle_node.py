@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile
 from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.process.processes import vehicle_nodes
+from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.records import HealthReport
 from auv_lse_common.topics.ros_conversions import encoded, message_class
@@ -63,14 +64,19 @@ class VehicleNode(BaseNode):
         state: The little that the node must not forget, beside the journal.
     """
 
-    def __init__(self, name: str) -> None:
-        """Args: name: the node's name, under which auv_lse_common.topics.table lists it as a reader."""
+    def __init__(self, name: str, replaced: Collection[str] = ()) -> None:
+        """Reads parameters and files.
+
+        Args:
+            name: The node's name, under which auv_lse_common.topics.table lists it as a reader.
+            replaced: As `Journal` takes it.
+        """
         super().__init__(name)
         if self.lockstep:
             self._time_source.detach_node()  # ticks carry the time: /clock would only repeat it
         self._role = name
         self._vehicle = self._vehicle_number()
-        self.journal, self.state = self._open_files()
+        self.journal, self.state = self._open_files(replaced)
         self._health = Health(level=Level.OK, text="started")  # published last
         self._storage_problem = ""  # published last
         self._has_strangers = False  # published last
@@ -104,7 +110,7 @@ class VehicleNode(BaseNode):
             )
         return int(digits)
 
-    def _open_files(self) -> tuple[Journal, StateFile]:
+    def _open_files(self, replaced: Collection[str]) -> tuple[Journal, StateFile]:
         """Opens journal and state file, and logs what is wrong with them."""
         folder = "" if self.lockstep else os.environ.get(FOLDER_VARIABLE, "")
         path = Path(folder) / f"auv{self._vehicle}.{self._role}.journal" if folder else None
@@ -112,7 +118,7 @@ class VehicleNode(BaseNode):
         beside = None if path is None or self._role not in NODES else path.with_suffix(".state")
         ran_before = path is not None and path.exists()
         state = StateFile(beside, identity, start=os.environ.get(START_VARIABLE, ""), expected=ran_before)
-        journal = Journal(path, identity)
+        journal = Journal(path, identity, replaced)
         for kind, *values in journal.records:
             if kind == "tuned":
                 self.parameters = merge(self.parameters, nest(values[0]))
@@ -278,7 +284,10 @@ class VehicleNode(BaseNode):
             self._answers.expect(name)
 
     def begin(self) -> None:
-        """Starts handling the phases; to be called when every topic is wired and every phase added."""
+        """Starts handling the phases; to be called when every topic is wired, every phase added and state restored."""
+        if self.journal.records:
+            self.journal.drop_records()
+            return_free_memory()
         if not self.lockstep:
             self.when_matched(dict.fromkeys(self._only_recorded, 1), self._start_timer, _RECORDER_WAIT_S)
             self._waiting = self.create_timer(_WAITING_PERIOD_S, self._report_waiting)

@@ -209,3 +209,43 @@ def test_a_line_of_another_shape_counts_as_damaged_although_its_checksum_fits(tm
         file.write(b"%08x %s\n" % (zlib.crc32(text.encode()), text.encode()))
     journal = Journal(path, MISSION)
     assert (journal.records, journal.damaged) == ([["step", 1]], 1)
+
+
+def test_only_the_last_record_of_a_replaced_kind_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "planner.journal"
+    journal = Journal(path, MISSION)
+    for number in range(3):
+        journal.write("decided", number)
+        journal.write("heard", number)
+    journal.write("judged", "well")
+    journal.write("decidedly", "another kind")
+    read = Journal(path, MISSION, replaced=("decided", "judged", "never"))
+    assert [record for record in read.records if record[0] != "heard"] == [
+        ["decided", 2],
+        ["judged", "well"],
+        ["decidedly", "another kind"],
+    ]
+    assert read.records.index(["decided", 2]) == 2  # where it was written: after the second "heard"
+    assert read.status == "8 records read back"
+
+
+def test_a_damaged_last_record_leaves_the_one_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "planner.journal"
+    journal = Journal(path, MISSION)
+    for number in range(3):
+        journal.write("decided", number)
+    path.write_bytes(path.read_bytes()[:-4])
+    read = Journal(path, MISSION, replaced=("decided",))
+    assert read.records == [["decided", 1]]
+    assert read.status == "2 records read back, 1 damaged lines skipped"
+
+
+def test_dropped_records_are_still_counted(tmp_path: Path) -> None:
+    path = tmp_path / "gp.journal"
+    Journal(path, MISSION).write("step", 1)
+    read = Journal(path, MISSION)
+    read.drop_records()
+    assert read.records == []
+    assert read.status == "1 records read back"
+    read.write("step", 2)
+    assert Journal(path, MISSION).records == [["step", 1], ["step", 2]]
