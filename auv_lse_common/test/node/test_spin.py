@@ -45,7 +45,7 @@ class _Node:
         self.gather_s = gather_s
 
 
-@pytest.mark.parametrize(("gather_s", "last"), [(0.001, [0.0, 0.0]), (0.0, [])])
+@pytest.mark.parametrize(("gather_s", "last"), [(0.001, [0.0] * entry_point._LAST_ROUNDS), (0.0, [])])
 def test_collected_messages_are_handled_before_the_end(
     monkeypatch: pytest.MonkeyPatch, gather_s: float, last: list[float]
 ) -> None:
