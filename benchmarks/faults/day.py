@@ -3,6 +3,9 @@
 The nodes are real, and the water moves the vehicles faster than real time. The nodes' clock is that of the wall, so
 slots, health and a decision's lead are not shortened; places are corrected as often as in a mission at real speed. The
 speed-up that the machine sustains is measured. No check depends on it: a vehicle waits at a leg's end for the next.
+
+Raw positions are exact and terrain is not matched, so corrections move no sounding, and a map's centers can be looked
+for in later maps.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import argparse
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,8 +37,9 @@ NEVER_S = 300.0
 #: The last kills of each vehicle, which show restarts after the day, and the legs between two of them in the team.
 LATE = ("gp_node", "planner_node")
 LATE_APART = 6
-#: A center may be this many spacings away after a restart: soundings are then merged in another order.
-SPACINGS = 2.0
+#: After a rebuild soundings are merged in another order. A center is then less than so many spacings away: one to its
+#: first sounding, one to the first sounding of the center into which that is merged, one to that center.
+SPACINGS = 3.0
 #: Goals: restart of a node after the day (s), memory of a vehicle (MB).
 RESTART_S, MEMORY_MB = 5.0, 500.0
 #: What a restarted node publishes first, and every reader receives; a restarted modem_node has to wait for a slot.
@@ -283,19 +287,19 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     legs = max(least_legs(vehicles, kills, reboots), round(options.hours * 3600.0 / LEG_S))
     faults = schedule(vehicles, legs, kills, reboots, np.random.default_rng(options.seed))
     with dive_bed(folder, vehicles) as bed:
-        places = {"interval_s": PlacesConfig().interval_s / options.speed_up}
+        places = {"interval_s": PlacesConfig().interval_s / options.speed_up, "terrain": False}
         bed.dive("resume", legs, SPEED_MPS * options.speed_up, options.method, {"places": places})
         began_s = time.monotonic()
         first = {k: vehicle.witness.ledger.last_step for k, vehicle in bed.vehicles.items()}
         days = [VehicleDay(bed, vehicle, faults[k], say) for k, vehicle in bed.vehicles.items()]
         bed.wait(lambda: sum(day.advance() for day in days) == vehicles, math.inf)  # advances every vehicle
         bed.spend(1.0)  # the last maps
-        sizes_mb = {day.vehicle.number: memory_mb(day.vehicle.pids()) for day in days}
+        sizes = {day.vehicle.number: _memory(day.vehicle) for day in days}
         lost = [f"auv{day.vehicle.number}: {text}" for day in days for text in day.lost_at_end(legs)]
         packets = {day.vehicle.number: len(day.vehicle.witness.ledger.slots) for day in days}
     strikes = [strike for day in days for strike in day.strikes]
     lost += [f"auv{s.vehicle}, {s.fault.name} at step {s.step}: {text}" for s in strikes for text in s.wrong]
-    lines = [*_fault_rows(strikes), "", *_late_rows(days, sizes_mb, packets), ""]
+    lines = [*_fault_rows(strikes), "", *_late_rows(days, sizes, packets), ""]
     team = f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, {legs} legs each ({legs * LEG_S / 3600.0:.1f} h, "
     speed = _speed([day.ended_s - began_s for day in days], legs - 1 - max(first.values()), days)
     verdict = "; ".join(lost) or "nothing lost: every step decided once, every journal read back, no center lost"
@@ -333,20 +337,28 @@ def _times(seconds: Sequence[float]) -> str:
     return f"{np.median(finite):.1f} s, {max(finite):.1f} s" if finite else "-"
 
 
-def _late_rows(
-    days: Sequence[VehicleDay], sizes_mb: dict[int, tuple[float, float]], packets: dict[int, int]
-) -> list[str]:
+def _memory(vehicle: Vehicle) -> str:
+    """Memory of all processes of a vehicle, and what each node does not share with others."""
+    share_mb, alone_mb = memory_mb(vehicle.pids())
+    assert vehicle.program is not None
+    own = look(vehicle.program.process.pid).items()
+    nodes = ", ".join(
+        f"{name.partition('.')[2].removesuffix('_node')} {found.memory_mb:.0f}" for name, found in sorted(own)
+    )
+    return f"{share_mb:.0f} MB, {alone_mb:.0f} MB alone ({nodes})"
+
+
+def _late_rows(days: Sequence[VehicleDay], sizes: Mapping[int, str], packets: Mapping[int, int]) -> list[str]:
     """The table of each vehicle at the end of the day: restarts after it, memory, packets."""
     lines = [
         f"| vehicle | {' | '.join(f'`{node}` killed near the end: first output (processor time)' for node in LATE)} "
-        "| memory (PSS; at most, alone) | packets sent |",
+        "| memory: share, and at most alone on a machine (each node's own) | packets sent |",
         "|---|" + "---|" * len(LATE) + "---|---|",
     ]
     for day in days:
         k = day.vehicle.number
         late = {strike.fault.node: strike for strike in day.strikes if strike.fault.late}
         shown = [f"{late[n].output_s:.1f} s ({late[n].cpu_s:.1f} s)" if n in late else "-" for n in LATE]
-        pss_mb, alone_mb = sizes_mb[k]
-        lines.append(f"| auv{k} | {' | '.join(shown)} | {pss_mb:.0f} MB; {alone_mb:.0f} MB | {packets[k]} |")
+        lines.append(f"| auv{k} | {' | '.join(shown)} | {sizes[k]} | {packets[k]} |")
     lines.append(f"goals: first output within {RESTART_S:g} s, memory of a vehicle at most {MEMORY_MB:g} MB")
     return lines
