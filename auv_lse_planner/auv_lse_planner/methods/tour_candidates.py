@@ -44,7 +44,8 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Bends of each start for the mission's end, iterations of each, and bends of the best one with so many places per leg.
+#: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with so many
+#: places per leg.
 START_BENDS, START_BEND_ITERATIONS = 4, 40
 FINEST_BENDS, FINEST_PLACES = 2, 4
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
@@ -110,6 +111,11 @@ class Candidates:
         self.plans.append(plan)
         self.gradients += found.evaluations
         self.deadline_hit = found.deadline_hit
+
+
+def best_of(candidates: Sequence[Candidate]) -> Candidate:
+    """The first candidate with the largest expected end."""
+    return max(candidates, key=lambda c: c.value.expected_end)
 
 
 class TourCandidates:
@@ -180,39 +186,46 @@ class TourCandidates:
         return [self._finer.resampled(line_m, legs)]
 
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
-        """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times each."""
+        """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
+
+        After each round the better half is bent again.
+        """
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
         lines_m = self._context.routes.alone_m(s.state[1:], legs, s.deadline)
         starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
-        bent = []
+        bends: list[list[Candidate]] = []  # of each start
         for line_m in [*starts, *lines_m]:
             found = self._finer.improve(self._finer.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
-            tour = self._through(problem, found.waypoints_m)
+            bends.append([self._through(problem, found.waypoints_m)])
             if found.deadline_hit:
-                result.add(tour, found)
+                result.add(bends[-1][0], found)
                 return
-            bent.append(self._bent_often(problem, tour.path, self._search, START_BENDS, result))
+        kept = bends
+        for _ in range(START_BENDS if bends else 0):
+            for bent in kept:
+                bent.append(self._bent_for_end(problem, bent[-1].path, self._search, result))
+                if result.deadline_hit:
+                    result.plans += [best_of(b) for b in bends]
+                    return
+            kept = sorted(kept, key=lambda b: -best_of(b).value.expected_end)[: (len(kept) + 1) // 2]
+        if not bends:
+            return
+        result.plans += [best_of(b) for b in bends]
+        path = best_of(kept[0]).path
+        for _ in range(FINEST_BENDS):
+            result.plans.append(self._bent_for_end(problem, path, self._finest, result))
+            path = result.plans[-1].path
             if result.deadline_hit:
                 return
-        if bent:
-            best = max(bent, key=lambda c: c.value.expected_end)
-            self._bent_often(problem, best.path, self._finest, FINEST_BENDS, result)
 
-    def _bent_often(
-        self, problem: TourProblem, path: PlannedPath, search: TourSearch, times: int, result: Candidates
+    def _bent_for_end(
+        self, problem: TourProblem, path: PlannedPath, search: TourSearch, result: Candidates
     ) -> Candidate:
-        """The best of several bends for the mission's end, each of the one before; adds it to the candidates."""
-        bent = []
-        for _ in range(times):
-            candidate, found = self._bent_by(search, problem, path, 0.0, START_BEND_ITERATIONS)
-            bent.append(candidate)
-            path = candidate.path
-            result.gradients += found.evaluations
-            result.deadline_hit = found.deadline_hit
-            if found.deadline_hit:
-                break
-        result.plans.append(max(bent, key=lambda c: c.value.expected_end))
-        return result.plans[-1]
+        """A path bent for the mission's end; counts the gradients."""
+        candidate, found = self._bent_by(search, problem, path, 0.0, START_BEND_ITERATIONS)
+        result.gradients += found.evaluations
+        result.deadline_hit = found.deadline_hit
+        return candidate
 
     def _floor(self, problem: TourProblem, naive: Sequence[Candidate]) -> float:
         """Expected end of the best naive path, or of this vehicle's covering strip if it follows the isobath."""

@@ -13,8 +13,10 @@ from auv_lse_planner.methods import coverage
 from auv_lse_planner.methods.method import Followed, Situation
 from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.methods.tour_candidates import (
+    FINEST_BENDS,
     NO_FLOOR,
     SHARES_TRIED,
+    START_BENDS,
     WEIGHT_SHARES,
     Candidates,
     TourCandidates,
@@ -138,6 +140,24 @@ def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
     assert found[True] > 1.005 * found[False]
     team = _planner(1, 2, 40)
     assert team._context.routes.alone_m(np.zeros(2), 40) == []
+
+
+@pytest.mark.skipif(not USE_NUMBA, reason="a single vehicle's routes need compiled code")
+def test_after_each_round_the_better_half_of_the_starts_is_bent_again(monkeypatch):
+    bends, bent = [], TourCandidates._bent_for_end
+
+    def spy(self, problem, path, search, result):
+        bends.append((bent(self, problem, path, search, result), search is self._finest))
+        return bends[-1][0]
+
+    monkeypatch.setattr(TourCandidates, "_bent_for_end", spy)
+    planner = _planner(steps=30)
+    _travel(planner, 1)
+    ends = [c.value.expected_end for c, finest in bends if not finest]
+    starts = next(n for n in range(2, 40) if sum(-(-n // 2**k) for k in range(START_BENDS)) == len(ends))
+    assert starts >= 4
+    assert max(ends[starts:]) > max(ends[:starts]), "further bends improve the best"
+    assert sum(finest for _, finest in bends) == FINEST_BENDS
 
 
 def test_tour_without_new_data_is_kept():
