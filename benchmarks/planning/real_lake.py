@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="with --whole: append each mission's summary as a JSON line")
     options = parser.parse_args(arguments)
     if options.whole:
-        made_up = dict.fromkeys((41, 42), FRESH) if options.fresh else dict.fromkeys((1, 2), MADE_UP)
+        made_up = dict.fromkeys(range(41, 46), FRESH) if options.fresh else dict.fromkeys((1, 2), MADE_UP)
         whole(options.file, options.vehicles, options.seeds, options.steps, made_up, options.out)
         return 0
     found = spread_windows(options.file, "small", options.windows)

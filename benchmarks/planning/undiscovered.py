@@ -53,11 +53,11 @@ def figures(line: Row) -> Row:
     chosen = settings(line["vehicles"])
     area, level = OperatingArea(chosen.area), chosen.level_set.level_m
     depth_map = DepthMap(chosen.gp, chosen.level_set, area)
-    prior, rows = depth_map.field(), np.array(line["soundings"])
+    rows = np.array(line["soundings"])
     depth_map.add_soundings(rows)
     field, grid = depth_map.field(), depth_map.grid
     places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
-    pieces = certainty.classify(depth_map.isobath().lines, field, prior, places)
+    pieces = certainty.classify(depth_map.isobath().lines, field, chosen.gp.signal_std_m, places)
     sure = [p for p in pieces if p.kind == certainty.FOUND]
     ground = ground_of(line["kind"], line["lake"], where_of(line["vehicles"]), line["real"])
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)

@@ -10,6 +10,9 @@ times that of open ground, and a sounding of deep ground says little about the b
 Computations use the *relative depth* r(p) = l + (f(p) - l) / s(p) for the level l. It is at least l exactly where f is,
 so classes, risks and the isobath are the same. Its prior has the same covariance as open ground and the mean
 m - (l - h) (1 / s - 1). A sounding's error becomes 1 / s times as large.
+
+Banks differ in width, which s leaves out. A bank that is wider by a factor exp(e) changes the relative depth, for small
+e, by -e (f - h) / s x / (exp(x) - 1) with x = d / BANK_M. Maps add the variance of that, as far as soundings leave it.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ Array = NDArray[np.float64]
 
 #: Distance (m) from the shore at which the depth has covered 63 % of the way from the shore's to that of open ground.
 BANK_M = 25.0
+#: Standard deviation of the logarithm of a bank's width about `BANK_M` (docs/evidence/planner.md#a-known-shore).
+WIDTH_STD = 0.5
 #: Least factor s, so that depths on the shore itself stay finite.
 LEAST = 0.05
 #: Largest spacing (m) of the places along the shore by which the nearest piece of it is found.
@@ -89,12 +94,34 @@ class Banks:
         """Depths (P,) at places (P, 2) from relative depths."""
         return np.asarray(self._level_m + self.factor(places_m) * (relative_m - self._level_m))
 
+    def width_variance(self, places_m: Array, relative_m: Array) -> Array:
+        """Variance (P,) of relative depths (P,) at places (P, 2) from the unknown width of banks, without soundings."""
+        s = np.minimum(self.factor(places_m), 1.0 - 1e-12)
+        rise_m = np.maximum(self.depths(places_m, relative_m) - self._depth_m, 0.0)
+        share = -np.log1p(-s) * (1.0 - s) / s  # x / (exp(x) - 1)
+        return np.asarray((WIDTH_STD * rise_m / s * share) ** 2)
+
     def slopes(self, places_m: Array, relative_m: Array, slopes: Array) -> Array:
         """Slopes (P, 2) of the depth at places (P, 2) from relative depths (P,) and their slopes (P, 2)."""
         steps = _SLOPE_M * np.eye(2)
         of_factor = [(self.factor(places_m + s) - self.factor(places_m - s)) / (2.0 * _SLOPE_M) for s in steps]
         off = (relative_m - self._level_m)[:, None] * np.stack(of_factor, axis=1)
         return np.asarray(self.factor(places_m)[:, None] * slopes + off)
+
+
+def depths(banks: Banks | None, places_m: Array, relative_m: Array, variance_m2: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (P,), (P,) of depths at places (P, 2), from those of relative depths."""
+    std_m = np.sqrt(variance_m2)
+    if banks is None or not len(relative_m):
+        return relative_m, std_m
+    return banks.depths(places_m, relative_m), banks.factor(places_m) * std_m
+
+
+def width_factor(banks: Banks | None, places_m: Array, relative_m: Array, signal_std_m: float) -> Array:
+    """Variance from the unknown width of banks at places (P, 2), relative to the prior's, (P,); 0 on open ground."""
+    if banks is None or not len(places_m):
+        return np.zeros(len(places_m))
+    return banks.width_variance(places_m, relative_m) / signal_std_m**2
 
 
 def _along(line_m: Array) -> Array:

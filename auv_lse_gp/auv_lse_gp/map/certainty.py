@@ -5,9 +5,10 @@ from the prior, not from the lake. The class of a place of the line follows from
 
 - *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
   the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
-  shifts the ground as a whole: together sqrt((s / g)^2 + p^2).
-- *Data.* The share of the prior variance that the soundings have removed, by the prior's own scale. Without it a steep
-  prior mean, as of a chart, would find isobaths by itself.
+  shifts the ground as a whole: together sqrt((s / g)^2 + p^2). Near a known shore it does not: the shore stays where it
+  is, and a sounding on ground of slope q < g moves the line by q / g p.
+- *Data.* The share of the variance of open ground that the soundings and a known shore have removed, by the prior's own
+  scale. Without it a steep prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
 
 What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
@@ -38,7 +39,7 @@ CLASSES = (FOUND, LIKELY, GUESSED)
 #: Largest horizontal standard deviation (m) of a piece that is found, and of one that is likely.
 MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}
 
-#: Least share of the prior variance that the soundings must have removed there.
+#: Least share of the variance of open ground that the soundings, and a known shore, must have removed there.
 MIN_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
 
 #: A stretch shorter than this (m) takes the higher class of its two neighbors if that is lower than its own.
@@ -85,7 +86,7 @@ class Evidence:
     Attributes:
         depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g.
         place_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
-        informed: Share of the prior variance that the soundings have removed.
+        informed: Share of the variance of open ground that the soundings, and a known shore, have removed.
         nearest_m: Distance (m) to the nearest sounding.
     """
 
@@ -100,19 +101,23 @@ class Evidence:
         return np.hypot(self.depth_std_m, self.place_std_m)
 
 
-def classify(lines: Sequence[Array], field: DepthField, prior: DepthField, soundings: Array) -> list[Piece]:
+def classify(
+    lines: Sequence[Array], field: DepthField, signal_std_m: float, soundings: Array, *, shore_known: bool = False
+) -> list[Piece]:
     """Splits an estimated isobath into pieces of one class each.
 
     Args:
         lines: The isobath: lines, each of shape (n, 2): north, east (m).
         field: The map from which they were drawn.
-        prior: The same map before the first sounding.
+        signal_std_m: Standard deviation of the depth of open ground before the first sounding, `gp.signal_std_m`.
         soundings: Where soundings were taken: north, east, position error per axis (m; NaN: unknown), shape (S, 3).
+        shore_known: Whether the map knows the shore (`area.shore`).
     """
     dense = [_densified(line) for line in lines]
     if not dense:
         return []
-    known = evidence(np.concatenate(dense), field, prior, soundings)  # of all lines at once: the map is prepared once
+    # of all lines at once: the map is prepared once
+    known = evidence(np.concatenate(dense), field, signal_std_m, soundings, shore_known=shore_known)
     std_m, ranks_alone = known.std_m, _rank(known.std_m, known.informed)
     pieces, first = [], 0
     for places in dense:
@@ -158,19 +163,17 @@ def found_within_m(pieces: Sequence[Piece]) -> float:
     return float(within)
 
 
-def evidence(places: Array, field: DepthField, prior: DepthField, soundings: Array) -> Evidence:
+def evidence(
+    places: Array, field: DepthField, signal_std_m: float, soundings: Array, *, shore_known: bool = False
+) -> Evidence:
     """Evidence for places (n, 2) of the isobath; other arguments as of `classify`."""
     grid = field.grid
-    at = [
-        (places[:, 0] - grid.north_m[0]) / grid.resolution_m,
-        (places[:, 1] - grid.east_m[0]) / grid.resolution_m,
-    ]
 
-    def value(values: Array) -> Array:
-        found = ndimage.map_coordinates(values, at, order=1, mode="nearest")
-        return np.asarray(found, dtype=float)
+    def value(values: Array, at_m: Array = places) -> Array:
+        at = [(at_m[:, 0] - grid.north_m[0]) / grid.resolution_m, (at_m[:, 1] - grid.east_m[0]) / grid.resolution_m]
+        return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"), dtype=float)
 
-    mean, std, prior_std = (_filled(values) for values in (field.mean_m, field.std_m, prior.std_m))
+    mean, std = _filled(field.mean_m), _filled(field.std_m)
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)
@@ -178,11 +181,14 @@ def evidence(places: Array, field: DepthField, prior: DepthField, soundings: Arr
     if len(soundings):
         nearest, index = cKDTree(soundings[:, :2]).query(places)
         place_std = np.nan_to_num(soundings[index, 2], nan=0.0)
+        if shore_known:
+            there = np.hypot(value(northward, soundings[index, :2]), value(eastward, soundings[index, :2]))
+            place_std *= np.minimum(np.divide(there, slope, out=np.ones_like(slope), where=slope > 0.0), 1.0)
     with np.errstate(divide="ignore"):
         return Evidence(
             depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
             place_std_m=place_std,
-            informed=1.0 - (value(_filled(field.prior_std_m)) / value(prior_std)) ** 2,
+            informed=1.0 - (value(_filled(field.prior_std_m)) / signal_std_m) ** 2,
             nearest_m=nearest,
         )
 

@@ -16,7 +16,7 @@ from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
-from auv_lse_gp.inference.banks import Banks
+from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.roughness import Roughness
@@ -45,7 +45,8 @@ class DepthField:
 
     Attributes:
         mean_m: Mean of the depth.
-        std_m: Standard deviation of the depth, rescaled by the ground's roughness near each place (`Roughness`).
+        std_m: Standard deviation of the depth, rescaled by the ground's roughness near each place (`Roughness`), and
+            by the unknown width of banks (`width_factor`).
         prior_std_m: Standard deviation with the prior's scale (`gp.signal_std_m`), which planners use.
         p_safe: Probability that the depth is at least the level.
         variance_scale: Mean over the cells of the factor by which their variances were rescaled.
@@ -214,6 +215,7 @@ class DepthMap:
 
     def _computed(self, most_work: float) -> DepthField:
         relative, variance, place_variance, scales = self._predict(most_work)
+        scales = scales + width_factor(self.gp.banks, self._places_m, relative, self.gp.config.signal_std_m)
         mean, std = self.gp.depths(self._places_m, relative, scales * variance + place_variance)
         _, prior_std = self.gp.depths(self._places_m, relative, variance + place_variance)
         return DepthField(

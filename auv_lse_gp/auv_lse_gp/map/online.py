@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import LOCAL_RATIO
 from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
-from auv_lse_gp.inference.banks import Banks
+from auv_lse_gp.inference.banks import Banks, depths
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
@@ -386,11 +386,7 @@ class OnlineGp:
 
     def depths(self, places_m: ArrayLike, mean_m: Array, variance_m2: Array) -> tuple[Array, Array]:
         """Mean and standard deviation (P,), (P,) of the depth, from the posterior's moments at places (P, 2)."""
-        std = np.sqrt(variance_m2)
-        if self.banks is None or not len(mean_m):
-            return mean_m, std
-        places = np.asarray(places_m, dtype=float)
-        return self.banks.depths(places, mean_m), self.banks.factor(places) * std
+        return depths(self.banks, np.asarray(places_m, dtype=float), mean_m, variance_m2)
 
     # ---------------------------------------------------------------- inside
 

@@ -12,6 +12,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import UntilConfig
+from auv_lse_gp.inference.banks import depths, width_factor
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import Roughness
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -61,19 +62,17 @@ class QualityJudge:
             grid = area.grid(config.map_resolution_m * math.sqrt(cells / MANY_CELLS))
         self._grid, self._places_m = grid, grid.places_m
         self._coarse = coarse_grid(area, config.map_resolution_m)
-        self._prior: DepthField | None = None
 
     def judge(self, posterior: Posterior) -> Quality:
         """The quality of the map of a posterior.
 
         Where positions are corrected, its place variance (`Posterior.place_variance`) counts as the vehicles' error.
         """
-        if self._prior is None:
-            self._prior = self._field(posterior.blank())
         field, level_m = self._field(posterior), self._levels.level_m
         lines = contours(self._grid, field.mean_m, level_m)
         soundings = np.column_stack([posterior.centers.places_m, np.zeros(posterior.data_rows)])
-        pieces = classify(lines, field, self._prior, soundings)
+        shore_known = posterior.banks is not None
+        pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=shore_known)
         located = near(lines_of(pieces, FOUND))
         missing = undiscovered(self._config, posterior.centers, level_m, self._coarse, located, posterior.banks)
         found_m = length_of(pieces, FOUND)
@@ -88,14 +87,17 @@ class QualityJudge:
         """The posterior on the grid, as `DepthMap.field`."""
         grid, config = self._grid, self._config
         scales = Roughness.of(posterior, config.length_scale_m).scale(self._places_m, config.std_soundings)
-        mean, variance = posterior.moments(self._places_m)
+        relative, variance = posterior.moments(self._places_m)
+        scales = scales + width_factor(posterior.banks, self._places_m, relative, config.signal_std_m)
         place_variance = posterior.place_variance(posterior.kernel.scale(self._places_m))
-        std = np.sqrt(scales * np.maximum(variance - place_variance, 0.0) + place_variance)
+        total = scales * np.maximum(variance - place_variance, 0.0) + place_variance
+        mean, std = depths(posterior.banks, self._places_m, relative, total)
+        _, prior_std = depths(posterior.banks, self._places_m, relative, variance)
         return DepthField(
             grid=grid,
             mean_m=grid.fill(mean),
             std_m=grid.fill(std),
-            prior_std_m=grid.fill(np.sqrt(variance)),
+            prior_std_m=grid.fill(prior_std),
             risk=grid.fill(self._levels.risk(mean, std)),
             p_safe=grid.fill(self._levels.p_safe(mean, std)),
             variance_scale=float(scales.mean()),

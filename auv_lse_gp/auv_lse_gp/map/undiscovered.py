@@ -23,7 +23,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.vocabulary.seeds import stream
-from auv_lse_gp.inference.banks import Banks
+from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import Roughness
@@ -161,13 +161,13 @@ def undiscovered(
     lengths = np.zeros(len(cells))
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
-        scales = Roughness.of(hypothesis.posterior, config.length_scale_m).scale(cells, config.std_soundings)
+        posterior = hypothesis.posterior
+        scales = Roughness.of(posterior, config.length_scale_m).scale(cells, config.std_soundings)
+        scales = scales + width_factor(banks, cells, posterior.mean_m(cells), config.signal_std_m)
         lengths[missing] += hypothesis.weight * expected_lengths(
-            hypothesis.posterior, cells[missing], scales[missing], level_m, grid.resolution_m
+            posterior, cells[missing], scales[missing], level_m, grid.resolution_m
         )
-        drawn += [
-            outside_m(grid, depth, level_m, located) for depth in draws(hypothesis.posterior, cells, scales, count)
-        ]
+        drawn += [outside_m(grid, depth, level_m, located) for depth in draws(posterior, cells, scales, count)]
     expected, mean = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
     limit = expected * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean if mean > 0.0 else expected

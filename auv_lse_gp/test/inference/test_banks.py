@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_gp import GpConfig, Kernel, LevelSet, OnlineGp
-from auv_lse_gp.inference.banks import BANK_M, Banks
+from auv_lse_gp.inference.banks import BANK_M, WIDTH_STD, Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.depth_map import DepthMap
@@ -100,6 +100,38 @@ def test_the_factor_rests_on_the_distance_to_the_nearest_piece_of_shore():
     assert_allclose(Banks(lines, 0.0, LEVEL_M).factor(at), expected)
 
 
+def test_the_variance_of_a_banks_width_is_that_of_the_depth_it_changes():
+    d, depth = 20.0, np.array([18.0])
+    at = np.array([[d, 100.0]])
+    s = 1.0 - np.exp(-d / BANK_M)
+    rise = (depth - SHORE_M) / s  # of open ground
+    step = 1e-4
+    wider = SHORE_M + (1.0 - np.exp(-d / (BANK_M * np.exp(step)))) * rise
+    relative = LEVEL_M + (depth - LEVEL_M) / s
+    per_e = (wider - depth) / step / s
+    assert_allclose(BANKS.width_variance(at, relative), (WIDTH_STD * per_e) ** 2, rtol=1e-3)
+    assert_array_equal(BANKS.width_variance(at, np.array([-20.0])), 0.0)  # shallower than the shore
+
+
+def test_a_map_is_less_sure_of_a_bank_than_its_prior_unless_it_was_sounded():
+    banked = DepthMap(CONFIG, LevelSet(level_m=LEVEL_M), OperatingArea(AREA))
+    banked.add_soundings(np.column_stack([np.arange(15.0), track()]))
+    north = banked.grid.places_m[:, 0]
+    isobath, deep = np.abs(north - 14.0) < 3.0, np.abs(north - 180.0) < 3.0
+
+    def ratio():
+        field, inside = banked.field(), banked.grid.inside
+        return field.std_m[inside] / field.prior_std_m[inside]
+
+    factor = width_factor(BANKS, banked.grid.places_m, banked.gp.moments(banked.grid.places_m)[0], CONFIG.signal_std_m)
+    assert_allclose(ratio(), np.sqrt(1.0 + factor))
+    assert ratio()[isobath].min() > 1.2
+    assert ratio()[deep].max() < 1.01
+    std = banked.field().std_m[banked.grid.inside][isobath].max()
+    banked.add_soundings(np.column_stack([np.arange(15.0, 30.0), track(14.0, 15.0)]))
+    assert banked.field().std_m[banked.grid.inside][isobath].max() < 0.3 * std
+
+
 def test_soundings_far_out_do_not_deepen_the_bank():
     place = np.array([[8.0, 100.0]])
     without, with_banks = OnlineGp(CONFIG), OnlineGp(CONFIG, banks=BANKS)
@@ -135,7 +167,7 @@ def test_a_map_is_in_depths_and_calls_the_bank_shallow():
     expected = banked.gp.predict(banked.grid.places_m)
     assert_allclose(field.mean_m[inside], expected[0])
     assert_allclose(field.prior_std_m[inside], expected[1])
-    assert_allclose(field.risk[inside], LevelSet(level_m=LEVEL_M).risk(*expected))
+    assert_allclose(field.risk[inside], LevelSet(level_m=LEVEL_M).risk(expected[0], field.std_m[inside]))
     assert field.p_safe[inside][rim].mean() < 0.2 < 0.8 < open_map.field().p_safe[inside][rim].mean()
     (line,) = banked.isobath().lines
     assert 10.0 < line[:, 0].min() < line[:, 0].max() < 40.0

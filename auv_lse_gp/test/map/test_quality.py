@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -28,18 +30,20 @@ def soundings(east_to_m: float) -> np.ndarray:
     return np.column_stack([np.arange(float(depth.size)), north.ravel(), east.ravel(), depth])
 
 
-def test_it_is_that_of_the_map_as_the_report_judges_it() -> None:
-    levels = LevelSetConfig(level_m=15.0)
-    depth_map = DepthMap(CONFIG, levels, AREA)
-    prior = depth_map.field()
+@pytest.mark.parametrize("shore", [{}, {"south": (-20.0, -50.0, -20.0, 350.0)}], ids=["open", "shore"])
+def test_it_is_that_of_the_map_as_the_report_judges_it(shore: dict[str, tuple[float, ...]]) -> None:
+    levels, area = LevelSetConfig(level_m=15.0), OperatingArea(dataclasses.replace(AREA.config, shore=shore))
+    depth_map = DepthMap(CONFIG, levels, area)
     rows = soundings(160.0)
     depth_map.add_soundings(rows)
-    posterior = Posterior(CONFIG)
+    banks = depth_map.gp.banks
+    posterior = Posterior(CONFIG, banks=banks)
     posterior.extend(depth_map.centers)
-    quality = QualityJudge(CONFIG, levels, AREA).judge(posterior)
+    quality = QualityJudge(CONFIG, levels, area).judge(posterior)
     places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
-    pieces = classify(depth_map.isobath().lines, depth_map.field(), prior, places)
-    missing = undiscovered(CONFIG, depth_map.centers, 15.0, coarse_grid(AREA, 5.0), near(lines_of(pieces, FOUND)))
+    pieces = classify(depth_map.isobath().lines, depth_map.field(), CONFIG.signal_std_m, places)
+    located = near(lines_of(pieces, FOUND))
+    missing = undiscovered(CONFIG, depth_map.centers, 15.0, coarse_grid(area, 5.0), located, banks)
     found_m = length_of(pieces, FOUND)
     assert found_m > 100.0
     # the online map rounds otherwise than a posterior made in one go

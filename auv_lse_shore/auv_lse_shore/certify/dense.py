@@ -46,7 +46,8 @@ class DensePrior:
         mean: Prior mean, places (P, 2) -> depths (P,).
         worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
         length_m: Length scale by which the ground's roughness is estimated (`gp.length_scale_m`).
-        bank: Factor on the standard deviation near a known shore, places (P, 2) -> (P,); None: all ground is open.
+        bank: Factor s on the standard deviation near a known shore, places (P, 2) -> (P,); None: all ground is open.
+        shore_m: Depth along that shore.
     """
 
     kernel: str
@@ -57,10 +58,22 @@ class DensePrior:
     worth: float
     length_m: float
     bank: Callable[[Array], Array] | None = None
+    shore_m: float = 0.0
 
     def variance(self, at_m: Array) -> Array:
         """Variance (P,) of the depth at places (P, 2)."""
         return self.std_m**2 * (np.ones(len(at_m)) if self.bank is None else self.bank(at_m) ** 2)
+
+    def width_scale(self, at_m: Array, mean_m: Array) -> Array:
+        """Variance of depths (P,) from the unknown width of banks, relative to `variance`, before any sounding.
+
+        With the logarithm of the width of standard deviation .5: (.5 (f - h) x exp(-x) / s / (std s))^2, x = d / 25 m.
+        """
+        if self.bank is None:
+            return np.zeros(len(at_m))
+        s = np.minimum(self.bank(at_m), 1.0 - 1e-12)
+        x, rise_m = -np.log(1.0 - s), np.maximum(mean_m - self.shore_m, 0.0)
+        return np.asarray((0.5 * rise_m * x * np.exp(-x) / (s * s * self.std_m)) ** 2)
 
     def covariance(self, a_m: Array, b_m: Array) -> Array:
         """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
@@ -230,6 +243,7 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
     scale = np.full(len(at_m), everywhere)
     for near, _, cells in parts if prior.worth > 0.0 else ():
         scale[cells] = _variance_scales(errors[near], places[near], at_m[cells], prior, everywhere)
+    scale += prior.width_scale(at_m, mean)
     variance = np.maximum(variance, 0.0)
     return DenseMap(
         mean_m=mean,

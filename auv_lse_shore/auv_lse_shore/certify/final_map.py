@@ -83,6 +83,7 @@ def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
         worth=gp.std_soundings,
         length_m=gp.length_scale_m,
         bank=bank,
+        shore_m=area.shore_depth_m,
     )
 
 
@@ -132,9 +133,9 @@ def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
     given = _joined(parts)
     found = dense_map(prior, given, grid.places_m)
     field = _field(grid, found, level_set)
-    blank = _field(grid, dense_map(prior, _joined([]), grid.places_m), level_set)
     lines = trace(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
-    pieces = certainty.classify(lines, field, blank, sounded_places(run))
+    shore_known = prior.bank is not None
+    pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_places(run), shore_known=shore_known)
     counts = given.counts
     centers = Centers(
         np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None],

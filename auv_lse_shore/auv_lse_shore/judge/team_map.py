@@ -119,7 +119,13 @@ def _team_map(
     """As `team_map`, from the map and its field as if all places were known."""
     prior = DepthMap(settings.gp, settings.level_set, area).field()
     isobath = depth_map.isobath()
-    pieces = certainty.classify(isobath.lines, places_known, prior, sounded_places(run))
+    pieces = certainty.classify(
+        isobath.lines,
+        places_known,
+        settings.gp.signal_std_m,
+        sounded_places(run),
+        shore_known=depth_map.gp.banks is not None,
+    )
     return TeamMap(
         run=run,
         settings=settings,

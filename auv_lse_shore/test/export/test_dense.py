@@ -9,7 +9,7 @@ import pytest
 
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
-from auv_lse_gp.inference.banks import Banks
+from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import Roughness
@@ -59,6 +59,7 @@ def test_it_equals_the_vehicles_posterior_near_a_shore():
     assert found.mean_m == pytest.approx(mean, abs=1e-6)
     assert found.prior_std_m == pytest.approx(std, abs=1e-6)
     scales = Roughness.of(gp.posterior, config.length_scale_m).scale(AT, config.std_soundings)
+    scales = scales + width_factor(gp.banks, AT, relative, config.signal_std_m)
     floor = gp.posterior.place_variance(gp.kernel.scale(AT))
     _, std = gp.depths(AT, relative, scales * (variance - floor) + floor)
     assert found.std_m == pytest.approx(std, rel=1e-6)

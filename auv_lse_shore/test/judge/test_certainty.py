@@ -18,15 +18,16 @@ from auv_lse_shore.judge import isobath
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0)))
 
 
-def classified(soundings, place_std_m=0.0, **gp):
-    """A map of (north, east, depth) soundings (n, 3), and its isobath's pieces."""
-    config = {"length_scale_m": 60.0, "noise_std_m": 0.2, **gp}
-    depth_map = DepthMap(GpConfig(**config), LevelSet(level_m=15.0), AREA)
-    prior = depth_map.field()
+def classified(soundings, place_std_m=0.0, area=AREA, **gp):
+    """The pieces of the isobath of a map of (north, east, depth) soundings (n, 3)."""
+    config = GpConfig(**{"length_scale_m": 60.0, "noise_std_m": 0.2, **gp})
+    depth_map = DepthMap(config, LevelSet(level_m=15.0), area)
     stamps = np.arange(float(len(soundings)))[:, None]
     depth_map.add_soundings(np.hstack([stamps, soundings]))
     places = np.column_stack([soundings[:, :2], np.full(len(soundings), place_std_m)])
-    return certainty.classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+    shore_known = bool(area.config.shore)
+    lines, field = depth_map.isobath().lines, depth_map.field()
+    return certainty.classify(lines, field, config.signal_std_m, places, shore_known=shore_known)
 
 
 def slope(east_from, east_to, per_m=0.1):
@@ -73,6 +74,30 @@ def test_a_steep_prior_finds_nothing_by_itself():
     pieces = classified(one, **plane)  # 0.9 m on a slope of 0.1: within 9 m to either side, says the chart
     assert certainty.length_of(pieces, GUESSED) == pytest.approx(600.0, rel=0.05)
     assert {p.kind for p in pieces} == {GUESSED}
+
+
+def test_a_known_shore_finds_the_isobath_beside_sounded_ground():
+    """Soundings 70 m from the shore show how deep the lake is; where the bank crosses the level follows from both."""
+    shore = AreaConfig(polygon_m=AREA.config.polygon_m, shore={"south": (-3.0, -200.0, -3.0, 800.0)}, shore_depth_m=5.0)
+    along = np.arange(10.0, 600.0, 12.0)
+    track = np.column_stack([np.full(len(along), 67.0), along, np.full(len(along), 30.0)])
+    with_shore = classified(track, area=OperatingArea(shore))
+    bank = [p for p in with_shore if p.line[:, 0].max() < 60.0]
+    assert certainty.length_of(bank, FOUND) > 500.0
+    # s = 1 - exp(-d / 25 m) = (15 - 5) / (g - 5) at the isobath. Open ground g there is less deep than the track, but
+    # deeper than 23 m: d is 13 to 20 m, and less certain than half of that by the bank's width.
+    d = np.median(np.concatenate([p.line[:, 0] for p in bank])) + 3.0
+    assert 13.0 < d < 20.0
+    assert min(p.std_m.min() for p in bank) > 0.4 * d
+    assert not [p for p in classified(track) if p.line[:, 0].max() < 60.0 and p.kind == FOUND]
+    on_the_isobath = np.column_stack([np.full(len(along), 10.0), along, np.full(len(along), 15.0)])
+    both = np.concatenate([track, on_the_isobath])
+    sounded = [p for p in classified(both, area=OperatingArea(shore)) if p.line[:, 0].max() < 60.0]
+    assert max(p.std_m.max() for p in sounded if p.kind == FOUND) < 3.0
+    # A track on flat ground may lie elsewhere, the shore does not. Soundings on the bank move the line with them.
+    moved = [p for p in classified(track, 15.0, OperatingArea(shore)) if p.line[:, 0].max() < 60.0]
+    assert certainty.length_of(moved, FOUND) > 500.0
+    assert {p.kind for p in classified(both, 15.0, OperatingArea(shore)) if p.line[:, 0].max() < 60.0} == {LIKELY}
 
 
 def test_vehicles_unsure_of_their_places_find_less():

@@ -49,7 +49,7 @@ def judgements(kind: str, vehicles: int, name: str, real: str, soundings: Sequen
     chosen = settings(vehicles)
     area, level = OperatingArea(chosen.area), chosen.level_set.level_m
     depth_map = DepthMap(chosen.gp, chosen.level_set, area)
-    prior, grid, judge = depth_map.field(), depth_map.grid, QualityJudge(chosen.gp, chosen.level_set, area)
+    grid, judge = depth_map.grid, QualityJudge(chosen.gp, chosen.level_set, area)
     ground = ground_of(kind, name, where_of(vehicles), real)
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
     lines = trace(grid.north_m, grid.east_m, depth, level)
@@ -64,7 +64,7 @@ def judgements(kind: str, vehicles: int, name: str, real: str, soundings: Sequen
         posterior.extend(depth_map.centers)
         quality = judge.judge(posterior)
         places = np.column_stack([rows[:until, 1:3], np.zeros(until)])
-        pieces = classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+        pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, places)
         share = float(np.mean(near(lines_of(pieces, FOUND))(truth))) if len(truth) else 1.0
         found.append([legs, quality.found_share, quality.undiscovered_m, share, length_m(lines) * (1.0 - share)])
     return {"kind": kind, "vehicles": vehicles, "lake": name, "judgements": np.round(found, 4).tolist()}

@@ -127,10 +127,10 @@ def found_share(chosen: PlannerSettings, rows: Array, ground: Any) -> float:
     """Share of the true isobath within 10 m of what the map of soundings calls found."""
     operating = OperatingArea(chosen.area)
     depth_map = DepthMap(chosen.gp, chosen.level_set, operating)
-    prior, grid = depth_map.field(), depth_map.grid
+    grid = depth_map.grid
     depth_map.add_soundings(rows)
     places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
-    pieces = classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+    pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, places)
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
     truth = resample(trace(grid.north_m, grid.east_m, depth, chosen.level_set.level_m))
     return float(np.mean(near(lines_of(pieces, FOUND))(truth))) if len(truth) else math.nan

@@ -197,22 +197,18 @@ class MissionEvents:
         As the report's, but without place errors, and with the mean variance factor of the map at every place.
         """
         inside = np.isfinite(layers["depth"])
-        before = np.where(inside, self._settings.vehicle(vehicle).gp.signal_std_m, np.nan)
-        field, prior = (
-            DepthField(
-                grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
-                mean_m=layers["depth"],
-                std_m=std,
-                prior_std_m=std / np.sqrt(own_scale),
-                risk=layers["risk"],
-                p_safe=layers["p_safe"],
-                variance_scale=own_scale,
-                revision=0,
-            )
-            for std, own_scale in ((layers["std"], scale), (before, 1.0))
+        field = DepthField(
+            grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
+            mean_m=layers["depth"],
+            std_m=layers["std"],
+            prior_std_m=layers["std"] / np.sqrt(scale),
+            risk=layers["risk"],
+            p_safe=layers["p_safe"],
+            variance_scale=scale,
+            revision=0,
         )
         lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
-        return classify(lines, field, prior, np.empty((0, 3)))
+        return classify(lines, field, self._settings.vehicle(vehicle).gp.signal_std_m, np.empty((0, 3)))
 
     def _plan(self, vehicle: int, stamp_s: float, report: PlanReport) -> list[Event]:
         plan = report.plan
