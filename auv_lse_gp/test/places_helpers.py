@@ -200,10 +200,10 @@ def terrain_of(rng: np.random.Generator, team: list[Sailed], own: int, ground: G
     return Terrain(pieces, Kernel(gp), prior_mean(gp), gp.noise_std_m)
 
 
-def played(team: list[Sailed], ground: Ground, config: PlacesConfig) -> MapIntake:
+def played(team: list[Sailed], ground: Ground, config: PlacesConfig, gp: GpConfig = GP) -> MapIntake:
     """The first vehicle's map after it has received all its inputs, tick by tick."""
     rng = np.random.default_rng(5)
-    depth_map = DepthMap(GP, LevelSet(), AREA)
+    depth_map = DepthMap(gp, LevelSet(), AREA)
     intake = MapIntake(depth_map, PositionCorrector(1, config, depth_map))
     heard = messages(rng, team, 0)
     own, depths = team[0], [ground.depth_m(sailed.true) for sailed in team]

@@ -29,6 +29,11 @@ SLOPES_MOVED = 0.05
 _ROUNDING = 1e-9
 #: Share of the margin for slopes at centers and for gates, which need no more accuracy.
 ROUGH_SHARE = 0.5
+#: Number of the last tiles whose rough posteriors are kept: those near the vehicle and near its mates' last samples.
+KEPT_TILES = 24
+#: Slopes of a tile are computed anew when it has new centers, or when this many centers within this share of the margin
+#: have come or changed.
+SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
 #: Centers within this share of the margin count as close to a tile.
 CLOSE_SHARE = 0.25
 #: Tiles on each side of the squares in which many planned places are taken together.
@@ -66,21 +71,25 @@ class _Data:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """The centers near a tile: places before any shift, shifts since then (kernel lengths), depths and noise."""
+    """The centers in a tile, and those near it: numbers; places before any shift, depths and noise; shifts."""
 
-    home: Array
+    members: Numbers
+    numbers: Numbers
+    data: Array
     drift: Array
-    depths_m: Array
-    noise_std_m: Array
 
     def same_slopes(self, other: _Near) -> bool:
-        """Whether slopes from the other data hold for these: relative shifts are at most `SLOPES_MOVED`."""
-        if self.home.shape != other.home.shape or np.abs(self.home - other.home).max(initial=0.0) > _ROUNDING:
+        """Whether slopes from the other data hold for these: same members, few changes, small relative shifts.
+
+        The limits are `SLOPES_CHANGED` and `SLOPES_MOVED`.
+        """
+        if not np.array_equal(self.members, other.members):
             return False
-        for mine, theirs in ((self.depths_m, other.depths_m), (self.noise_std_m, other.noise_std_m)):
-            if not np.array_equal(mine, theirs):
-                return False
-        moved = self.drift - other.drift
+        both, mine, theirs = np.intersect1d(self.numbers, other.numbers, assume_unique=True, return_indices=True)
+        changed = np.abs(self.data[mine] - other.data[theirs]).max(axis=1, initial=0.0) > _ROUNDING
+        if len(self.numbers) + len(other.numbers) - 2 * len(both) + int(changed.sum()) >= SLOPES_CHANGED:
+            return False
+        moved = self.drift[mine] - other.drift[theirs]
         return not moved.any() or bool(np.abs(moved - moved.mean(axis=0)).max() <= SLOPES_MOVED)
 
 
@@ -99,7 +108,9 @@ class TiledPosterior:
         self._centers = NO_CENTERS
         self._scaled = np.zeros((0, 2))
         self._effect_std_m: Array | None = None
+        self._kept: dict[Corner, Posterior] = {}  # the one used last comes last
         self._slopes: dict[Corner, tuple[_Near, Array]] = {}
+        self._sloped: Array | None = None  # the centers of the last slopes: home, drift, depth, noise, slope (n, 8)
         self._drift = np.zeros((0, 2))  # how far the first centers were shifted since `forget`
 
     @property
@@ -114,8 +125,10 @@ class TiledPosterior:
         self._effect_std_m = None if effect is None else np.sqrt(np.einsum("nr,nr->n", effect, effect))
 
     def forget(self) -> None:
-        """Forgets slopes and shifts, so that the next slopes depend on the data alone."""
+        """Forgets slopes, shifts and posteriors, so that the next results depend on the data alone."""
+        self._kept.clear()
         self._slopes.clear()
+        self._sloped = None
         self._drift = np.zeros((0, 2))
 
     def shift(self, by_m: Array) -> None:
@@ -131,7 +144,15 @@ class TiledPosterior:
             IllConditionedError: if the covariance of the centers near a tile cannot be factorized.
         """
         for tile, members in self.tiles(places_m):
-            yield members, self.of_tile(tile, ROUGH_SHARE)
+            yield members, self._rough(tile)
+
+    def _rough(self, tile: Corner) -> Posterior:
+        """The rough posterior of a tile, updated if it is kept; the next call may change it."""
+        posterior = self.of_tile(tile, ROUGH_SHARE, self._kept.pop(tile, None))
+        self._kept[tile] = posterior
+        if len(self._kept) > KEPT_TILES:
+            del self._kept[next(iter(self._kept))]
+        return posterior
 
     def of_tile(self, tile: Corner, share: float = 1.0, start: Posterior | None = None) -> Posterior:
         """The posterior for a tile, given the centers within a share of the margin.
@@ -166,11 +187,7 @@ class TiledPosterior:
 
     def tiles(self, places_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
         """The tiles of places (P, 2), and the numbers of the places in each; `together`: in squares of n x n tiles."""
-        yield from self._tiles_of(self._prior.kernel.scale(places_m), together)
-
-    def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
-        """As `tiles`, of scaled places (P, 2)."""
-        corners = np.floor(scaled / (together * self._side)).astype(np.int64)
+        corners = np.floor(self._prior.kernel.scale(places_m) / (together * self._side)).astype(np.int64)
         found, group = np.unique(corners, axis=0, return_inverse=True)
         order = np.argsort(group.ravel(), kind="stable")
         bounds = np.searchsorted(group.ravel()[order], np.arange(len(found) + 1))
@@ -201,27 +218,45 @@ class TiledPosterior:
         return mean, variance, planned_variance
 
     def slopes(self) -> Array:
-        """Slope (n, 2) of the mean depth at the centers; only tiles whose data have changed are recomputed.
+        """Slope (n, 2) of the mean depth at the centers; only tiles near centers that have changed are recomputed.
 
-        Centers that have been shifted count where they were, and slopes stay after small relative shifts
-        (`SLOPES_MOVED`).
+        Centers that have been shifted count where they were. Slopes stay after few changes (`SLOPES_CHANGED`) and small
+        relative shifts (`SLOPES_MOVED`).
         """
-        slopes, found = np.zeros((len(self._centers), 2)), {}
         c, drift = self._centers, np.zeros_like(self._scaled)
         drift[: len(self._drift)] = self._drift
         home = self._scaled - drift
-        for tile, members in self._tiles_of(home):
+        rows = np.column_stack([home, drift, c.depths_m, c.noise_std_m, np.zeros_like(home)])
+        for tile in self._tiles_to_check(rows):
+            members = np.flatnonzero((np.floor(home / self._side) == tile).all(axis=1))
+            if not len(members):
+                self._slopes.pop(tile, None)
+                continue
             near = self._numbers_near(tile, tile, ROUGH_SHARE, home)
-            data = _Near(home[near], drift[near], c.depths_m[near], c.noise_std_m[near])
+            data = _Near(members, near, rows[near][:, [0, 1, 4, 5]], drift[near])
             known = self._slopes.get(tile)
-            if known is None or len(known[1]) != len(members) or not data.same_slopes(known[0]):
-                local = self._prior.blank()
-                local.follow(c.take(near))
-                known = data, local.slopes(c.places_m[members])
-            slopes[members] = known[1]
-            found[tile] = known
-        self._slopes = found
-        return slopes
+            if known is None or not data.same_slopes(known[0]):
+                known = self._slopes[tile] = data, self._rough(tile).slopes(c.places_m[members])
+            rows[members, 6:] = known[1]
+        self._sloped = rows
+        return rows[:, 6:].copy()
+
+    def _tiles_to_check(self, rows: Array) -> list[Corner]:
+        """The tiles near which centers differ from those of the last slopes, which are written into `rows` (n, 8)."""
+        old = self._sloped if self._sloped is not None else rows[:0]
+        common = min(len(old), len(rows))
+        rows[:common, 6:] = old[:common, 6:]
+        apart = np.abs(rows[:common, :6] - old[:common, :6]).max(axis=1, initial=0.0) > _ROUNDING
+        changed = np.concatenate([rows[:common][apart], old[:common][apart], rows[common:], old[common:]])[:, :2]
+        reach = SLOPES_SHARE * self._margin * (1.0 + _ROUNDING)
+        corners = np.floor(np.hstack([changed - reach, changed + reach]) / self._side).astype(np.int64)
+        found = {
+            (north, east)
+            for a, c, b, d in np.unique(corners, axis=0).tolist()
+            for north in range(a, b + 1)
+            for east in range(c, d + 1)
+        }
+        return sorted(found)
 
 
 @dataclass(slots=True)

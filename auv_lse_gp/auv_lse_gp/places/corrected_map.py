@@ -9,12 +9,15 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.map.online import Outcome
 from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.depth_sensitivity import DepthSensitivity
 from auv_lse_gp.places.sounding_log import SoundingLog
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
-#: Number of the strongest error modes passed to the map, in addition to the two that a fix would remove.
-MODES = 8
+#: In a map in tiles, positions are checked at every so many centers of a vehicle's track. The centers between two of
+#: these move if one of the two has.
+CHECKED_EVERY = 16
 #: A map in tiles is rebuilt when more than this share of its centers has shifted by more than this share of their
 #: spacing since the last rebuild.
 MANY_CENTERS, FAR_SHIFT = 0.1, 0.5
@@ -36,6 +39,12 @@ class CorrectedMap:
         self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
         self._seeds: list[int] = []  # number in the log of the first sounding of each center
         self._drift_m = np.zeros((0, 2))  # how far the first centers were shifted since the last rebuild
+        self._sensitivity = DepthSensitivity(self.log)
+
+    @property
+    def seeds(self) -> Numbers:
+        """Number in the log of the first sounding of each center (n,)."""
+        return np.array(self._seeds, dtype=np.int64)
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
         """Takes soundings of a vehicle in `own`."""
@@ -65,32 +74,54 @@ class CorrectedMap:
         Returns:
             Whether the map was rebuilt.
         """
-        gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
+        gp, seeds = self.map.gp, self.seeds
         if not gp.can_shift:
             places = self.log.corrected_m(correction)
             if _lengths_m(places - self.log.mapped_m).max(initial=0.0) <= moved_m:
                 return False
             self.rebuild(places)
             return True
-        places = self.log.corrected_m(correction, seeds)
-        by = places - self.log.mapped_m[seeds]
-        if _lengths_m(by).max(initial=0.0) <= moved_m:
+        moved = self._moved(correction, seeds, moved_m)
+        if not len(moved):
             return False
+        places = self.log.corrected_m(correction, seeds[moved])
+        by = np.zeros((len(seeds), 2))
+        by[moved] = places - self.log.mapped_m[seeds[moved]]
         drift = by.copy()
         drift[: len(self._drift_m)] += self._drift_m
         if (_lengths_m(drift) > FAR_SHIFT * gp.config.min_spacing_m).mean() > MANY_CENTERS:
             self.rebuild(self.log.corrected_m(correction))
             return True
         self._drift_m = drift
-        self.log.set_mapped(places, seeds)
+        self.log.set_mapped(places, seeds[moved])
         gp.shift(by)
         return False
+
+    def _moved(self, correction: Correction, seeds: Numbers, moved_m: float) -> Numbers:
+        """Numbers of the centers that are more than `moved_m` (m) from their corrected positions, and those near them.
+
+        Positions are checked at every `CHECKED_EVERY`th center along each vehicle's track.
+        """
+        found = [np.zeros(0, dtype=np.int64)]
+        for _, own in self.log.by_vehicle(seeds):
+            along = own[np.argsort(self.log.stamps_s[seeds[own]], kind="stable")]
+            checked = np.unique(np.append(np.arange(0, len(along), CHECKED_EVERY), len(along) - 1))
+            numbers = seeds[along[checked]]
+            by = self.log.corrected_m(correction, numbers) - self.log.mapped_m[numbers]
+            far = np.flatnonzero(_lengths_m(by) > moved_m)
+            begins, ends = checked[np.maximum(far - 1, 0)], checked[np.minimum(far + 1, len(checked) - 1)]
+            is_near = np.zeros(len(along) + 1, dtype=np.int64)
+            np.add.at(is_near, begins, 1)
+            np.add.at(is_near, ends + 1, -1)
+            found.append(along[np.cumsum(is_near[:-1]) > 0])
+        return np.sort(np.concatenate(found))
 
     def rebuild(self, places_m: Array) -> None:
         """Rebuilds the map at positions (n, 2): own soundings by time, then each mate's samples in order of arrival."""
         self.paused = False
         self.log.set_mapped(places_m)
         self._seeds.clear()
+        self._sensitivity.forget()
         self._drift_m = np.zeros((0, 2))
         self.map.clear()
         vehicles, stamps, depths = self.log.vehicles, self.log.stamps_s, self.log.depths_m
@@ -118,26 +149,14 @@ class CorrectedMap:
 
     def _effect(self, correction: Correction, vehicle: int) -> Array | None:
         """Depth change (n, 2 + modes) of the centers per mode: two that a fix would remove, then the strongest."""
-        gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
+        gp, seeds = self.map.gp, self.seeds
         if not len(seeds):
             return None
-        root = np.linalg.cholesky(correction.covariance)
-        parts = [  # a center depends on the unknowns of one vehicle
-            (centers, correction.model.vehicles[number].block, rows)
-            for centers, number, rows in self.log.derivatives(correction, gp.slopes(), seeds)
-        ]
-        squares = np.zeros_like(root)
-        for _, block, rows in parts:
-            squares[block, block] = rows.T @ rows
-        fixed = correction.fix_sensitivity(vehicle) @ root
-        left = root @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
-        ways = np.linalg.eigh(left.T @ squares @ left)[1][:, ::-1][:, :MODES]
-        modes = np.column_stack([root @ fixed.T, left @ ways])
-        effect = np.zeros((len(seeds), modes.shape[1]))
-        for centers, block, rows in parts:
-            effect[centers] = rows @ modes[block]
+        if not gp.is_tiled:
+            self._sensitivity.forget()
+        self._sensitivity.update(correction, gp.slopes(), seeds)
         # Round to the 32 bits of the message to the planner.
-        return np.asarray(effect.astype(np.float32).astype(float))
+        return np.asarray(self._sensitivity.effect(vehicle).astype(np.float32).astype(float))
 
 
 def _lengths_m(by_m: Array) -> Array:

@@ -40,14 +40,23 @@ class VehicleErrorModel:
     Attributes:
         track: Its raw track, which may grow.
         block: Slice of its unknowns among those of the team.
+        knots_s: Times of its knots.
     """
 
-    def __init__(self, track: Track, begin: int, config: PlacesConfig, earlier_distance_m: float = 0.0) -> None:
+    def __init__(
+        self,
+        track: Track,
+        begin: int,
+        config: PlacesConfig,
+        earlier_distance_m: float = 0.0,
+        older: VehicleErrorModel | None = None,
+    ) -> None:
         """Lays out the vehicle's unknowns.
 
         Args:
             begin: Number of its first unknown.
             earlier_distance_m: Distance travelled before its first known raw position.
+            older: The model of an earlier time, whose sums along the track are continued.
         """
         self.track = track
         self._start_m = track.start_m
@@ -57,19 +66,33 @@ class VehicleErrorModel:
         while lasted > MAX_KNOTS * self._span_s:
             self._span_s *= 2.0
         self.knots = math.ceil(lasted / self._span_s) if walks else 0
-        self._knots_s = track.start_s + self._span_s * np.arange(self.knots)
+        self.knots_s = np.asarray(track.start_s + self._span_s * np.arange(self.knots, dtype=float))
         self.block = slice(begin, begin + STATIC + 3 * self.knots)
         self._earlier_distance_m = earlier_distance_m
         self._config = config
-        nodes = track.nodes
-        if self.knots and len(nodes) > 1:
-            way = np.diff(nodes[:, 1:3], axis=0) @ _J.T
-            ramps = self._ramps(0.5 * (nodes[1:, 0] + nodes[:-1, 0]))
-            self._walk_s = nodes[:, 0]
-            sums = np.cumsum(way[:, None, :] * ramps[:, :, None], axis=0)
-            self._walk_m = np.concatenate([np.zeros((1, self.knots, 2)), sums])
-        else:
-            self._walk_s, self._walk_m = np.zeros(1), np.zeros((1, self.knots, 2))
+        self._nodes = track.nodes[:, :3]
+        self._walk_m = self._walk_sums(older)
+
+    def _walk_sums(self, older: VehicleErrorModel | None) -> Array:
+        """S_k at the track's nodes, (n, knots, 2)."""
+        nodes, kept = self._nodes, 1
+        sums = np.zeros((max(len(nodes), 1), self.knots, 2))
+        if not self.knots or len(nodes) < 2:
+            return sums
+        if older is not None and older.knots and self._continues(older):
+            common = min(len(older._nodes), len(nodes))
+            same = (older._nodes[:common] == nodes[:common]).all(axis=1)
+            kept = max(int(np.argmin(np.append(same, False))), 1)
+            sums[:kept, : older.knots] = older._walk_m[:kept, : self.knots]
+        way = np.diff(nodes[kept - 1 :, 1:], axis=0) @ _J.T
+        ramps = self._ramps(0.5 * (nodes[kept:, 0] + nodes[kept - 1 : -1, 0]))
+        sums[kept:] = way[:, None, :] * ramps[:, :, None]
+        np.cumsum(sums[kept - 1 :], axis=0, out=sums[kept - 1 :])
+        return sums
+
+    def _continues(self, older: VehicleErrorModel) -> bool:
+        """Whether the knots of an older model are the first ones of this one."""
+        return older._span_s == self._span_s and older.knots_s[:1].tolist() == self.knots_s[:1].tolist()
 
     def prior_std(self) -> Array:
         """Prior standard deviations of its unknowns, (block,)."""
@@ -85,16 +108,22 @@ class VehicleErrorModel:
         return np.array(static + knots)
 
     def _ramps(self, stamps_s: Array) -> Array:
-        return np.clip((stamps_s[:, None] - self._knots_s[None]) / self._span_s, 0.0, 1.0)
+        return np.clip((stamps_s[:, None] - self.knots_s[None]) / self._span_s, 0.0, 1.0)
 
     def _walk_at(self, stamps_s: Array) -> Array:
         """S_k at times (n,), shape (n, knots, 2)."""
-        times, sums = self._walk_s, self._walk_m
+        times, sums = self._nodes[:, 0], self._walk_m
         if len(times) < 2:
             return np.broadcast_to(sums[:1], (len(stamps_s), *sums.shape[1:]))
         right = np.clip(np.searchsorted(times, stamps_s), 1, len(times) - 1)
         share = np.clip((stamps_s - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
         return np.asarray(sums[right - 1] + share[:, None, None] * (sums[right] - sums[right - 1]))
+
+    def turn_between(self, own: Array, other: Array) -> float:
+        """Bound on how far two sets of its unknowns (block,) turn (rad) or scale its displacements apart."""
+        change = other - own
+        walk = np.cumsum(change[STATIC : STATIC + self.knots])
+        return float(np.abs(change[2:STATIC]).sum() + np.abs(walk).max(initial=0.0))
 
     def positions(self, along: TrackPoints) -> TrackPositions:
         """Positions of points on the track as a function of the unknowns."""
@@ -105,7 +134,7 @@ class VehicleErrorModel:
         own = np.zeros(self.block.stop - self.block.start)
         old = theta[older.block]
         own[:STATIC] = old[:STATIC]
-        if older._span_s == self._span_s and older._knots_s[:1].tolist() == self._knots_s[:1].tolist():
+        if self._continues(older):
             m, n = min(older.knots, self.knots), older.knots
             own[STATIC : STATIC + m] = old[STATIC : STATIC + m]
             walk = old[STATIC + n :].reshape(n, 2)[:m]
@@ -194,6 +223,7 @@ class TeamErrorModel:
         tracks: dict[int, Track],
         references: set[int],
         earlier_distance_m: dict[int, float] | None = None,
+        older: TeamErrorModel | None = None,
     ) -> None:
         """Lays out the unknowns.
 
@@ -201,14 +231,15 @@ class TeamErrorModel:
             tracks: Raw tracks by number of the vehicle.
             references: The vehicles whose clocks are references: one per team.
             earlier_distance_m: Distance travelled before the first known raw position, by vehicle, where not 0.
+            older: The model of an earlier time, whose sums along the tracks are continued.
         """
         self.config = config
         self.vehicles: dict[int, VehicleErrorModel] = {}
         begin = 0
         for number in sorted(tracks):
-            self.vehicles[number] = VehicleErrorModel(
-                tracks[number], begin, config, (earlier_distance_m or {}).get(number, 0.0)
-            )
+            earlier_m = (earlier_distance_m or {}).get(number, 0.0)
+            before = older.vehicles.get(number) if older is not None else None
+            self.vehicles[number] = VehicleErrorModel(tracks[number], begin, config, earlier_m, before)
             begin = self.vehicles[number].block.stop
         others = [number for number in sorted(tracks) if number not in references]
         self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}

@@ -24,8 +24,9 @@ from auv_lse_gp.places.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
-#: A tiled map is rebuilt after this many corrections without a rebuild, so that a restart repeats no more of them.
-MAX_REPEATED = 20
+#: A tiled map is rebuilt after this many corrections without a rebuild, or one for this many centers if that is more.
+#: So a restart repeats no more of them, and a rebuild, whose cost grows with the map, costs as much per correction.
+MAX_REPEATED, CENTERS_PER_REPEATED = 20, 20
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +162,7 @@ class PositionCorrector:
         terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)
         self._repeated += 1
-        if rebuild or (gp.is_tiled and self._repeated >= MAX_REPEATED):
+        if rebuild or (gp.is_tiled and self._repeated >= max(MAX_REPEATED, len(gp) // CENTERS_PER_REPEATED)):
             self.corrected_map.rebuild(self.log.corrected_m(self.correction))
             rebuilt = True
         else:

@@ -248,7 +248,8 @@ class PositionSmoother:
             self._last = model, np.array(theta)
 
     def _model(self) -> TeamErrorModel:
-        return TeamErrorModel(self.config, self.tracks, {self.vehicle}, self._earlier_distance_m)
+        older = self._last[0] if self._last is not None else None
+        return TeamErrorModel(self.config, self.tracks, {self.vehicle}, self._earlier_distance_m, older)
 
 
 def smooth_team(

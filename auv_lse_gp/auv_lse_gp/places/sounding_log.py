@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.track_segments import MAX_SEGMENTS, TrackSegments, segment_track
+from auv_lse_gp.places.track_segments import MAX_SEGMENTS, SegmentedTrack, TrackSegments, add_to_tracks, segment_tracks
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -24,6 +24,8 @@ class SoundingLog:
 
     def __init__(self) -> None:
         self._table = GrowingRows(7, 256)  # vehicle, stamp, raw north and east, mapped north and east, depth
+        self._tracks: dict[int, SegmentedTrack] = {}
+        self._segmented = 0  # number of soundings in `_tracks`
 
     def __len__(self) -> int:
         """Number of soundings."""
@@ -74,7 +76,7 @@ class SoundingLog:
         """Positions (m, 2) according to a correction, of the soundings with numbers `index` (m,); None: of all."""
         index = np.arange(len(self)) if index is None else index
         places = self.mapped_m[index]
-        for number, own in self._by_vehicle(index):
+        for number, own in self.by_vehicle(index):
             places[own] = correction.places(number, self.stamps_s[index[own]], self.raw_m[index[own]])
         return places
 
@@ -82,24 +84,7 @@ class SoundingLog:
         """Moves the soundings with numbers `index` (m,) to positions (m, 2); None: all."""
         self.mapped_m[slice(None) if index is None else index] = places_m
 
-    def derivatives(
-        self, correction: Correction, slopes: Array, index: Numbers
-    ) -> Iterator[tuple[Numbers, int, Array]]:
-        """Derivatives of the expected depths of soundings with respect to the unknowns of their vehicle.
-
-        Args:
-            slopes: Slope of the ground at these soundings (m, 2).
-            index: Numbers of the soundings (m,).
-
-        Yields:
-            For each vehicle: its part of the m soundings (k,), its number, and their derivatives (k, its unknowns).
-        """
-        for number, own in self._by_vehicle(index):
-            jacobian = correction.own_jacobian(number, self.stamps_s[index[own]], self.raw_m[index[own]])
-            if jacobian is not None:
-                yield own, number, np.einsum("nd,ndu->nu", slopes[own], jacobian)
-
-    def _by_vehicle(self, index: Numbers) -> Iterator[tuple[int, Numbers]]:
+    def by_vehicle(self, index: Numbers) -> Iterator[tuple[int, Numbers]]:
         """Each vehicle's number, and which of the soundings `index` are its own and correctable."""
         rows = self._table.rows[index, :4]
         numbers, known = rows[:, 0].astype(np.int64), np.isfinite(rows[:, 1:]).all(axis=1)
@@ -108,4 +93,7 @@ class SoundingLog:
 
     def segments(self, most: int = MAX_SEGMENTS) -> TrackSegments:
         """The correctable soundings, averaged along about `most` segments of track at most."""
-        return segment_track(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
+        new = self._table.rows[self._segmented :]
+        add_to_tracks(self._tracks, new[:, 0].astype(np.int64), new[:, [1, 2, 3, 6]])
+        self._segmented = len(self)
+        return segment_tracks(self._tracks, most)

@@ -6,10 +6,13 @@ The kernel centers are unsuitable: their minimum spacing drops soundings where t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from auv_lse_common.support.growing_rows import GrowingRows
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,73 @@ class TrackSegments:
         return len(self.depths_m)
 
 
+class SegmentedTrack:
+    """One vehicle's soundings by time, averaged along segments of its track.
+
+    Segments that have ended are kept: as long as length and stride stay, only later soundings are averaged.
+    """
+
+    def __init__(self) -> None:
+        self._rows = GrowingRows(5)  # time, raw north and east, depth, distance along the track
+        self._lengths = (0.0, 0)  # length and stride of the kept segments
+        self._ended = np.zeros((0, 4))  # means of the segments that have ended
+        self._open = 0  # number of the first sounding after them
+
+    @property
+    def length_m(self) -> float:
+        """Length of the track."""
+        return float(self._rows.rows[-1, 4]) if len(self._rows) else 0.0
+
+    def add(self, rows: Array) -> None:
+        """Adds soundings: time, raw north and east, depth (n, 4), finite. Fast if they are later than all others."""
+        if not len(rows):
+            return
+        old = self._rows.rows
+        if len(old) and rows[:, 0].min() < old[-1, 0]:
+            rows = np.concatenate([old[:, :4], rows])
+            self._rows, self._lengths = GrowingRows(5), (0.0, 0)
+            old = self._rows.rows
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        way = np.diff(np.concatenate([old[-1:, 1:3], rows[:, 1:3]]), axis=0)
+        step = np.sqrt(np.einsum("nd,nd->n", way, way))
+        distance = np.cumsum(np.concatenate([old[-1:, 4] if len(old) else np.zeros(1), step]))
+        self._rows.append(np.column_stack([rows, distance[-len(rows) :]]))
+
+    def segments(self, length_m: float, stride: int) -> Array:
+        """Means of time, raw north and east, and depth (k, 4) of each `stride`th segment."""
+        if self._lengths != (length_m, stride):
+            self._lengths, self._ended, self._open = (length_m, stride), np.zeros((0, 4)), 0
+        rows = self._rows.rows[self._open :]
+        if not len(rows):
+            return self._ended
+        segment, way = np.floor(rows[:, 4] / length_m), np.diff(rows[:, 1:3], axis=0)
+        # A segment also ends at a gap longer than its length.
+        ends = (np.diff(segment) != 0.0) | (np.sqrt(np.einsum("nd,nd->n", way, way)) > length_m)
+        begins = np.concatenate([[0], np.flatnonzero(ends) + 1])
+        number = np.concatenate([[0], np.cumsum(ends)])
+        count = np.bincount(number)
+        means = np.stack([np.bincount(number, rows[:, c]) / count for c in range(4)], axis=1)
+        kept = segment[begins] % stride == 0.0
+        self._ended = np.concatenate([self._ended, means[:-1][kept[:-1]]])
+        self._open += int(begins[-1])
+        return np.concatenate([self._ended, means[-1:][kept[-1:]]])
+
+
+def segment_tracks(tracks: Mapping[int, SegmentedTrack], most: int = MAX_SEGMENTS) -> TrackSegments:
+    """Segments of the tracks of several vehicles, by number.
+
+    Args:
+        most: Approximate maximum number of segments.
+    """
+    length, stride = max(SEGMENT_M, sum(track.length_m for track in tracks.values()) / most), 1
+    if length > MAX_SEGMENT_M:
+        stride, length = 2 ** math.ceil(math.log2(length / MAX_SEGMENT_M)), MAX_SEGMENT_M
+    parts = {number: tracks[number].segments(length, stride) for number in sorted(tracks)}
+    means = np.concatenate([np.zeros((0, 4)), *parts.values()])
+    vehicles = np.repeat(np.array(list(parts), dtype=np.int64), [len(part) for part in parts.values()])
+    return TrackSegments(vehicles, means[:, 0], means[:, 1:3], means[:, 3])
+
+
 def segment_track(
     vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MAX_SEGMENTS
 ) -> TrackSegments:
@@ -55,26 +125,13 @@ def segment_track(
         depths_m: Depths (n,).
         most: Approximate maximum number of segments.
     """
-    rows = np.column_stack([vehicles, stamps_s, raw_m, depths_m])
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
-    if not len(rows):
-        return TrackSegments(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
-    way = np.diff(rows[:, 2:4], axis=0)
-    step = np.sqrt(np.einsum("nd,nd->n", way, way))
-    other = np.diff(rows[:, 0]) != 0.0
-    distance = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
-    length = max(SEGMENT_M, float(distance[-1]) / most)
-    stride = 1
-    if length > MAX_SEGMENT_M:
-        stride, length = 2 ** math.ceil(math.log2(length / MAX_SEGMENT_M)), MAX_SEGMENT_M
-    begins = np.concatenate([[0.0], np.where(other, distance[1:], 0.0)])
-    segment = np.floor((distance - np.maximum.accumulate(begins)) / length)
-    # A segment also ends where another vehicle's soundings begin, and at a gap longer than its length.
-    ends = other | (np.diff(segment) != 0.0) | (step > length)
-    number = np.concatenate([[0], np.cumsum(ends)])
-    count = np.bincount(number)
-    means = [np.bincount(number, rows[:, c]) / count for c in range(5)]
-    kept = segment[np.concatenate([[True], np.diff(number) > 0])] % stride == 0.0
-    means = [mean[kept] for mean in means]
-    return TrackSegments(np.rint(means[0]).astype(np.int64), means[1], np.column_stack(means[2:4]), means[4])
+    tracks: dict[int, SegmentedTrack] = {}
+    add_to_tracks(tracks, vehicles, np.column_stack([stamps_s, raw_m, depths_m]))
+    return segment_tracks(tracks, most)
+
+
+def add_to_tracks(tracks: dict[int, SegmentedTrack], vehicles: NDArray[np.int64], rows: Array) -> None:
+    """Adds soundings of several vehicles: time, raw north and east, depth (n, 4); those not finite are dropped."""
+    finite = np.isfinite(rows).all(axis=1)
+    for number in np.unique(vehicles[finite]).tolist():
+        tracks.setdefault(number, SegmentedTrack()).add(rows[finite & (vehicles == number)])

@@ -10,7 +10,13 @@ from auv_lse_gp.places import error_model
 from auv_lse_gp.places.error_model import MAX_KNOTS, VehicleErrorModel
 from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_gp.places.track import OwnTrack
-from auv_lse_gp.places.track_segments import MAX_SEGMENT_M, MAX_SEGMENTS, segment_track
+from auv_lse_gp.places.track_segments import (
+    MAX_SEGMENT_M,
+    MAX_SEGMENTS,
+    add_to_tracks,
+    segment_track,
+    segment_tracks,
+)
 
 CONFIG = PlacesConfig()
 
@@ -40,6 +46,25 @@ def test_segments_of_a_long_track_stay_as_it_grows():
     before, after = _segments(25_000.0), _segments(25_900.0)
     assert np.array_equal(before.raw_m[:-1], after.raw_m[: len(before) - 1])
     assert before.raw_m[0, 0] <= 0.5 * MAX_SEGMENT_M
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_segments_of_soundings_added_one_after_another_are_those_of_all(seed):
+    """Bit by bit, whether or not some come late, at every length of the track."""
+    rng, tracks, all_rows = np.random.default_rng(seed), {}, []
+    for step in range(12):
+        count = int(rng.integers(50, 1500))
+        times = 100.0 * step + np.sort(rng.uniform(0.0, 100.0 + 10.0 * seed, count))
+        places = 30.0 * step + np.cumsum(rng.normal(0.0, 2.0, (count, 2)), axis=0)
+        rows = np.column_stack([rng.integers(1, 3, count), times, places, rng.normal(size=count)])
+        rows[rng.random(count) < 0.01, 1] = np.nan
+        all_rows.append(rows)
+        add_to_tracks(tracks, rows[:, 0].astype(np.int64), rows[:, 1:])
+        found, every = segment_tracks(tracks), np.concatenate(all_rows)
+        expected = segment_track(every[:, 0].astype(np.int64), every[:, 1], every[:, 2:4], every[:, 4])
+        for name in ("vehicles", "stamps_s", "raw_m", "depths_m"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name))
+    assert sum(track.length_m for track in tracks.values()) > MAX_SEGMENTS * MAX_SEGMENT_M
 
 
 def test_knots_of_a_long_mission_stay_as_it_goes_on():

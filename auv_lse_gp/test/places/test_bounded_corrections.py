@@ -1,0 +1,122 @@
+"""What a correction computes in a large map does not grow with the map, and is close to what all centers give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from places_helpers import Ground, played, sail, surface
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.map import online
+from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.depth_sensitivity import DepthSensitivity
+from auv_lse_gp.places.error_model import VehicleErrorModel
+from auv_lse_gp.places.track import MateTrack, OwnTrack
+
+CONFIG = PlacesConfig(correct=True, heading_std_deg=1.0)
+
+
+def _mission(seed: int, gp: GpConfig, legs: int = 60, vehicles: int = 2, box_m: float = 400.0) -> MapIntake:
+    rng = np.random.default_rng(seed)
+    ground = Ground(rng, gp)
+    team = [sail(rng, CONFIG, legs, box_m=box_m) for _ in range(vehicles)]
+    surface(rng, team[0], 400)
+    surface(rng, team[0], 12 * legs)
+    return played(team, ground, CONFIG, gp)
+
+
+@pytest.mark.parametrize(
+    ("seed", "prior"),
+    [
+        (0, {}),
+        (1, {"kernel": "matern32"}),
+        (0, {"length_scale_2_m": 50.0, "rotation_deg": 30.0}),
+        (1, {"length_scale_2_m": 50.0, "rotation_deg": 30.0}),
+        (2, {"kernel": "wendland_c2"}),
+    ],
+    ids=["matern52", "matern32", "anisotropic0", "anisotropic1", "wendland"],
+)
+def test_place_effects_are_close_to_those_of_dense_slopes(
+    monkeypatch: pytest.MonkeyPatch, seed: int, prior: dict[str, float]
+) -> None:
+    """Tolerances: the place variance summed over the map within 6 %, a standard deviation within 4 % (rms)."""
+    monkeypatch.setattr(online, "MAX_DENSE", 60)
+    corrector = _mission(seed, GpConfig(**prior)).corrector
+    assert corrector is not None
+    found, correction = corrector.corrected_map, corrector.correction
+    assert correction is not None
+    gp = found.map.gp
+    assert gp.is_tiled
+    found.set_uncertainty(correction, 1)
+    effect = gp.centers.place_effect_m
+    assert effect is not None
+    dense, seeds = Posterior(gp.config), found.seeds
+    dense.follow(gp.centers)
+    exact = DepthSensitivity(found.log)
+    exact.update(correction, dense.slopes(gp.centers.places_m), seeds)
+    std, expected = (np.sqrt((each**2).sum(axis=1)) for each in (effect, exact.effect(1)))
+    assert (std**2).sum() == pytest.approx((expected**2).sum(), rel=0.06)
+    assert np.sqrt(((std - expected) ** 2).mean()) < 0.04 * np.sqrt((expected**2).mean())
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_centers_stay_close_to_their_corrected_positions(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Tolerance: `places.moved_m`; a fifth more between the centers at which positions are checked."""
+    monkeypatch.setattr(online, "MAX_DENSE", 60)
+    corrector = _mission(seed, GpConfig()).corrector
+    assert corrector is not None
+    assert corrector.correction is not None
+    log, seeds = corrector.log, corrector.corrected_map.seeds
+    off_m = np.linalg.norm(log.corrected_m(corrector.correction, seeds) - log.mapped_m[seeds], axis=1)
+    assert np.quantile(off_m, 0.98) <= CONFIG.moved_m
+    assert off_m.max() <= 1.2 * CONFIG.moved_m
+    assert off_m.max() > 0.0, "not all centers move at each correction"
+
+
+def test_sensitivities_of_a_correction_do_not_grow_with_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(online, "MAX_DENSE", 60)
+    computed: list[tuple[int, int]] = []
+    update, jacobian = DepthSensitivity.update, Correction.own_jacobian
+
+    def counted(self: DepthSensitivity, correction: Correction, slopes: np.ndarray, seeds: np.ndarray) -> None:
+        computed.append((len(seeds), 0))
+        update(self, correction, slopes, seeds)
+
+    def derived(self: Correction, vehicle: int, stamps_s: np.ndarray, raw_places_m: np.ndarray) -> np.ndarray | None:
+        if computed:
+            computed[-1] = computed[-1][0], computed[-1][1] + len(stamps_s)
+        return jacobian(self, vehicle, stamps_s, raw_places_m)
+
+    monkeypatch.setattr(DepthSensitivity, "update", counted)
+    monkeypatch.setattr(Correction, "own_jacobian", derived)
+    _mission(4, GpConfig(length_scale_m=25.0), legs=90, vehicles=1, box_m=900.0)
+    sizes, rows = np.array([c for c in computed if c[0] > 60]).T
+    assert sizes[-1] > 3 * 60
+    early, late = np.median(rows[: len(rows) // 3]), np.median(rows[-len(rows) // 3 :])
+    assert late <= 1.5 * early
+    assert late < 0.25 * sizes[-1]
+
+
+@pytest.mark.parametrize("of_mate", [False, True])
+def test_sums_along_a_track_continue_those_of_an_older_model(of_mate: bool) -> None:
+    """Bit by bit, also when knots are added or spaced wider, and when samples refine a mate's track."""
+    sailed = sail(np.random.default_rng(5), CONFIG, 80)
+    track: OwnTrack | MateTrack = MateTrack() if of_mate else OwnTrack()
+    older, spans = None, set()
+    config = PlacesConfig(correct=True, knot_s=40.0)
+    for i in range(0, len(sailed.times), 7):
+        track.add(float(sailed.times[i]), *sailed.raw[i].tolist())
+        if isinstance(track, MateTrack) and i > 21:
+            samples = np.array([i - 5.0, i - 12.0])[::-1]
+            track.refine(samples, sailed.raw[samples.astype(int)])
+        if i % 35:
+            continue
+        model = VehicleErrorModel(track, 0, config, older=older)
+        anew = VehicleErrorModel(track, 0, config)
+        assert np.array_equal(model._walk_m, anew._walk_m)
+        older = model
+        spans.add(model._span_s)
+    assert len(spans) == 2
