@@ -59,7 +59,6 @@ Line = dict[str, Any]
 VARIANTS: dict[str, dict[str, Any]] = {
     "tour": {},
     "fitted lanes": {"planner.method": "lawnmower"},
-    "joint routes": {"planner.team_routes": True},
 }
 #: Seed of the first lake; seeds 8200 to 8211 and 8300 to 8311 were used to choose among trials.
 FIRST = 9600

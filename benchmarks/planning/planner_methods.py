@@ -45,11 +45,10 @@ METHODS = (
     "tour",
 )
 #: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip; plain
-#: search credited beyond the team mates' plans; tours that start from joint routes.
+#: search credited beyond the team mates' plans.
 VARIANTS: dict[str, dict[str, Any]] = {
     "covering": {"method": "lawnmower", "naive_paths": STRIPS},
     "plain_beyond": {"method": "plain", "credit": "beyond"},
-    "team_routes": {"method": "tour", "team_routes": True},
 }
 #: North and east span (m) of the areas, and their margin around the start (0, 0).
 AREAS = {"small": (400.0, 500.0, 20.0), "default": (600.0, 700.0, 50.0)}
@@ -195,9 +194,9 @@ def main(arguments: list[str] | None = None) -> None:
         "--methods",
         nargs="+",
         default=list(METHODS),
-        choices=(*METHODS, "team_routes"),
+        choices=METHODS,
         metavar="METHOD",
-        help=f"any of {', '.join(METHODS)} (default: all of these), and team_routes",
+        help=f"any of {', '.join(METHODS)} (default: all of these)",
     )
     parser.add_argument(
         "--vehicles", type=int, nargs="+", default=[1, 3], metavar="K", help="sizes of team (default: 1 3)"

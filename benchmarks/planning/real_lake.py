@@ -42,7 +42,6 @@ OPEN = "tour, all ground open"
 METHODS: dict[str, dict[str, Any]] = {
     "tour": {},
     OPEN: {},
-    "tour from joint routes": {"planner.team_routes": True},
     "lawnmower": {"planner.method": "lawnmower"},
     "plain": {"planner.method": "plain"},
 }
@@ -98,8 +97,6 @@ def whole(
     for seed, vehicles, (ground, (number, lake)), (name, method) in itertools.product(
         range(1, seeds + 1), teams, zip(grounds, enumerate(grounds.values()), strict=True), METHODS.items()
     ):
-        if vehicles == 1 and "planner.team_routes" in method:
-            continue
         mission = {"mission.seed": seed, "mission.vehicles": vehicles, "mission.steps": steps}
         settings = Settings.load(None, {**mission, **lake, **method})
         found = flown(settings, open_ground=name == OPEN)

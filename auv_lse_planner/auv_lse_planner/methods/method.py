@@ -27,7 +27,6 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.team import Team
-from auv_lse_planner.methods.team_routes import TeamRoutes
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Constant, Value, Weighting
@@ -77,18 +76,13 @@ class PlanningContext:
     rng: np.random.Generator
 
     @cached_property
-    def routes(self) -> TeamRoutes:
-        """Joint routes of the team."""
-        return TeamRoutes(self.settings, self.space, self.rollout, self.map_grid)
-
-    @cached_property
     def window(self) -> GroundWindow:
         """The part of the map that is planned with: all of it, or the ground near the next legs of a long mission."""
         s = self.settings
         return GroundWindow(self.posterior, s.gp, s.level_set, self.map_grid, self.coarse_grid)
 
     def assume_plans(self, situation: Situation) -> None:
-        """Assumes that team mates without a received plan follow their routes or mow, from the first call on."""
+        """Assumes that team mates without a received plan mow, from the first call on."""
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def mates_ahead(self, situation: Situation) -> list[tuple[Array, Array]]:

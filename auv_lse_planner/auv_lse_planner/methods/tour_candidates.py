@@ -1,9 +1,8 @@
 """New plans of the method `tour`.
 
-At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from this vehicle's
-route (`team_routes.py`) and from several boustrophedons. The route and the naive paths are candidates too. A single
-vehicle also optimizes and bends many routes over the whole ground. The best path is then bent: displaced to increase
-its value.
+At the mission's start, waypoints are optimized for the expected end, to which the budget refers, from several
+boustrophedons. The naive paths are candidates too. A single vehicle also optimizes and bends many routes over the whole
+ground (`single_routes.py`). The best path is then bent: displaced to increase its value.
 
 Later, the last path is bent again (`search/tour.py`). The result consists of explicit actions, because a tour's equal
 segments cannot represent narrow turns. The bend favors early reward as far as the budget allows. In addition, a tree
@@ -26,6 +25,7 @@ from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, ST
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
+from auv_lse_planner.methods.single_routes import single_routes_m
 from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
@@ -162,8 +162,7 @@ class TourCandidates:
             return result
         starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
         starts.insert(0, self._finer.resampled(self._polyline(problem, naive[0].path), reward.legs))
-        routed = self._routed(problem, result)
-        for found in self._optimized(starts, routed, reward.weighing(0.0), s):
+        for found in self._optimized(starts, reward.weighing(0.0), s):
             result.add(self._through(problem, found.waypoints_m), found)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             self._bend_alone(problem, result)
@@ -173,25 +172,13 @@ class TourCandidates:
             self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
         return result
 
-    def _routed(self, problem: TourProblem, result: Candidates) -> list[Array]:
-        """This vehicle's route as a start of the optimization, none without one; adds it as it is to the candidates."""
-        s, legs = problem.situation, problem.reward.legs
-        lines_m = self._context.routes.lines_m if s.step == 0 else []
-        if not lines_m:
-            return []
-        line_m = np.concatenate([problem.place_m, lines_m[self._context.vehicle - 1][1:]])
-        if legs <= MAX_EXPLICIT_ACTIONS:
-            actions = self._steering.along(problem.start, line_m, self._space.motion.leg_length_m, legs)
-            result.plans.append(self._candidate(problem.plan(actions), problem.reward))
-        return [self._finer.resampled(line_m, legs)]
-
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
 
         After each round the better half is bent again.
         """
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
-        lines_m = self._context.routes.alone_m(s.state[1:], legs, s.deadline)
+        lines_m = single_routes_m(self._context, s.state[1:], legs, s.deadline)
         starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
         bends: list[list[Candidate]] = []  # of each start
         for line_m in [*starts, *lines_m]:
@@ -257,10 +244,8 @@ class TourCandidates:
                 break
         return naive
 
-    def _optimized(
-        self, starts: Sequence[Array], routed: Sequence[Array], aim: AnytimeReward, s: Situation
-    ) -> list[Found]:
-        """Tours optimized from the routes and the best of several starts, and the best one after more iterations.
+    def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
+        """Tours optimized from the best of several starts, and the best one after more iterations.
 
         Starts are compared with fewer places on each leg, which is enough to rank them.
         """
@@ -271,8 +256,8 @@ class TourCandidates:
                 break
         found: list[Found] = []
         best_first = sorted(range(len(values)), key=lambda i: -values[i])
-        for waypoints in (*routed, *(starts[i] for i in best_first[:STARTS])):
-            found.append(self._search.improve(waypoints, aim.legs, aim, START_ITERATIONS, s.deadline))
+        for i in best_first[:STARTS]:
+            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline))
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)

@@ -1,12 +1,12 @@
-"""Routes for a whole team: nodes spread over the ground, and which vehicle visits them in which order.
+"""Routes over the ground: nodes spread over it, and the order in which a vehicle visits them.
 
-Nodes are centroidal (Lloyd's algorithm) over the ground that vehicles can reach. Distances lead around land. All nodes
-are assigned to the vehicles jointly by ruin and recreate (Christiaens and Vanden Berghe 2020, Slack induction by string
-removals): each iteration removes a node and its neighbors from the routes and inserts them anew where that costs least.
-What exceeds a vehicle's budget stays out.
+Nodes are centroidal (Lloyd's algorithm) over the ground that a vehicle can reach. Distances lead around land. The order
+is found by ruin and recreate (Christiaens and Vanden Berghe 2020, Slack induction by string removals): each iteration
+removes a node and its neighbors from the route and inserts them anew where that costs least. What exceeds the budget
+stays out.
 
-All arithmetic is in integers (centimetres), with random numbers of its own, so that every vehicle computes the same
-routes.
+All arithmetic is in integers (centimetres), with random numbers of its own, so that a route is the same on every
+machine.
 """
 
 from __future__ import annotations
@@ -70,51 +70,50 @@ def lloyd(places, count, iterations):
 
 
 @compiled
-def insert_best(node, routes, sizes, lengths, budget, distance, state):
-    """Inserts a node where that costs least within the budget; returns whether it fits, and the random state."""
-    best, best_route, best_at = 1 << 62, -1, 0
-    for k in range(routes.shape[0]):
-        for at in range(1, sizes[k] + 1):
-            state = state * MULTIPLIER % MODULUS
-            if state % 100 == 0:  # a blink: sometimes another place is taken
-                continue
-            before = routes[k, at - 1]
-            extra = distance[before, node]
-            if at < sizes[k]:
-                after = routes[k, at]
-                extra += distance[node, after] - distance[before, after]
-            if extra < best and lengths[k] + extra <= budget:
-                best, best_route, best_at = extra, k, at
-    if best_route < 0:
-        return False, state
-    for at in range(sizes[best_route], best_at, -1):
-        routes[best_route, at] = routes[best_route, at - 1]
-    routes[best_route, best_at] = node
-    sizes[best_route] += 1
-    lengths[best_route] += best
-    return True, state
+def insert_best(node, route, size, length, budget, distance, state):
+    """Inserts a node where that costs least within the budget.
+
+    Returns:
+        Whether it fits, the route's new size and length, and the random state.
+    """
+    best, best_at = 1 << 62, 0
+    for at in range(1, size + 1):
+        state = state * MULTIPLIER % MODULUS
+        if state % 100 == 0:  # a blink: sometimes another place is taken
+            continue
+        before = route[at - 1]
+        extra = distance[before, node]
+        if at < size:
+            after = route[at]
+            extra += distance[node, after] - distance[before, after]
+        if extra < best and length + extra <= budget:
+            best, best_at = extra, at
+    if best_at == 0:
+        return False, size, length, state
+    for at in range(size, best_at, -1):
+        route[at] = route[at - 1]
+    route[best_at] = node
+    return True, size + 1, length + best, state
 
 
 @compiled
-def ruin_and_recreate(distance, near, penalty, vehicles, budget, iterations, hot):
-    """Routes (K, N + 1) over nodes 0 to N - 1, each from node N, and their sizes (K,).
+def ruin_and_recreate(distance, near, penalty, budget, iterations, hot):
+    """A route (n,) over some of the nodes 0 to N - 1, from node N.
 
     Args:
         distance: Between nodes, shape (N + 1, N + 1); the last one is the start.
         near: For each node the others by distance, shape (N, N).
         penalty: Cost of leaving each node out, shape (N,).
-        vehicles: Number of routes.
-        budget: Largest length of a route.
+        budget: Largest length of the route.
         iterations: Number of iterations.
         hot: Largest increase of the cost that is accepted at first; it falls to 0.
     """
     count = penalty.shape[0]
-    routes = np.full((vehicles, count + 1), count, dtype=np.int64)
-    sizes, lengths = np.ones(vehicles, dtype=np.int64), np.zeros(vehicles, dtype=np.int64)
+    route, size, length = np.full(count + 1, count, dtype=np.int64), 1, 0
     absent = np.ones(count, dtype=np.bool_)
     cost = np.sum(penalty)
-    best_routes, best_sizes, best = routes.copy(), sizes.copy(), cost
-    old_routes, old_sizes, old_lengths, old_absent = routes.copy(), sizes.copy(), lengths.copy(), absent.copy()
+    best_route, best_size, best = route.copy(), size, cost
+    old_route, old_size, old_length, old_absent = route.copy(), size, length, absent.copy()
     waiting = np.empty(count, dtype=np.int64)
     state = 4711
     for iteration in range(iterations):
@@ -125,16 +124,14 @@ def ruin_and_recreate(distance, near, penalty, vehicles, budget, iterations, hot
         if iteration:
             for i in range(min(removed, count)):
                 absent[near[seed, i]] = True
-        for k in range(vehicles):
-            kept = 1
-            for at in range(1, sizes[k]):
-                if not absent[routes[k, at]]:
-                    routes[k, kept] = routes[k, at]
-                    kept += 1
-            sizes[k] = kept
-            lengths[k] = 0
-            for at in range(1, kept):
-                lengths[k] += distance[routes[k, at - 1], routes[k, at]]
+        kept = 1
+        for at in range(1, size):
+            if not absent[route[at]]:
+                route[kept] = route[at]
+                kept += 1
+        size, length = kept, 0
+        for at in range(1, kept):
+            length += distance[route[at - 1], route[at]]
         total = 0
         for i in range(count):
             if absent[i]:
@@ -145,22 +142,22 @@ def ruin_and_recreate(distance, near, penalty, vehicles, budget, iterations, hot
             j = state % (i + 1)
             waiting[i], waiting[j] = waiting[j], waiting[i]
         for i in range(total):
-            fits, state = insert_best(waiting[i], routes, sizes, lengths, budget, distance, state)
+            fits, size, length, state = insert_best(waiting[i], route, size, length, budget, distance, state)
             absent[waiting[i]] = not fits
-        new = np.sum(lengths)
+        new = length
         for i in range(count):
             if absent[i]:
                 new += penalty[i]
         state = state * MULTIPLIER % MODULUS
         if new <= cost + hot * (iterations - iteration) // iterations * (state % 1000) // 1000:
             cost = new
-            old_routes[:], old_sizes[:], old_lengths[:], old_absent[:] = routes, sizes, lengths, absent
+            old_route[:], old_size, old_length, old_absent[:] = route, size, length, absent
             if new < best:
-                best = new
-                best_routes[:], best_sizes[:] = routes, sizes
+                best, best_size = new, size
+                best_route[:] = route
         else:
-            routes[:], sizes[:], lengths[:], absent[:] = old_routes, old_sizes, old_lengths, old_absent
-    return best_routes, best_sizes
+            route[:], size, length, absent[:] = old_route, old_size, old_length, old_absent
+    return best_route[:best_size]
 
 
 def free_area_m2(space: FreeSpace) -> float:
@@ -256,16 +253,13 @@ def nearest_node(nodes: Ints, place: Ints) -> int:
     return int(np.argmin(((nodes - place) ** 2).sum(axis=1)))
 
 
-def routes_m(
-    ground: Ground, start_m: Array, weights_at: Array, vehicles: int, length_m: float, count: int
-) -> list[Array]:
-    """Routes of all vehicles from one start, each a polyline (n + 1, 2) of at most `length_m`.
+def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, count: int) -> Array:
+    """A route from a start, a polyline (n + 1, 2) of at most `length_m`.
 
     Args:
         start_m: North and east, shape (2,).
         weights_at: Importance of the ground's places (P,); any unit.
-        vehicles: Number of vehicles.
-        length_m: Largest length of a route.
+        length_m: Largest length of the route.
         count: Number of nodes.
     """
     nodes = ground.nodes_cm(count)
@@ -278,21 +272,11 @@ def routes_m(
     spacing = round(100.0 * float(np.sqrt(ground.area_m2 / len(nodes))))
     share = np.rint(1000.0 * weight / max(float(weight.mean()), 1e-300)).astype(np.int64)
     near = np.argsort(distance[:-1, :-1], axis=1, kind="stable")
-    routes, sizes = ruin_and_recreate(
-        distance,
-        near,
-        COST_OF_OMISSION * spacing * share // 1000,
-        vehicles,
-        round(100.0 * length_m),
-        ITERATIONS,
-        spacing,
-    )
-    lines = []
-    for route, size in zip(routes, sizes, strict=True):
-        line = [start[None]]
-        for i, j in itertools.pairwise(route[:size]):
-            line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), places[j][None]]
-        if size == 1:  # no node: it stays near the start
-            line.append(places[nearest_node(nodes, start)][None])
-        lines.append(np.asarray(0.01 * np.concatenate(line), dtype=np.float64))
-    return lines
+    penalty = COST_OF_OMISSION * spacing * share // 1000
+    route = ruin_and_recreate(distance, near, penalty, round(100.0 * length_m), ITERATIONS, spacing)
+    line = [start[None]]
+    for i, j in itertools.pairwise(route):
+        line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), places[j][None]]
+    if len(route) == 1:  # no node: it stays near the start
+        line.append(places[nearest_node(nodes, start)][None])
+    return np.asarray(0.01 * np.concatenate(line), dtype=np.float64)

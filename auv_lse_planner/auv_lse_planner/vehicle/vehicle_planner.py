@@ -464,9 +464,7 @@ class VehiclePlanner:
         return anchor + self._map_offset_m, reanchored or self._travel.leg is not None
 
     def _assumed_plan(self, mate: int) -> Plan:
-        """The plan assumed for a team mate until its first plan arrives: its route, or else lanes over its strip."""
-        if self.planner.family.sends_tours and self._context.routes.lines_m:
-            return self._context.routes.plan(mate)
+        """The plan assumed for a team mate until its first plan arrives: lanes over its strip."""
         v = self.settings.vehicle
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
         return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])

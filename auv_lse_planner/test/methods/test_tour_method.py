@@ -9,9 +9,9 @@ from auv_lse_common.support.compiled import USE_NUMBA
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
-from auv_lse_planner.methods import coverage
+from auv_lse_planner.methods import coverage, tour_candidates
 from auv_lse_planner.methods.method import Followed, Situation
-from auv_lse_planner.methods.team_routes import TeamRoutes
+from auv_lse_planner.methods.single_routes import single_routes_m
 from auv_lse_planner.methods.tour_candidates import (
     FINEST_BENDS,
     NO_FLOOR,
@@ -134,12 +134,12 @@ def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
     for searched in (False, True):
         with monkeypatch.context() as patch:
             if not searched:
-                patch.setattr(TeamRoutes, "alone_m", lambda *_: [])
+                patch.setattr(tour_candidates, "single_routes_m", lambda *_: [])
             planner = _planner(steps=30, planner={"anytime_weight": 0.0, "own_share": 0.0})
             found[searched] = _travel(planner, 1)[0].bound.expected_end
     assert found[True] > 1.005 * found[False]
     team = _planner(1, 2, 40)
-    assert team._context.routes.alone_m(np.zeros(2), 40) == []
+    assert single_routes_m(team._context, np.zeros(2), 40) == []
 
 
 @pytest.mark.skipif(not USE_NUMBA, reason="a single vehicle's routes need compiled code")

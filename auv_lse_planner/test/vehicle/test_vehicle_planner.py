@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.online import OnlineGp
-from auv_lse_planner.methods import stages, team_routes
+from auv_lse_planner.methods import single_routes, stages
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -539,13 +539,13 @@ def work_after(monkeypatch):
 
     for name in ("value", "value_and_gradient", "coarse_value"):
         counting(AnytimeReward, name)
-    counting(team_routes, "routes_m")
+    counting(single_routes, "route_m")
     return counted
 
 
 @pytest.mark.parametrize(("steps", "vehicles"), [(30, 1), (60, 2), (210, 2)])
 def test_the_first_decision_ends_soon_after_its_deadline(steps, vehicles, work_after, monkeypatch):
-    monkeypatch.setattr(team_routes, "USE_NUMBA", True)
+    monkeypatch.setattr(single_routes, "USE_NUMBA", True)
     for checks in (1, 4, 12, 40, 90):
         planner = VehiclePlanner(1, settings(steps=steps, vehicles=vehicles), np.random.default_rng(1))
         planner.odometry(0.0, 0.0, 0.0, 0.0)

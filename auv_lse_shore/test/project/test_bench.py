@@ -408,13 +408,13 @@ def test_variants_are_compared_lake_by_lake():
         within = {"isobath_found_within_m": 9.0, "isobath_found_error_p95_m": None}
         return {**names, **figures, **losses, **within, "isobath_undiscovered_limit_m": 2.0}
 
-    lines = [line("tour", "1", 2.0, 0), line("tour", "2", 4.0, 1), line("joint routes", "2", 5.0, 0)]
+    lines = [line("tour", "1", 2.0, 0), line("tour", "2", 4.0, 1), line("another", "2", 5.0, 0)]
     text = table(lines)
     assert "| made up, 3: tour | 2 | 0.50 (0.09 to 0.91) | 1 | 50 | 3.0 | 4.0 |" in text[2]
     assert "| made up, 3: tour | far | 0.100 | 1.000 | 0.500 |" in text
     assert "| made up, 3: tour | border | 0.200 | 0.250 | 0.250 |" in text
     assert "| 3, 2: tour | 50 | 90 | 31 | 1.2 | 2.5 | 0.30 | 4.0 |" in text[-1]
-    assert "| 3: joint routes | 1 | +1.00 (" in pairs(lines)[-1]
+    assert "| 3: another | 1 | +1.00 (" in pairs(lines)[-1]
     assert "+25 %" in pairs(lines)[-1]
 
 

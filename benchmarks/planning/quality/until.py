@@ -153,8 +153,7 @@ def along_isobath(lines: Sequence[Array], start_m: Array, share: float) -> Array
     low, high, best = 0, round(100.0 * (4.0 * length.sum() + float(np.hypot(*np.ptp(places, axis=0))))), np.arange(0)
     for _ in range(BISECTIONS):
         budget = high if not len(best) else (low + high) // 2
-        routes, sizes = ruin_and_recreate(distance, near, prizes, 1, budget, ITERATIONS, hot)
-        route = routes[0, : sizes[0]]
+        route = ruin_and_recreate(distance, near, prizes, budget, ITERATIONS, hot)
         if float(length[route[1:]].sum()) >= share * float(length.sum()) - 1e-6:
             best, high = route, budget
         else:

@@ -92,11 +92,6 @@ class PlannerConfig:
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
     )
-    team_routes: bool = parameter(
-        False,
-        help="method tour: start from joint routes of the whole team, and assume team mates on theirs until they are "
-        "heard; the same for all vehicles",
-    )
     deadline_s: float = parameter(
         2.0,
         unit="s",
