@@ -168,6 +168,7 @@ class VehicleDay:
         """What the vehicle has lost over the whole day; the day must be over."""
         ledger = self.vehicle.witness.ledger
         lost = [f"steps {steps} were not decided"] if (steps := ledger.lost_steps(legs)) else []
+        lost += [f"its map lost {number} soundings" for number in ledger.lost_soundings()]
         final_m = self.vehicle.witness.centers_m()
         missing = sum(lost_places(each, final_m, _center_tolerance_m()) for each in self._maps_m)
         lost += [f"{missing} centers of earlier maps are not in the last one"] if missing else []
@@ -293,7 +294,8 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         first = {k: vehicle.witness.ledger.last_step for k, vehicle in bed.vehicles.items()}
         days = [VehicleDay(bed, vehicle, faults[k], say) for k, vehicle in bed.vehicles.items()]
         bed.wait(lambda: sum(day.advance() for day in days) == vehicles, math.inf)  # advances every vehicle
-        bed.spend(1.0)  # the last maps
+        waters = [vehicle.witness for vehicle in bed.vehicles.values()]
+        bed.wait(lambda: all("map size" in water.published_s for water in waters), NEVER_S)  # after the last restarts
         sizes = {day.vehicle.number: _memory(day.vehicle) for day in days}
         lost = [f"auv{day.vehicle.number}: {text}" for day in days for text in day.lost_at_end(legs)]
         packets = {day.vehicle.number: len(day.vehicle.witness.ledger.slots) for day in days}
@@ -302,7 +304,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     lines = [*_fault_rows(strikes), "", *_late_rows(days, sizes, packets), ""]
     team = f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, {legs} legs each ({legs * LEG_S / 3600.0:.1f} h, "
     speed = _speed([day.ended_s - began_s for day in days], legs - 1 - max(first.values()), days)
-    verdict = "; ".join(lost) or "nothing lost: every step decided once, every journal read back, no center lost"
+    verdict = "; ".join(lost) or "nothing lost: every step decided once, every journal read back, no sounding lost"
     lines.append(f"{team}{options.method}) {speed} (aim: {options.speed_up:g}); {verdict}")
     worst = max((strike.output_s for strike in strikes if not math.isnan(strike.output_s)), default=None)
     return Report(lines, len(strikes), sum(not strike.wrong for strike in strikes), worst, lost)

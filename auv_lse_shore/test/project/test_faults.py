@@ -148,6 +148,16 @@ def test_a_step_is_lost_without_leg_and_record(ledger):
     assert ledger.lost_steps(2) == [0, 1]
 
 
+def test_a_map_that_has_fewer_soundings_than_before_has_lost_them(ledger):
+    ledger.map_sizes += [10, 10, 25]
+    assert ledger.lost_soundings() == []
+    ledger.map_sizes += [20, 30, 29]
+    assert ledger.lost_soundings() == [5, 1]
+    ledger.new_dive()
+    ledger.map_sizes += [1]
+    assert ledger.lost_soundings() == []
+
+
 def test_each_packet_has_a_counter_and_a_slot_of_its_own(ledger):
     sender = Tagger(bytes(16), 8, "dive")
 
@@ -303,11 +313,15 @@ def test_a_restarted_map_without_a_center_and_a_journal_that_is_not_read_are_los
     come_back(team, "gp_node", 1)
     team[1].log("gp_node", "journal x: 1 records read back\n")
     own.advance()
+    team[1].witness.ledger.map_sizes += [90, 80]
     assert own.strikes[0].wrong == [
         "gp_node: 1 of the journal's 2 records read back",
         "1 of 2 centers are not in the next map",
     ]
-    assert own.lost_at_end(2) == ["1 centers of earlier maps are not in the last one"]
+    assert own.lost_at_end(2) == [
+        "its map lost 10 soundings",
+        "1 centers of earlier maps are not in the last one",
+    ]
 
 
 def test_what_never_comes_back_is_a_loss_and_a_silent_planner_ends_the_day(team, monkeypatch):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +29,7 @@ class Ledger:
         broken: Violated requirements, one sentence each.
         last_step: Last step decided; -1 before the first.
         slots: Counters used by the packets: slot (s) and era.
+        map_sizes: Soundings in the map, each time that the vehicle has reported them.
     """
 
     def __init__(self, vehicle: int, tdma: Tdma, tagger: Tagger) -> None:
@@ -43,6 +45,7 @@ class Ledger:
         self.last_step = self._last_record = -1
         self._ends_m: dict[int, tuple[float, float]] = {}
         self._recorded: set[int] = set()
+        self.map_sizes: list[int] = []
 
     def take_record(self, step: int) -> None:
         """Takes the record of a decision, which is published once."""
@@ -62,6 +65,10 @@ class Ledger:
     def lost_steps(self, legs: int) -> list[int]:
         """The steps of a mission of so many legs of which neither leg nor record was published."""
         return sorted(set(range(legs)) - set(self._ends_m) - self._recorded)
+
+    def lost_soundings(self) -> list[int]:
+        """How many soundings the map lost, for each time that it had fewer than before."""
+        return [before - after for before, after in pairwise(self.map_sizes) if after < before]
 
     def take_packet(self, stamp_s: float, payload: bytes) -> None:
         """Takes a packet that is sent at `stamp_s`: in an own slot, with a counter that no other packet has."""

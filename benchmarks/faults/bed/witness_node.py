@@ -39,6 +39,8 @@ DEPTH_M, GROUND_M = 3.0, 15.0
 #: A moving vehicle measures the depth at least this often (m).
 SOUNDING_M = 1.5
 _PERIOD_S = 0.1
+#: What becomes of a sounding, in the diagnostics of gp_node.
+_OUTCOMES = ("kept", "too_close", "merged", "outliers", "full", "refused")
 #: The last message of a writer that starts before it is discovered, and then every message.
 _LATCHED_EVERY = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -57,7 +59,7 @@ class Witness:
         depth_m: The vehicle's depth.
         problems: What nodes have reported about their files since `forget`.
         since_s: When nodes died last (s since 1970), see `note_death`.
-        published_s: First message on each topic that was sent since then (s).
+        published_s: First message on each topic that was sent since then (s); "map size": diagnostics with that.
         heard_s: When the vehicle published a mate's plan last, by mate (s).
     """
 
@@ -228,9 +230,12 @@ class Witness:
 
     def _take(self, topic: str, take: Callable[[Any], None], message: Any, info: Any) -> None:
         self._sent_s = 1e-9 * info["source_timestamp"]
+        self._note(topic)
+        take(message)
+
+    def _note(self, topic: str) -> None:
         if self._sent_s > self.since_s:
             self.published_s.setdefault(topic, self._sent_s)
-        take(message)
 
     def _on_state(self, message: MissionState) -> None:
         self.state = message
@@ -261,3 +266,7 @@ class Witness:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.problems.update(text for text in ("cannot be written", "not trusted") if text in status.message)
+            found = {entry.key: entry.value for entry in status.values}
+            if status.name.endswith("gp_node") and set(_OUTCOMES) <= set(found):
+                self.ledger.map_sizes.append(sum(int(found[key]) for key in _OUTCOMES))
+                self._note("map size")
