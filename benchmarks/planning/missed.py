@@ -10,9 +10,9 @@ FILE is a lake's grid or soundings; without it no real lake is flown. One vehicl
 700 m.
 
 `--limits` shows what paths of the same length could find. No vehicle flies: places are exact, turns take no distance,
-and every sounding is known to all at once. *Lanes* are straight and equally far apart, in both directions, with once
-and twice the team's distance. *Free* soundings, as many as the distance holds at `FREE_APART_M`, go one after the other
-to the place where the map so far leaves the isobath least certain, however far away it is: no path reaches that.
+and every sounding is known to all at once. *Lanes* are straight and equally far apart, in both directions, with 1, 1.5
+and 2 times the team's distance. *Free* soundings, as many as the distance holds at `FREE_APART_M`, go one after the
+other to the place where the map so far leaves the isobath least certain, however far away it is: no path reaches that.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ ALONG_M, NOISE_M = 3.0, 0.2
 #: Distance (m) between free soundings: cells of a grid on which they are chosen.
 FREE_APART_M = 14.0
 #: Ideal plans: lanes to the north or east with so many times the team's distance, and free soundings.
-IDEALS = (*((way, times) for times in (1.0, 2.0) for way in ("north", "east")), ("free", 1.0))
+IDEALS = (*((way, times) for times in (1.0, 1.5, 2.0) for way in ("north", "east")), ("free", 1.0))
 #: Columns that are compared in pairs: key, heading, whether as a ratio.
 PAIRED = (("isobath_error_m", "isobath error (m)", False), ("isobath_found", "found", False),
           ("risk_after", "final risk", True), ("loss_after", "true loss", True))  # fmt: skip

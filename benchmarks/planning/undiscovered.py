@@ -27,7 +27,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_gp.level_set.lines import near, resample
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import Piece
-from auv_lse_gp.map.depth_map import BAND_SIGMAS, WIDENED, DepthMap
+from auv_lse_gp.map.depth_map import BAND_SIGMAS, DepthMap
 from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
 from auv_lse_shore.campaign.statistics import proportion
 from auv_lse_shore.judge import isobath
@@ -81,17 +81,17 @@ def figures(line: Row) -> Row:
         "limit": missing.limit_m,
         "loss": float(np.mean(cost * (called != deep))),
         "loss_expected": float(field.risk[known].mean()),
-        **_covered(sure, truth),
+        "band": _covered(sure, truth),
     }
 
 
-def _covered(sure: Sequence[Piece], truth: Sequence[Array]) -> Row:
-    """Shares of the line found that are within 1.96 (`narrow`) and `BAND_SIGMAS` (`band`) standard deviations."""
+def _covered(sure: Sequence[Piece], truth: Sequence[Array]) -> float | None:
+    """Share of the line found that is within `BAND_SIGMAS` standard deviations of the true isobath."""
     if not sure or not truth:
-        return {"narrow": None, "band": None}
+        return None
     tree = cKDTree(resample(truth, 0.5))
     off = np.concatenate([tree.query(p.line)[0] / np.maximum(p.std_m, 1e-6) for p in sure])
-    return {"narrow": float(np.mean(off <= BAND_SIGMAS / WIDENED)), "band": float(np.mean(off <= BAND_SIGMAS))}
+    return float(np.mean(off <= BAND_SIGMAS))
 
 
 def groups_of(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -113,13 +113,13 @@ def table(rows: Sequence[Row]) -> list[str]:
     """The groups in Markdown: means, the median of limit / missing, and the share of missions whose limit holds."""
     lines = [
         "| ground, vehicles | missions | missing (m) | expected (m) | expected / true | limit (m) | limit / missing, "
-        "median | limit holds (95 % interval) | expected / true loss | within 1.96 deviations | within the band |",
-        "|---" * 11 + "|",
+        "median | limit holds (95 % interval) | expected / true loss | within the band |",
+        "|---" * 10 + "|",
     ]
     for name, group in groups_of(rows).items():
         mean = {
             key: float(np.mean([r[key] for r in group if r[key] is not None] or [math.nan]))
-            for key in ("missing", "expected", "limit", "loss", "loss_expected", "narrow", "band")
+            for key in ("missing", "expected", "limit", "loss", "loss_expected", "band")
         }
         ratios = [r["limit"] / r["missing"] for r in group if r["missing"] > MISSED_M]
         sharpness = f"{np.median(ratios):.2f}" if ratios else "–"
@@ -128,7 +128,7 @@ def table(rows: Sequence[Row]) -> list[str]:
             f"| {name} | {len(group)} | {mean['missing']:.0f} | {mean['expected']:.0f} | "
             f"{mean['expected'] / max(mean['missing'], 1e-9):.2f} | {mean['limit']:.0f} | "
             f"{sharpness} | {holds} | "
-            f"{mean['loss_expected'] / max(mean['loss'], 1e-9):.2f} | {mean['narrow']:.3f} | {mean['band']:.3f} |"
+            f"{mean['loss_expected'] / max(mean['loss'], 1e-9):.2f} | {mean['band']:.3f} |"
         )
     return lines
 

@@ -47,6 +47,8 @@ Array = NDArray[np.float64]
 
 #: Number of places that `moments` processes together, so that the data fit in the processor's cache.
 CHUNK = 2048
+#: Number of covariances' slopes that are computed together.
+_SLOPES = 2_000_000
 #: Half of the distance (m) of the finite difference for a prior mean's slope.
 _SLOPE_M = 0.5
 
@@ -311,6 +313,12 @@ class Posterior:
             return slopes
         return self.banks.slopes(places, self.mean_m(places), slopes)
 
+    def slopes_above_prior(self, places_m: Array) -> Array:
+        """Slope (P, 2) at places (P, 2) of the mean less the prior mean, of the relative depth near a known shore."""
+        n = self.data_rows
+        weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
+        return slopes_above_prior(self.kernel, self._scaled[:n], weights, places_m)
+
     def depth_and_slope(self, places_m: ArrayLike) -> DepthAndSlope:
         """Joint distribution of depth and slope at places (P, 2) given the data; places of centers count as known."""
         places = checked_places(places_m)
@@ -424,8 +432,15 @@ class Posterior:
 
 def depth_slopes(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
     """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
-    sums = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
-    return sums + prior_slopes(mean, places_m)
+    return slopes_above_prior(kernel, scaled, weights, places_m) + prior_slopes(mean, places_m)
+
+
+def slopes_above_prior(kernel: Kernel, scaled: Array, weights: Array, places_m: Array) -> Array:
+    """Slope (P, 2) at places (P, 2) of sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
+    at, rows = kernel.scale(places_m), max(1, _SLOPES // max(len(scaled), 1))
+    parts = [at[first : first + rows] for first in range(0, len(at), rows)]
+    sums = [kernel.gradient_sums(part, np.tile(weights, (len(part), 1)), scaled) for part in parts]
+    return np.concatenate([np.zeros((0, 2)), *sums])
 
 
 def prior_slopes(mean: PriorMean, places_m: Array) -> Array:

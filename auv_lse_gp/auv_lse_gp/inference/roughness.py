@@ -1,18 +1,25 @@
 """How rough the ground is near a place: the factor c^2 on the prior's variance that the soundings there show.
 
+Steep ground is rougher than flat ground. The *steepness* t of a place is the mean of 1 and of its expected squared
+slope relative to the prior's, S. With the slope s of the mean above the prior mean, and the share u of the prior's
+variance that is left,
+
+    t = (1 + |s|^2 / S + u) / 2
+
 Every center is predicted from the centers farther away than `LEFT_OUT` length scales. With the prediction's error e and
-its variance v under the prior, q = e^2 / v is 1 on average if the prior fits. (A prediction from all other centers
+its variance v under the prior, q = e^2 / (t v) is 1 on average if the prior fits. (A prediction from all other centers
 would only show the ground's roughness over one spacing of soundings, not between tracks.) The factor at a place p is
 
-    c^2(p) = (LOCAL_WORTH g + sum_i k_i q_i) / (LOCAL_WORTH + sum_i k_i),    g = (w + sum_i q_i) / (w + n)
+    c^2(p) = t(p) (LOCAL_WORTH g + sum_i k_i q_i) / (LOCAL_WORTH + sum_i k_i),    g = (w + sum_i q_i) / (w + n)
 
-with weights k_i = exp(-|p - p_i|^2 / 2 h^2), h = `NEARBY` length scales. Far from all soundings it is the factor g of
-the whole map, and that is 1 without soundings: the prior's variance counts as w = `gp.std_soundings` soundings.
+with weights k_i = exp(-|p - p_i|^2 / 2 h^2), h = `NEARBY` length scales. Far from all soundings t is 1, and the factor
+is g of the whole map. That is 1 without soundings: the prior's variance counts as w = `gp.std_soundings` soundings.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
+from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -53,8 +61,11 @@ class Roughness:
     def of(cls, posterior: Posterior, length_m: float, own: Mask | None = None) -> Roughness:
         """Predicts each center of a posterior, or those of a mask (n,)."""
         places = posterior.centers.places_m
-        squares = left_out_squares(posterior, LEFT_OUT * length_m, own)
-        return cls(places_m=places if own is None else places[own], squares=squares, length_m=length_m)
+        if own is not None:
+            places = places[own]
+        steep = steepness(posterior, places, 0.0)  # hardly any variance is left at a center
+        squares = left_out_squares(posterior, LEFT_OUT * length_m, own) / steep
+        return cls(places_m=places, squares=squares, length_m=length_m)
 
     @classmethod
     def joined(cls, parts: Sequence[Roughness], length_m: float) -> Roughness:
@@ -86,17 +97,44 @@ class Roughness:
             found[first : first + rows] = np.exp(apart / (-2.0 * h * h)) @ values
         return found
 
-    def scale(self, at_m: Array, worth: float) -> Array:
-        """Factor c^2 at places (P, 2), shape (P,); `worth` is `gp.std_soundings`."""
-        return scale_of(self.sums(at_m), float(self.squares.sum()), len(self.squares), worth)
+
+def variance_scales(posterior: Posterior, config: GpConfig, at_m: Array, variance_m2: Array) -> Array:
+    """Factor c^2 (P,) on the variances (P,) of a posterior at places (P, 2)."""
+    found, steep = Roughness.of(posterior, config.length_scale_m), steepness(posterior, at_m, variance_m2)
+    return scale_of(found.sums(at_m), steep, float(found.squares.sum()), len(found.squares), config.std_soundings)
 
 
-def scale_of(sums: Array, total: float, count: int, worth: float) -> Array:
-    """Factor c^2 (P,) from `Roughness.sums` (P, 2), the sum of q over the whole map, and its number of centers."""
+def degrees_of_freedom(posterior: Posterior, config: GpConfig) -> float:
+    """Number of independent errors that the factor of the whole map rests on, the prior's worth included.
+
+    Errors of centers that are left out together count as one; the prior's worth counts in the same proportion.
+    Infinite without rescaling.
+    """
+    places, worth = posterior.centers.places_m, config.std_soundings
+    if worth <= 0.0:
+        return math.inf
+    if not len(places):
+        return worth
+    together = cKDTree(places).query_ball_point(places, LEFT_OUT * config.length_scale_m, return_length=True)
+    return (worth + len(places)) * float(np.mean(1.0 / together))
+
+
+def steepness(posterior: Posterior, at_m: Array, variance_m2: Array | float) -> Array:
+    """Steepness t (P,) at places (P, 2) where the depth has a variance (P,) with the prior's scale."""
+    slopes, kernel = posterior.slopes_above_prior(at_m), posterior.kernel
+    left = variance_m2 / kernel.signal_variance_m2
+    return np.asarray(0.5 * (1.0 + (slopes**2).sum(axis=1) / np.trace(kernel.slope_covariance) + left))
+
+
+def scale_of(sums: Array, steep: Array, total: float, count: int, worth: float) -> Array:
+    """Factor c^2 (P,) from `Roughness.sums` (P, 2), the steepness (P,), the sum of all q, and their number.
+
+    `worth` is `gp.std_soundings`.
+    """
     if worth <= 0.0:  # no rescaling
         return np.ones(len(sums))
     whole = (worth + total) / (worth + count)
-    return np.asarray((LOCAL_WORTH * whole + sums[:, 0]) / (LOCAL_WORTH + sums[:, 1]))
+    return np.asarray(steep * (LOCAL_WORTH * whole + sums[:, 0]) / (LOCAL_WORTH + sums[:, 1]))
 
 
 def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = None) -> Array:

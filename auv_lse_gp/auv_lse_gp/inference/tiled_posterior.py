@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_places
-from auv_lse_gp.inference.roughness import Roughness, scale_of
+from auv_lse_gp.inference.roughness import Roughness, scale_of, steepness
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -265,6 +265,7 @@ class _Tile:
 
     Attributes:
         turn: Number of the update that computed them.
+        steep: Steepness at its places (`roughness.py`).
         roughness: That of its own centers.
         sums: `Roughness.sums` at its places.
         summed: Hash of the squares that are in them.
@@ -276,6 +277,7 @@ class _Tile:
     mean_m: Array | None = None
     variance_m2: Array | None = None
     place_variance_m2: Array | None = None
+    steep: Array | None = None
     roughness: Roughness | None = None
     sums: Array | None = None
     summed: int = 0
@@ -338,18 +340,20 @@ class TiledMoments:
         return mean, variance, place_variance
 
     def scales(self, worth: float) -> Array:
-        """Factor on the prior's variance (P,) of the last update, as `Roughness.scale`."""
+        """Factor on the prior's variance (P,) of the last update, as `variance_scales`."""
         parts = [tile.roughness for tile in self._tiles.values() if tile.roughness is not None]
         everywhere, sums = Roughness.joined(parts, self._length_m), np.zeros((len(self._places_m), 2))
+        steep = np.empty(len(self._places_m))
         for tile in self._tiles.values():
             if len(tile.places):
+                steep[tile.places] = tile.steep
                 own = self._places_m[tile.places]
                 near = everywhere.near(own)
                 summed = hash((near.places_m.tobytes(), near.squares.tobytes()))
                 if tile.sums is None or tile.summed != summed:
                     tile.sums, tile.summed = near.sums(own), summed
                 sums[tile.places] = tile.sums
-        return scale_of(sums, float(everywhere.squares.sum()), len(everywhere.squares), worth)
+        return scale_of(sums, steep, float(everywhere.squares.sum()), len(everywhere.squares), worth)
 
     def _chosen(self, most_work: float) -> list[_Stale]:
         """The tiles to recompute."""
@@ -380,6 +384,7 @@ class TiledMoments:
         if tile.data is None or tile.data.centers != stale.data.centers:  # else only place effects have changed
             tile.mean_m, variance = local.moments(own)
             tile.variance_m2 = np.maximum(variance - tile.place_variance_m2, 0.0)
+            tile.steep = steepness(local, own, tile.variance_m2)
         places = local.centers.places_m
         home = np.zeros(len(places), dtype=bool)
         for corner, members in self._posterior.tiles(places):

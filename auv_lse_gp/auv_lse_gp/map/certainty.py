@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from auv_lse_gp.map.depth_map import WIDENED, DepthField
+from auv_lse_gp.map.depth_map import DepthField
 
 Array = NDArray[np.float64]
 
@@ -152,12 +152,12 @@ def length_of(pieces: Sequence[Piece], kind: str, reason: str | None = None) -> 
 def found_within_m(pieces: Sequence[Piece]) -> float:
     """Distance (m) that 95 % of the line found is expected to be within of the true isobath; NaN if none is found.
 
-    The line's error at a place is normal, of standard deviation `WIDENED` times `Piece.std_m`.
+    The line's error at a place is normal, of standard deviation `Piece.std_m`.
     """
     stds = [0.5 * (p.std_m[1:] + p.std_m[:-1]) for p in pieces if p.kind == FOUND]
     if not stds:
         return math.nan
-    std = WIDENED * np.maximum(np.concatenate(stds), 1e-6)
+    std = np.maximum(np.concatenate(stds), 1e-6)
     steps = np.concatenate([np.hypot(*np.diff(p.line, axis=0).T) for p in pieces if p.kind == FOUND])
     within = brentq(lambda d: float(np.average(2.0 * ndtr(d / std) - 1.0, weights=steps)) - 0.95, 0.0, 3.0 * std.max())
     return float(within)

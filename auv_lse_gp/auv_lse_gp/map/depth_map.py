@@ -19,7 +19,7 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.inference.tiled_posterior import TiledMoments
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.merging import MERGE_WINDOW
@@ -29,10 +29,8 @@ Array = NDArray[np.float64]
 
 #: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one place along it.
 BAND_PROBABILITY = 0.95
-#: The line's errors are larger than their standard deviation by this factor (docs/evidence/gp.md#the-line-found).
-WIDENED = 1.2
 #: Half the width of that band in standard deviations.
-BAND_SIGMAS = WIDENED * float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
+BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
@@ -257,12 +255,13 @@ class DepthMap:
             moments = self._tiled.update(most_work)
             return *moments, self._tiled.scales(gp.config.std_soundings)
         posterior = gp.posterior  # updates it
-        scales = Roughness.of(posterior, gp.config.length_scale_m).scale(self._places_m, gp.config.std_soundings)
         if not gp.config.local or gp.kernel.compact:
-            return *self._moments.update(), scales
-        mean, total = gp.moments(self._places_m)
-        place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
-        return mean, np.maximum(total - place_variance, 0.0), place_variance, scales
+            mean, variance, place_variance = self._moments.update()
+        else:
+            mean, total = gp.moments(self._places_m)
+            place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
+            variance = np.maximum(total - place_variance, 0.0)
+        return mean, variance, place_variance, variance_scales(posterior, gp.config, self._places_m, variance)
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_gp.inference.banks import depths, width_factor
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map.certainty import FOUND, classify, found_within_m, length_of, lines_of
@@ -86,12 +86,12 @@ class QualityJudge:
     def _field(self, posterior: Posterior) -> DepthField:
         """The posterior on the grid, as `DepthMap.field`."""
         grid, config = self._grid, self._config
-        scales = Roughness.of(posterior, config.length_scale_m).scale(self._places_m, config.std_soundings)
         relative, variance = posterior.moments(self._places_m)
-        scales = scales + width_factor(posterior.banks, self._places_m, relative, config.signal_std_m)
         place_variance = posterior.place_variance(posterior.kernel.scale(self._places_m))
-        total = scales * np.maximum(variance - place_variance, 0.0) + place_variance
-        mean, std = depths(posterior.banks, self._places_m, relative, total)
+        exact = np.maximum(variance - place_variance, 0.0)  # of exact positions
+        scales = variance_scales(posterior, config, self._places_m, exact)
+        scales = scales + width_factor(posterior.banks, self._places_m, relative, config.signal_std_m)
+        mean, std = depths(posterior.banks, self._places_m, relative, scales * exact + place_variance)
         _, prior_std = depths(posterior.banks, self._places_m, relative, variance)
         return DepthField(
             grid=grid,

@@ -7,7 +7,8 @@ soundings. The ground's roughness near each place scales their standard deviatio
 - *Expected length:* the crossing intensity (`level_set/crossings.py`), summed over the cells that are not located.
 - *Upper limit:* the 95th percentile of the contour lengths of random draws from the averaged posterior there. Draws are
   prior draws (random Fourier features) that are conditioned on the soundings (Matheron's rule): no covariance among
-  cells is needed. The seed is fixed, so the same soundings give the same limit.
+  cells is needed. Each has a standard deviation of its own: the roughness rests on few independent errors. The seed
+  is fixed, so the same soundings give the same limit.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import degrees_of_freedom, variance_scales
 from auv_lse_gp.level_set.crossings import crossing_intensity
 
 Array = NDArray[np.float64]
@@ -162,12 +163,15 @@ def undiscovered(
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
         posterior = hypothesis.posterior
-        scales = Roughness.of(posterior, config.length_scale_m).scale(cells, config.std_soundings)
-        scales = scales + width_factor(banks, cells, posterior.mean_m(cells), config.signal_std_m)
+        relative, variance = posterior.moments(cells)
+        variance -= posterior.place_variance(posterior.kernel.scale(cells))
+        scales = variance_scales(posterior, config, cells, variance)
+        scales = scales + width_factor(banks, cells, relative, config.signal_std_m)
         lengths[missing] += hypothesis.weight * expected_lengths(
             posterior, cells[missing], scales[missing], level_m, grid.resolution_m
         )
-        drawn += [outside_m(grid, depth, level_m, located) for depth in draws(posterior, cells, scales, count)]
+        fields = draws(posterior, cells, scales, count, degrees_of_freedom(posterior, config))
+        drawn += [outside_m(grid, depth, level_m, located) for depth in fields]
     expected, mean = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
     limit = expected * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean if mean > 0.0 else expected
@@ -198,10 +202,11 @@ def expected_lengths(posterior: Posterior, cells: Array, scales: Array, level_m:
     return crossing_intensity(scaled, level_m) * cell_m**2
 
 
-def draws(posterior: Posterior, places_m: Array, scales: Array, count: int) -> Array:
+def draws(posterior: Posterior, places_m: Array, scales: Array, count: int, freedom: float) -> Array:
     """Random fields (count, P) from the posterior at places (P, 2) with variances scaled by (P,).
 
-    Every call draws the same numbers. Depth errors from uncertain positions are not scaled.
+    The scales are uncertain by a common factor, freedom / chi^2. Every call draws the same numbers. Depth errors from
+    uncertain positions are not scaled.
     """
     rng = stream(0, "undiscovered", count)
     kernel, centers, n = posterior.kernel, posterior.relative(posterior.centers), posterior.data_rows
@@ -215,7 +220,9 @@ def draws(posterior: Posterior, places_m: Array, scales: Array, count: int) -> A
         return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes)
 
     scaled = kernel.scale(places_m)
-    off, std = field(scaled), np.sqrt(scales)[:, None]  # from the posterior's mean
+    off = field(scaled)  # from the posterior's mean
+    common = freedom / rng.chisquare(freedom, count) if math.isfinite(freedom) else np.ones(count)
+    std = np.sqrt(scales[:, None] * common)
     if not n:
         return np.asarray((posterior.prior_mean(places_m)[:, None] + std * off).T)
     data = kernel.scale(centers.places_m)

@@ -12,7 +12,14 @@ from numpy.testing import assert_allclose
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import Roughness, left_out_squares, scale_of
+from auv_lse_gp.inference.roughness import (
+    Roughness,
+    degrees_of_freedom,
+    left_out_squares,
+    scale_of,
+    steepness,
+    variance_scales,
+)
 
 CONFIG = GpConfig()
 
@@ -48,13 +55,48 @@ def test_scale_at_a_place_is_the_weighted_mean_of_nearby_squares() -> None:
     rough = Roughness(places_m=np.array([[0.0, 0.0], [50.0, 0.0]]), squares=np.array([4.0, 1.0]), length_m=100.0)
     whole, beside = 105.0 / 102.0, math.exp(-0.5)  # 50 m are one standard deviation of the weights
     at = np.array([[0.0, 0.0], [1e4, 0.0]])
-    expected = [(3.0 * whole + 4.0 + beside) / (4.0 + beside), whole]
-    assert_allclose(rough.scale(at, 100.0), expected, rtol=1e-12)
-    assert_allclose(scale_of(rough.sums(at), 5.0, 2, 0.0), [1.0, 1.0])
+    expected = [2.0 * (3.0 * whole + 4.0 + beside) / (4.0 + beside), whole]
+    steep = np.array([2.0, 1.0])
+    assert_allclose(scale_of(rough.sums(at), steep, 5.0, 2, 100.0), expected, rtol=1e-12)
+    assert_allclose(scale_of(rough.sums(at), steep, 5.0, 2, 0.0), [1.0, 1.0])
 
 
 def test_without_soundings_the_scale_is_the_priors() -> None:
-    assert_allclose(Roughness.of(given(NO_CENTERS), 85.0).scale(np.zeros((3, 2)), 100.0), np.ones(3))
+    assert_allclose(variance_scales(given(NO_CENTERS), CONFIG, np.zeros((3, 2)), np.full(3, 64.0)), np.ones(3))
+
+
+def test_errors_of_centers_that_are_left_out_together_count_as_one() -> None:
+    """Three centers within 25 m and one far away are two independent errors; the prior's 100 soundings count alike."""
+    places = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [300.0, 0.0]])
+    posterior = given(Centers(places, np.full(4, 12.0), np.full(4, 0.3)))
+    assert degrees_of_freedom(posterior, CONFIG) == pytest.approx((100.0 + 4.0) * 2.0 / 4.0)
+    assert degrees_of_freedom(given(NO_CENTERS), CONFIG) == 100.0
+    assert degrees_of_freedom(posterior, dataclasses.replace(CONFIG, std_soundings=0.0)) == math.inf
+
+
+def test_steepness_compares_the_expected_squared_slope_with_the_priors() -> None:
+    """A plane of slope .3; the prior's mean squared slope is 10/3 (8 m / 85 m)^2, both axes together."""
+    places = np.stack(np.meshgrid(np.arange(0.0, 400.0, 20.0), np.arange(0.0, 400.0, 20.0)), axis=-1).reshape(-1, 2)
+    posterior = given(Centers(places, 15.0 + 0.3 * (places[:, 0] - 200.0), np.full(len(places), 0.1)))
+    at = np.array([[210.0, 205.0], [1e5, 0.0]])
+    variance = posterior.moments(at)[1]
+    ratio = 0.3**2 / (10.0 / 3.0 * (8.0 / 85.0) ** 2)
+    # The map's slope is that of the plane to within 1 %; between soundings hardly any variance is left.
+    assert_allclose(steepness(posterior, at, variance), [0.5 + 0.5 * ratio, 1.0], rtol=0.02)
+
+
+def test_steep_ground_has_more_variance_than_flat_ground() -> None:
+    """West of 600 m the ground is a plane, east of it ten times as steep; both bear waves in proportion to the slope.
+
+    The factor of the whole map pulls at the true ratio of 100. Without the steepness 3.4 would be left of it.
+    """
+    north, east = (a.ravel() for a in np.meshgrid(np.arange(5.0, 300.0, 12.0), np.arange(20.0, 1200.0, 60.0)))
+    slope = np.where(east < 600.0, 0.03, 0.3)
+    depths = 15.0 + slope * (east - 600.0 + 30.0 * np.sin(north / 25.0) * np.cos(east / 25.0))
+    posterior = given(Centers(np.column_stack([north, east]), depths, np.full(len(north), 0.05)))
+    at = np.array([[150.0, 270.0], [150.0, 930.0]])
+    flat, steep = variance_scales(posterior, CONFIG, at, posterior.moments(at)[1])
+    assert steep > 10.0 * flat
 
 
 def test_scale_is_the_true_one_on_ground_of_two_kinds() -> None:
@@ -75,7 +117,7 @@ def test_scale_is_the_true_one_on_ground_of_two_kinds() -> None:
         posterior = Posterior(config)
         posterior.follow(Centers(places, depths, np.full(len(places), 0.1)))
         at = np.array([[150.0, 300.0], [150.0, 900.0]])
-        found.append(Roughness.of(posterior, config.length_scale_m).scale(at, config.std_soundings))
+        found.append(variance_scales(posterior, config, at, posterior.moments(at)[1]))
     rough, smooth = np.mean(found, axis=0)
     assert 0.55 * 4.0 < rough < 1.6 * 4.0
     assert smooth < 0.5

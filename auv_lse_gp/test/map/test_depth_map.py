@@ -11,7 +11,7 @@ from auv_lse_common.support import compiled
 from auv_lse_common.vocabulary.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.health import map_health, map_totals
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import variance_scales
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -55,7 +55,7 @@ def test_field_updated_in_steps_equals_one_update(name, merge):
     inside = step_by_step.grid.inside
     assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
     assert_allclose(field.prior_std_m[inside], std, rtol=1e-9)
-    scales = Roughness.of(fresh, config.length_scale_m).scale(step_by_step.grid.places_m, config.std_soundings)
+    scales = variance_scales(fresh, config, step_by_step.grid.places_m, std**2)
     std = std * np.sqrt(scales)
     assert_allclose(field.std_m[inside], std, rtol=1e-9)
     assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
@@ -173,12 +173,10 @@ def test_isobath_and_its_band():
         assert np.all(offset > 0.0)
         mean, std = depth_map.gp.predict(points)
         gp = depth_map.gp
-        rough = Roughness.of(gp.posterior, gp.config.length_scale_m)
-        std = std * np.sqrt(rough.scale(points, gp.config.std_soundings))
+        std = std * np.sqrt(variance_scales(gp.posterior, gp.config, points, std**2))
         # Linear between cells of 5 m, over which the band's edges are a few metres apart.
-        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 2.35), abs=0.5)
-        # With its own 1.96 deviations it would be too narrow by a sixth: the mean tells them apart.
-        assert np.mean((mean - 15.0) / std) == pytest.approx(side * 2.35, abs=0.1)
+        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.5)
+        assert np.mean((mean - 15.0) / std) == pytest.approx(side * 1.96, abs=0.1)
 
 
 def test_contours_of_a_cone():

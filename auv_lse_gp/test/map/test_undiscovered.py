@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def surveyed(length_scale_m: float, north_m: float = 300.0) -> Centers:
     north, east = np.meshgrid(np.arange(5.0, north_m, 10.0), np.arange(20.0, 300.0, 40.0), indexing="ij")
     places = np.column_stack([north.ravel(), east.ravel()])
     field = Posterior(dataclasses.replace(CONFIG, length_scale_m=length_scale_m, signal_std_m=4.0))
-    return Centers(places, draws(field, places, np.ones(len(places)), 3)[0], np.full(len(places), 0.3))
+    return Centers(places, draws(field, places, np.ones(len(places)), 3, math.inf)[0], np.full(len(places), 0.3))
 
 
 @pytest.mark.parametrize("length_scale_m", [50.0, 120.0])
@@ -90,11 +91,21 @@ def test_draws_have_the_posteriors_mean_and_variance() -> None:
     places = np.random.default_rng(3).uniform(10.0, 290.0, (60, 2))
     mean, variance = posterior.moments(places)
     scales = np.linspace(0.3, 2.0, len(places))
-    drawn = draws(posterior, places, scales, 400)
+    drawn = draws(posterior, places, scales, 400, math.inf)
     floor = posterior.place_variance(posterior.kernel.scale(places))
     variance = scales * (variance - floor) + floor
     assert np.mean((drawn - mean) ** 2 / variance) == pytest.approx(1.0, abs=0.05)
     assert np.abs(drawn.mean(axis=0) - mean).max() < 0.25 * np.sqrt(variance.max())
+
+
+def test_draws_share_an_uncertain_standard_deviation() -> None:
+    """The mean square of a draw over all places has a relative variance of 2 / (f - 4) with f degrees of freedom."""
+    places = np.random.default_rng(3).uniform(0.0, 20_000.0, (400, 2))  # far apart: independent
+    drawn = draws(Posterior(CONFIG), places, np.ones(len(places)), 400, 20.0)
+    squares = np.mean((drawn - 15.0) ** 2, axis=1) / CONFIG.signal_std_m**2
+    assert squares.mean() == pytest.approx(20.0 / 18.0, abs=0.06)  # three standard errors
+    # Of 400 places alone it would be 2 / 400. The estimate of a heavy-tailed variance is rough.
+    assert 0.06 < squares.var() / squares.mean() ** 2 < 0.25
 
 
 def test_many_soundings_are_thinned_and_a_large_area_has_larger_cells() -> None:

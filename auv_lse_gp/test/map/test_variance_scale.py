@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthMap
 
@@ -92,10 +92,10 @@ def test_published_map_is_rescaled_except_the_place_variance(local: bool) -> Non
     field, inside, posterior = depth_map.field(), depth_map.grid.inside, depth_map.gp.posterior
     assert 0.0 < field.variance_scale < 0.9
     cells = depth_map.grid.places_m
-    scales = Roughness.of(posterior, config.length_scale_m).scale(cells, config.std_soundings)
-    assert field.variance_scale == pytest.approx(scales.mean())
     floor = posterior.place_variance(posterior.kernel.scale(cells))
     prior, told = field.prior_std_m[inside] ** 2, field.std_m[inside] ** 2
+    scales = variance_scales(posterior, config, cells, prior - floor)
+    assert field.variance_scale == pytest.approx(scales.mean())
     assert_allclose(told, scales * (prior - floor) + floor, rtol=1e-9)
     assert_allclose(field.risk[inside], LevelSet().risk(field.mean_m[inside], field.std_m[inside]), rtol=1e-9)
 

@@ -7,14 +7,14 @@ from typing import Any
 #: Page and section with the whole table.
 PAGE = "docs/evidence/gp.md#what-may-be-missing"
 #: The command that flies the missions and prints the table.
-COMMAND = "python -m benchmarks.planning.undiscovered --first 6500 11000 --lakes 9 --real FILE"
+COMMAND = "python -m benchmarks.planning.undiscovered --first 6500 11000 --lakes 10 --real FILE"
 #: Missions on lakes that were not used for choosing, and what was measured on them.
-MISSIONS = 171
-LENGTH_RATIO, LOSS_RATIO = 1.08, 1.04
+MISSIONS = 201
+LENGTH_RATIO, LOSS_RATIO = 1.04, 1.02
 #: Share of the line found that is within its band, `BAND_SIGMAS` standard deviations to either side.
-BAND_HOLDS = 0.959
+BAND_HOLDS = 0.942
 #: Share of missions in which the limit held, with its 95 % interval.
-LIMIT_HOLDS, LIMIT_INTERVAL = 0.95, (0.9, 0.97)
+LIMIT_HOLDS, LIMIT_INTERVAL = 0.94, (0.9, 0.97)
 
 
 def calibration() -> dict[str, Any]:

@@ -75,6 +75,26 @@ class DensePrior:
         x, rise_m = -np.log(1.0 - s), np.maximum(mean_m - self.shore_m, 0.0)
         return np.asarray((0.5 * rise_m * x * np.exp(-x) / (s * s * self.std_m)) ** 2)
 
+    @property
+    def squared_slope(self) -> float:
+        """Mean squared slope of the depth on open ground."""
+        along, across = self.lengths_m
+        return -float(self.correlation_slope(np.zeros(1))[0]) * self.std_m**2 * (along**-2 + across**-2)
+
+    def correlation_slope(self, r: Array) -> Array:
+        """Slope of the correlation over the distance r, both in lengths, divided by r."""
+        rest = np.clip(1.0 - r, 0.0, None)
+        match self.kernel:
+            case "matern32":
+                return np.asarray(-3.0 * np.exp(-math.sqrt(3.0) * r))
+            case "matern52":
+                return np.asarray(-5.0 / 3.0 * (1.0 + math.sqrt(5.0) * r) * np.exp(-math.sqrt(5.0) * r))
+            case "squared_exponential":
+                return np.asarray(-np.exp(-(r**2) / 2.0))
+            case "wendland_c2":
+                return np.asarray(-20.0 * rest**3)
+        return np.asarray(-56.0 / 3.0 * rest**5 * (1.0 + 5.0 * r))  # wendland_c4
+
     def covariance(self, a_m: Array, b_m: Array) -> Array:
         """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
         r = cdist(self.scaled(a_m), self.scaled(b_m))
@@ -220,7 +240,7 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
     """The posterior at places (P, 2) given measurements; of more than `MAX_WHOLE` those near a place, by squares."""
     n = len(given.starts)
     mean, variance = np.array(prior.mean(at_m), dtype=float), prior.variance(at_m)
-    floor, errors = np.zeros(len(at_m)), np.zeros(n)
+    floor, steep, errors = np.zeros(len(at_m)), np.full(len(at_m), 0.5), np.zeros(n)
     places = np.add.reduceat(given.places_m, given.starts, axis=0) / given.counts[:, None] if n else np.zeros((0, 2))
     parts = list(_squares(prior, places, at_m))
     for near, home, cells in parts:
@@ -230,6 +250,7 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
         residuals = local.depths_m - np.add.reduceat(prior.mean(local.places_m), local.starts) / local.counts
         white = solve_triangular(lower, residuals, lower=True)
         effect = solve_triangular(lower, local.effect_m, lower=True)
+        weights = solve_triangular(lower, white, lower=True, trans=1)
         rows = max(1, _ENTRIES // len(near))
         for first in range(0, len(cells), rows):
             part = cells[first : first + rows]
@@ -237,14 +258,18 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
             mean[part] += v.T @ white  # line 4
             variance[part] -= (v**2).sum(axis=0)  # line 6
             floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
+            steep[part] += 0.5 * squared_slopes(prior, local, weights, at_m[part]) / prior.squared_slope
         covariance += local.effect_m @ local.effect_m.T
-        errors[near[home]] = left_out_errors(covariance, residuals, places[near], np.flatnonzero(home), prior)
+        own_steep = 0.5 + 0.5 * squared_slopes(prior, local, weights, places[near[home]]) / prior.squared_slope
+        left_out = left_out_errors(covariance, residuals, places[near], np.flatnonzero(home), prior)
+        errors[near[home]] = left_out / own_steep
     everywhere = (prior.worth + errors.sum()) / (prior.worth + n) if prior.worth > 0.0 else 1.0
+    variance = np.maximum(variance, 0.0)
+    steep += 0.5 * variance / prior.variance(at_m)
     scale = np.full(len(at_m), everywhere)
     for near, _, cells in parts if prior.worth > 0.0 else ():
-        scale[cells] = _variance_scales(errors[near], places[near], at_m[cells], prior, everywhere)
+        scale[cells] = steep[cells] * _variance_scales(errors[near], places[near], at_m[cells], prior, everywhere)
     scale += prior.width_scale(at_m, mean)
-    variance = np.maximum(variance, 0.0)
     return DenseMap(
         mean_m=mean,
         prior_std_m=np.sqrt(variance + floor),
@@ -252,6 +277,21 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
         variance_scale=float(scale.mean()),
         count=n,
     )
+
+
+def squared_slopes(prior: DensePrior, given: Measurements, weights: Array, at_m: Array) -> Array:
+    """Squared slope (P,) of the mean less the prior mean at places (P, 2), on the scale of open ground.
+
+    The mean less the prior mean is the sum of covariances with the measurements times their weights (n,).
+    """
+    each = np.repeat(weights / given.counts, given.counts) * np.sqrt(prior.variance(given.places_m)) * prior.std_m
+    data, places, slopes = prior.scaled(given.places_m), prior.scaled(at_m), np.empty((len(at_m), 2))
+    rows = max(1, _ENTRIES // len(data))
+    for first in range(0, len(at_m), rows):
+        part = places[first : first + rows]
+        falls = prior.correlation_slope(cdist(part, data)) * each
+        slopes[first : first + rows] = falls.sum(axis=1)[:, None] * part - falls @ data
+    return np.asarray(((slopes / prior.lengths_m) ** 2).sum(axis=1))
 
 
 def left_out_errors(covariance: Array, residuals: Array, places_m: Array, numbers: Numbers, prior: DensePrior) -> Array:
@@ -272,7 +312,7 @@ def left_out_errors(covariance: Array, residuals: Array, places_m: Array, number
 
 
 def _variance_scales(squares: Array, places_m: Array, at_m: Array, prior: DensePrior, everywhere: float) -> Array:
-    """Factor (P,) on the prior's variance: the mean of nearby squares, with that of the whole map as 3 further ones."""
+    """Factor (P,) at a steepness of 1: the mean of nearby squares, with that of the whole map as 3 further ones."""
     scales, rows = np.empty(len(at_m)), max(1, _ENTRIES // len(squares))
     for first in range(0, len(at_m), rows):
         part = slice(first, first + rows)

@@ -190,7 +190,7 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             "mission.until.undiscovered_m: got -5.0; exp",
         ),
         ({"mission": {"until": {"deviation_m": 0.0}}}, None, "error", "mission.until.deviation_m: got 0.0"),
-        ({"mission": {"until": {"deviation_m": 24.0}}}, None, "warning", "got 24 m; expected less than 23.5 m"),
+        ({"mission": {"until": {"deviation_m": 24.0}}}, None, "warning", "got 24 m; expected less than 19.6 m"),
         ({"mission": {"until": {"soon": 1.0}}}, None, "error", "soon"),
         (
             {"mission": {"until": {"found": 0.9, "undiscovered_m": 150.0}}},

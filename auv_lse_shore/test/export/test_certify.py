@@ -246,4 +246,4 @@ def test_the_calibration_is_that_of_the_evidence():
     low, high = calibration.LIMIT_INTERVAL
     assert cells[6] == f"{calibration.LIMIT_HOLDS:.2f} ({low:.2f} to {high:.2f})"
     assert float(cells[7]) == calibration.LOSS_RATIO
-    assert float(cells[9]) == calibration.BAND_HOLDS
+    assert float(cells[8]) == calibration.BAND_HOLDS

@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import Roughness
+from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_shore.certify import dense
 from auv_lse_shore.certify.dense import Measurements, dense_map
@@ -42,8 +42,8 @@ def test_it_equals_the_vehicles_posterior(kernel):
     found = dense_map(dense_prior(config, AreaConfig()), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
     assert found.mean_m == pytest.approx(mean, abs=1e-6)
     assert found.prior_std_m == pytest.approx(np.sqrt(variance), abs=1e-6)
-    scales = Roughness.of(posterior, config.length_scale_m).scale(AT, config.std_soundings)
     floor = posterior.place_variance(posterior.kernel.scale(AT))
+    scales = variance_scales(posterior, config, AT, variance - floor)
     assert found.std_m == pytest.approx(np.sqrt(scales * (variance - floor) + floor), rel=1e-6)
     assert found.variance_scale == pytest.approx(scales.mean(), rel=1e-6)
 
@@ -58,9 +58,9 @@ def test_it_equals_the_vehicles_posterior_near_a_shore():
     found = dense_map(dense_prior(config, area), Measurements.of_centers(PLACES, DEPTHS, noise, effect), AT)
     assert found.mean_m == pytest.approx(mean, abs=1e-6)
     assert found.prior_std_m == pytest.approx(std, abs=1e-6)
-    scales = Roughness.of(gp.posterior, config.length_scale_m).scale(AT, config.std_soundings)
-    scales = scales + width_factor(gp.banks, AT, relative, config.signal_std_m)
     floor = gp.posterior.place_variance(gp.kernel.scale(AT))
+    scales = variance_scales(gp.posterior, config, AT, variance - floor)
+    scales = scales + width_factor(gp.banks, AT, relative, config.signal_std_m)
     _, std = gp.depths(AT, relative, scales * (variance - floor) + floor)
     assert found.std_m == pytest.approx(std, rel=1e-6)
 

@@ -64,9 +64,11 @@ OTHERS = {"mown": "mowing", "peer": "GCBCover", "known": "a path along the known
 GOALS = {"mown": 0.5, "peer": 1.0}
 KINDS = ("valley", "rough", "gaussian")
 FIRST = 9800
-#: Lane spacings (m) and largest posterior variances (m2), coarse to fine.
+#: Lane spacings (m), and largest posterior variances (m2) in each area, coarse to fine. In the larger area the peer
+#: needs more than an hour for 10 m2.
 SPACINGS = (115.0, 97.0, 80.0, 65.0, 55.0, 45.0, 38.0, 32.0, 27.0, 22.0, 18.0)
-VARIANCES = (40.0, 35.0, 30.0, 25.0, 20.0, 16.0, 13.0, 10.0)
+VARIANCES = {"default": (40.0, 35.0, 30.0, 25.0, 20.0, 16.0, 13.0)}
+VARIANCES["small"] = (*VARIANCES["default"], 10.0)
 #: Shares of the known isobath that are traveled, and the spacing (m) of the nodes of that path.
 KNOWN_SHARES, NODE_M = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0), 20.0
 #: Iterations of the search for the shortest path through them, and for the least length.
@@ -97,8 +99,8 @@ def lanes(spacing_m: float, where: str) -> Array:
 
 
 def covering(python: Path, folder: Path, where: str) -> list[Array]:
-    """The peer's paths, one for each of `VARIANCES`; planned once, then read from the folder."""
-    wanted = {**peer_request(0, where), "variances_m2": VARIANCES}
+    """The peer's paths, one for each of the area's `VARIANCES`; planned once, then read from the folder."""
+    wanted = {**peer_request(0, where), "variances_m2": VARIANCES[where]}
     file = folder / f"peer_cover_{where}.json"
     stored = json.loads(file.read_text()) if file.exists() else {}
     if stored.get("request") != json.loads(json.dumps(wanted)):
