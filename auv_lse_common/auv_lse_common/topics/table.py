@@ -6,6 +6,7 @@ a row or an entry here (docs/design/adding-a-topic.md).
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -314,6 +315,7 @@ class Found(NamedTuple):
     vehicle: int
 
 
+@functools.cache
 def find_topic(full_name: str) -> Found | None:
     """The row of a topic by its full name, "/auv2/plan"; None for topics outside the stack."""
     if full_name in MISSION_TOPICS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import threading
 import time
@@ -203,6 +204,88 @@ def test_dots_on_one_another_are_drawn_once(browser):
     )
     assert added[0] > 5, "others are there"
     assert added[1] <= 1
+
+
+def test_a_line_is_drawn_without_the_points_that_do_not_show(browser):
+    drawn = browser.ask(
+        """(() => {
+          const { Pen } = liveView, thinned = (line) => {
+            const kept = [], pen = new Pen({ lineTo: (x, y) => kept.push([x, y]) });
+            for (const place of line) pen.to(...place);
+            pen.end();
+            return kept;
+          };
+          const away = ([x, y], [ax, ay], [bx, by]) => {
+            const long = (bx - ax) ** 2 + (by - ay) ** 2, along = (x - ax) * (bx - ax) + (y - ay) * (by - ay);
+            const at = Math.min(1, Math.max(0, along / (long || 1)));
+            return Math.hypot(x - ax - at * (bx - ax), y - ay - at * (by - ay));
+          };
+          const off = (line, kept) => Math.max(...line.map((place) =>
+            Math.min(...kept.map((from, i) => away(place, from, kept[i + 1] ?? from)))));
+          const steps = [...Array(1000).keys()], straight = steps.map((i) => [i / 3, i / 7]);
+          const loop = steps.map((i) => [200 + 90 * Math.cos(i / 40), 200 + 60 * Math.sin(i / 40)]);
+          const rough = steps.map((i) => [i / 2, 40 * Math.sin(i / 9) + (i * 7919) % 5]);
+          const still = steps.map(() => [5, 5]), back = [...straight, ...straight.toReversed()];
+          return Object.fromEntries(Object.entries({ straight, loop, rough, still, back }).map(([name, line]) => {
+            const kept = thinned(line);
+            return [name, [kept.length, off(line, kept), kept.at(-1).join() === line.at(-1).join()]];
+          }));
+        })()"""
+    )
+    assert all(off < 0.26 and ends for _, off, ends in drawn.values()), "a quarter of a pixel does not show"
+    counts = {name: count for name, (count, _, _) in drawn.items()}
+    assert (counts["straight"], counts["still"], counts["back"]) == (2, 2, 3)
+    assert counts["loop"] < 300
+    assert counts["rough"] > 300, "it really bends"
+
+
+def test_a_planners_last_warning_ends_with_the_mission(browser, serving):
+    end = browser.ask("liveView.store.lastS + 10")
+
+    def add(kind, t, vehicle, **values):
+        browser.ask(f"liveView.store.add({json.dumps({'kind': kind, 't': t, 'vehicle': vehicle, **values})})")
+
+    def card(t):
+        at(browser, t)
+        return browser.ask("document.querySelectorAll('.vehicle')[1].textContent")
+
+    add("health", end - 5, 2, node="planner_node", level="warning", text="outside")
+    for vehicle in (1, 2):
+        add("run", end + vehicle, vehicle, state="ended", reason="", limits=[], warnings=[])
+        add("pose", end + 5, vehicle, north=0, east=0, heading=0)
+    assert "planner_node: outside" in card(end + 1), "vehicle 2 still flies"
+    assert "1 active" in text(browser, "alarms")
+    assert "planner_node" not in card(end + 3)
+    assert "0 active" in text(browser, "alarms")
+    add("health", end - 5, 2, node="modem_node", level="warning", text="outside")
+    assert "modem_node: outside" in card(end + 3), "other nodes still work"
+    browser.open(serving.url)
+    browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+
+
+def test_while_events_arrive_it_draws_seldom(browser, serving):
+    serving.timeline.set_state(reading=True)
+    browser.wait("document.getElementById('state').textContent === 'loading'")
+    drawn, took_ms = browser.ask(
+        """new Promise((done) => {
+          const { store, map } = liveView, began = performance.now();
+          let drawn = 0, frames = 0;
+          map.draw = function (t) {
+            drawn++;
+            Object.getPrototypeOf(this).draw.call(this, t);
+          };
+          const next = () => {
+            store.changes++;
+            if (frames++ < 80) return requestAnimationFrame(next);
+            delete map.draw;
+            done([drawn, performance.now() - began]);
+          };
+          next();
+        })"""
+    )
+    assert 1 <= drawn <= took_ms / 500.0 + 2.0
+    serving.timeline.set_state(reading=False)
+    browser.wait("document.getElementById('state').textContent === 'recording'")
 
 
 def test_text_is_legible_in_both_themes(browser):

@@ -246,6 +246,23 @@ def test_several_pages_get_every_event_and_a_reconnected_page_continues():
     served(talk)
 
 
+def test_a_page_is_told_that_more_events_wait():
+    """The page then draws seldom, and reads."""
+
+    async def talk(server, timeline):
+        timeline.add([{"kind": "n", "t": i} for i in range(4000)])
+        page = await websocket_connect(f"ws://127.0.0.1:{server.port}/events")
+        await page.write_message(json.dumps({"name": "", "have": 0}))
+        found = 0
+        while found < 5001:
+            told = json.loads(await page.read_message())
+            assert told["from"] == found
+            found += len(told["events"])
+            assert told["more"] == (found < 5001)
+
+    served(talk)
+
+
 def test_a_port_that_is_taken_is_named_with_its_option():
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

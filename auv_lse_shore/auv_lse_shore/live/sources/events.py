@@ -164,16 +164,16 @@ class MissionEvents:
         self, vehicle: int, stamp_s: float, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
     ) -> Event:
         level_m = self._settings.level_set.level_m
-        with np.errstate(invalid="ignore", divide="ignore"):
-            score = (layers["depth"] - level_m) / np.maximum(layers["std"], 1e-9)
         apart = thinning(*layers["risk"].shape)
         shown = {name: values[::apart, ::apart] for name, values in layers.items()}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            score = (shown["depth"] - level_m) / np.maximum(shown["std"], 1e-9)
         coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
         pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
-            "shallow_edge": trace(north_m, east_m, score, -BAND_SIGMAS),
-            "deep_edge": trace(north_m, east_m, score, BAND_SIGMAS),
+            "shallow_edge": trace(north_m[::apart], east_m[::apart], score, -BAND_SIGMAS),
+            "deep_edge": trace(north_m[::apart], east_m[::apart], score, BAND_SIGMAS),
         }
         return {
             "kind": "map",

@@ -54,7 +54,7 @@ class RecordingFollower:
         self._timeline = timeline
         simulated = any("sim" in values for values in patterns.values())
         timeline.begin(mission_facts(self.settings, name=run.name, simulated=simulated))
-        timeline.set_state(source="recording", growing=True, problem="")
+        timeline.set_state(source="recording", growing=True, reading=True, problem="")
 
     def read(self) -> int:
         """Reads new messages; returns their number.
@@ -73,14 +73,17 @@ class RecordingFollower:
         return count
 
     def follow(self, stop: threading.Event) -> None:
-        """Reads until the recording's end or until `stop` is set; sets the timeline's state."""
+        """Reads until the recording's end or until `stop` is set; sets the timeline's state.
+
+        State "reading" holds until everything has been read that was recorded before.
+        """
         quiet_s = 0.0
         try:
             while not stop.is_set() and not self._file.complete:
                 quiet_s = 0.0 if self.read() else quiet_s + _PERIOD_S
                 growing = not self._file.complete and quiet_s < _PATIENCE_S
-                self._timeline.set_state(growing=growing)
+                self._timeline.set_state(growing=growing, reading=False)
                 stop.wait(_PERIOD_S)
         except RecordingError as error:
             self.problem = str(error)
-            self._timeline.set_state(growing=False, problem=self.problem)
+            self._timeline.set_state(growing=False, reading=False, problem=self.problem)

@@ -20,9 +20,10 @@ from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, Recordin
 Wanted = Callable[[str, bytes], bool] | None
 
 _MAGIC = b"\x89MCAP0\r\n"
-#: Head of a record: opcode, length; head of a message: channel, number, times (ns) of its writing and publication.
-_HEAD, _MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+#: Head of a record: opcode, length; head of a message: channel (2 bytes), number, times of writing and publication.
+_HEAD, _MESSAGE_HEAD_BYTES = struct.Struct("<BQ"), 22
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+_READ = (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK)
 
 
 class RecordingFile:
@@ -68,7 +69,7 @@ class RecordingFile:
             raise RecordingError(f"{self.path}: damaged near byte {self._offset}: {error!r}") from error
 
     def _records(self, file: Any) -> Iterator[tuple[int, bytes]]:
-        """The complete records."""
+        """The complete records that hold messages, or declare them."""
         if self._offset == 0:
             start = file.read(len(_MAGIC))
             if not _MAGIC.startswith(start):
@@ -84,36 +85,38 @@ class RecordingFile:
                 return
             self._offset += 9 + length
             self.complete = opcode == _DATA_END
-            yield opcode, content
+            if opcode in _READ:
+                yield opcode, content
 
     def _contents(self, opcode: int, content: bytes, topics: frozenset[str]) -> Iterator[tuple[str, str, bytes]]:
-        """Topic, type and bytes of the messages in a record."""
+        """Topic, type and bytes of the messages in a record. One loop: a long mission has half a million of them."""
+        records = _unpacked(content) if opcode == _CHUNK else _HEAD.pack(opcode, len(content)) + content
+        at = 0
+        while at < len(records):
+            inner, length = _HEAD.unpack_from(records, at)
+            at += _HEAD.size + length
+            if inner == _MESSAGE:
+                begin = at - length
+                channel = self._channels.get(int.from_bytes(records[begin : begin + 2], "little"))
+                if channel is not None:
+                    yield *channel, records[begin + _MESSAGE_HEAD_BYTES : at]
+            elif inner in (_SCHEMA, _CHANNEL):
+                self._declare(inner, records[at - length : at], topics)
+
+    def _declare(self, opcode: int, content: bytes, topics: frozenset[str]) -> None:
+        """Takes the declaration of a type or of a topic."""
         from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Chunk, Schema
-        from mcap.stream_reader import get_chunk_data_stream
-
-        if opcode == _CHUNK:
-            stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))))
-            records, at = stream.read(size), 0
-            while at < len(records):
-                inner, length = _HEAD.unpack_from(records, at)
-                at += _HEAD.size + length
-                yield from self._contents(inner, records[at - length : at], topics)
-        elif opcode == _SCHEMA:
-            schema = Schema.read(ReadDataStream(BytesIO(content)))
-            self._schemas[schema.id] = schema
-        elif opcode == _CHANNEL:
-            self._add_channel(Channel.read(ReadDataStream(BytesIO(content))), topics)
-        elif opcode == _MESSAGE:
-            number, _, _, _ = _MESSAGE_HEAD.unpack_from(content)
-            if number in self._channels:
-                yield *self._channels[number], content[_MESSAGE_HEAD.size :]
-
-    def _add_channel(self, channel: Any, topics: frozenset[str]) -> None:
-        if channel.id in self._channels or channel.topic not in topics:
-            return
+        from mcap.records import Channel, Schema
         from rosbags.typesys import get_types_from_msg
 
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == _SCHEMA:
+            declared = Schema.read(stream)
+            self._schemas[declared.id] = declared
+            return
+        channel = Channel.read(stream)
+        if channel.id in self._channels or channel.topic not in topics:
+            return
         schema = self._schemas.get(channel.schema_id)
         if schema is None or channel.message_encoding != "cdr":
             raise RecordingError(
@@ -123,6 +126,16 @@ class RecordingFile:
         found = get_types_from_msg(schema.data.decode(), schema.name)
         self._types.register({k: v for k, v in found.items() if k not in self._types.fielddefs})
         self._channels[channel.id] = (channel.topic, schema.name)
+
+
+def _unpacked(chunk: bytes) -> bytes:
+    """The records in a chunk."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk
+    from mcap.stream_reader import get_chunk_data_stream
+
+    stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(chunk))))
+    return bytes(stream.read(size))
 
 
 class WholeRecording:

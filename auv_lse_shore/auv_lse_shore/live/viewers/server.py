@@ -36,7 +36,7 @@ _PERIOD_S = 0.1
 #: Wall clock (s) without news after which an empty message keeps the connection alive.
 _QUIET_S = 2.0
 #: Maximum number of events in one message.
-_BATCH = 400
+_BATCH = 2000
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src '{script}'; img-src data:; "
     "connect-src 'self' ws://127.0.0.1:{port} ws://localhost:{port}; base-uri 'none'; form-action 'none'; "
@@ -246,7 +246,7 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
             name, first, events = self.timeline.since(name, have, _BATCH)
             now = self.timeline.state
             if events or first != have or now != state or quiet_s >= _QUIET_S:
-                reply = {"name": name, "from": first, "events": events, "state": now}
+                reply = {"name": name, "from": first, "events": events, "more": len(events) == _BATCH, "state": now}
                 try:
                     await self.write_message(json.dumps(reply, separators=(",", ":")))
                 except tornado.websocket.WebSocketClosedError:

@@ -4,6 +4,7 @@ import { vehicleColor } from "./colors.js";
 import { clock, element, setText } from "./format.js";
 
 export const SILENT_S = 30;
+export const PLANNER = "planner_node"; // plans nothing once the mission has ended: its last report is void then
 const RANK = { ok: 0, warning: 1, error: 2, stale: 2 };
 const SIGN = { warning: "⚠", error: "✖" };
 
@@ -75,9 +76,18 @@ class Conditions {
 }
 
 function ofHealth(store, vehicle) {
-  const conditions = new Conditions();
-  for (const { t, node, level, text } of store.list("health", vehicle)) conditions.set(node, t, level, `${node}: ${text}`);
+  const conditions = new Conditions(), end = missionEndS(store);
+  for (const { t, node, level, text } of store.list("health", vehicle)) {
+    if (t < end || node !== PLANNER) conditions.set(node, t, level, `${node}: ${text}`);
+  }
+  if (end < Infinity) conditions.set(PLANNER, end, "ok", "");
   return conditions.all;
+}
+
+// When the last vehicle's mission ended; Infinity while one has not.
+export function missionEndS(store) {
+  const ends = store.facts.vehicles.map((v) => store.list("run", v.number).find(({ state }) => state === "ended"));
+  return Math.max(...ends.map((event) => event?.t ?? Infinity));
 }
 
 function ofRun(store, vehicle) {

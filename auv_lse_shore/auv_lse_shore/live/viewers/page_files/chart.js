@@ -1,6 +1,6 @@
 // Curves over mission time, with axes, and a mark at the selected time.
 
-import { prepare } from "./canvas.js";
+import { Pen, prepare } from "./canvas.js";
 import { themeColors } from "./colors.js";
 import { number, tickDigits, ticks, tickStep } from "./format.js";
 import { indexAfter } from "./store.js";
@@ -26,9 +26,9 @@ export class Chart {
     if (!store.facts || width < 100) return [];
     if (this.made !== store.changes || this.ink !== theme.ink) {
       [this.made, this.ink, this.kept] = [store.changes, theme.ink, this.curves()];
+      this.range = rangeOf(this.kept);
     }
-    const curves = this.kept, start = store.startS, values = curves.flatMap((k) => k.points.map((q) => q.value));
-    const high = values.length ? 1.05 * Math.max(1e-6, ...values) : 1, low = Math.min(0, ...values), span = Math.max(60, endS - start);
+    const curves = this.kept, start = store.startS, { low, high } = this.range, span = Math.max(60, endS - start);
     const right = width - AXES.right, bottom = height - AXES.bottom;
     const x = (s) => AXES.left + ((s - start) / span) * (right - AXES.left), y = (v) => bottom - ((v - low) / (high - low)) * (bottom - AXES.top);
     this.time = (px) => start + ((px - AXES.left) / (right - AXES.left)) * span;
@@ -61,11 +61,13 @@ export class Chart {
   line(c, x, y, t, points, steps, color, dash) {
     const past = indexAfter(points, t);
     for (const [alpha, list] of [[0.3, points.slice(Math.max(0, past - 1))], [1, points.slice(0, past)]]) {
+      const pen = new Pen(c);
       c.beginPath();
       list.forEach((q, i) => {
-        if (steps && i) c.lineTo(x(q.t), y(list[i - 1].value));
-        c.lineTo(x(q.t), y(q.value));
+        if (steps && i) pen.to(x(q.t), y(list[i - 1].value));
+        pen.to(x(q.t), y(q.value));
       });
+      pen.end();
       c.globalAlpha = alpha;
       c.setLineDash(dash);
       c.strokeStyle = color;
@@ -75,6 +77,13 @@ export class Chart {
       c.globalAlpha = 1;
     }
   }
+}
+
+// The values that the vertical axis spans.
+function rangeOf(curves) {
+  let low = 0, high = 1e-6;
+  for (const { points } of curves) for (const { value } of points) [low, high] = [Math.min(low, value), Math.max(high, value)];
+  return { low, high: curves.some(({ points }) => points.length) ? 1.05 * high : 1 };
 }
 
 // Sums a value of the vehicles' decisions over the team: one point per decision, once every vehicle has decided.

@@ -29,7 +29,7 @@ export class Link {
     };
   }
 
-  take({ name, from, events, state }) {
+  take({ name, from, events, more, state }) {
     if (name !== this.name || from !== this.have) {
       this.name = name;
       this.have = from;
@@ -37,6 +37,6 @@ export class Link {
     }
     for (const event of events) this.store.add(event);
     this.have += events.length;
-    this.onState({ connection: "open", ...state });
+    this.onState({ connection: "open", loading: more || Boolean(state.reading), ...state });
   }
 }

@@ -1,6 +1,7 @@
 // Connects the parts of the page: receives events, and draws the mission at the selected time.
 
 import { Alarms } from "./alarms.js";
+import { Pen } from "./canvas.js";
 import { Chart, teamSum } from "./chart.js";
 import { LAYERS, themeColors, vehicleColor } from "./colors.js";
 import { Commands } from "./commands.js";
@@ -22,7 +23,8 @@ const reward = new Chart($("reward"), store, rewardCurves, (t) => player.seek(t)
 const risk = new Chart($("risk"), store, riskCurves, (t) => player.seek(t));
 const alarms = new Alarms($("alarms"), store, (t) => player.seek(t));
 const commands = new Commands($("commands"), $("confirm"), store, () => link?.name);
-let link = null, source = { connection: "connecting" }, begun = null, drawn = "", lastFrame = performance.now();
+let link = null, source = { connection: "connecting" }, begun = null, drawn = "", drawnChanges = 0, drawnAt = 0, lastFrame = performance.now();
+const LOADING_MS = 500; // time between two drawings while many events arrive: drawing each time would hold them up
 
 // ---------------------------------------------------------------------- what is drawn
 
@@ -92,6 +94,7 @@ function describeState() {
   if (complete && (source.connection === "lost" || !source.growing)) [text, level] = ["mission complete", "ok"];
   else if (source.connection === "lost") [text, level] = ["connection lost, reconnecting", "error"];
   else if (!store.facts) [text, level] = [source.waiting || "waiting for a mission", ""];
+  else if (source.loading) text = "loading";
   else if (!player.following && source.growing) [text, level] = ["paused in the past", "warning"];
   else if (status && source.growing) [text, level] = [status.state, status.state === "failed" ? "error" : "ok"];
   else if (source.growing) [text, level] = ["running", "ok"];
@@ -255,9 +258,10 @@ function frame(now) {
   const { clientWidth, clientHeight } = $("map");
   const probe = map.probe ? `${map.probe.x} ${map.probe.y}` : "";
   const focus = document.activeElement === $("map");
-  const state = [player.t, store.changes, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), map.measure.active, map.measure.points.length, map.vehicle, JSON.stringify(source)].join(" ");
-  if (state !== drawn) {
-    drawn = state;
+  const loading = source.loading || store.packed > store.facts?.vehicles.length;
+  const state = [loading && player.following ? "" : player.t, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), map.measure.active, map.measure.points.length, map.vehicle, JSON.stringify(source)].join(" ");
+  if (state !== drawn || (store.changes !== drawnChanges && !(loading && now - drawnAt < LOADING_MS))) {
+    [drawn, drawnChanges, drawnAt] = [state, store.changes, now];
     describeState();
     commands.update(source, map.vehicle);
     if (store.facts) {
@@ -288,5 +292,5 @@ if (kept) {
 } else {
   link = new Link(store, (state) => (source = state.connection === "open" ? state : { ...source, ...state }));
 }
-window.liveView = { store, player, map, fromGeodetic, vehicleColor }; // for tests and debugging
+window.liveView = { store, player, map, Pen, fromGeodetic, vehicleColor }; // for tests and debugging
 requestAnimationFrame(frame);

@@ -1,6 +1,6 @@
 // The map view: one vehicle's map, and the tracks, plans and packets of all vehicles.
 
-import { cross, DM, label, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
+import { cross, DM, label, Pen, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
 import { sharesColor, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
 import { drawGraticule } from "./graticule.js";
 import { geodetic, number, tickDigits, ticks, tickStep } from "./format.js";
@@ -188,7 +188,7 @@ export class MapView {
   paint(map) {
     const { rows, columns, layers } = map, bytes = layers[this.layer], image = new ImageData(columns, rows);
     const { name, colors } = LAYERS.find((l) => l.name === this.layer), level = this.store.facts.level_m;
-    const top = name === "std" ? Math.max(1, ...[...bytes].filter((b) => b !== OUTSIDE)) : 254;
+    const top = name === "std" ? bytes.reduce((top, byte) => (byte === OUTSIDE ? top : Math.max(top, byte)), 1) : 254;
     const depth = this.store.facts.layers.find((l) => l.name === "depth"), std = this.store.facts.layers.find((l) => l.name === "std");
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
@@ -233,18 +233,24 @@ export class MapView {
     }
   }
 
-  // Dots of each vehicle in one path. A dot that others of its vehicle cover is left out: long missions have thousands.
+  // Dots of each vehicle in one path, small ones without an edge: long missions have thousands. A dot that others of its
+  // vehicle cover is left out.
   drawSamples(c, p, t) {
+    const radius = Math.min(2.6, Math.max(1.2, 4 * p.scale)), small = radius < 2;
     const dots = new Map(), taken = new Set(), { width, height } = this.size();
     for (const { t: stamp, source, places } of this.store.list("samples", this.vehicle)) {
       if (stamp > t) break;
       if (!dots.has(source)) dots.set(source, new Path2D());
+      const path = dots.get(source);
       for (let i = 0; i < places.length; i += 2) {
         const x = p.x(places[i + 1] * DM), y = p.y(places[i] * DM), place = ((x >> 1) * 8192 + (y >> 1)) * 32 + source;
         if (x < 0 || y < 0 || x > width || y > height || taken.has(place)) continue;
         taken.add(place);
-        dots.get(source).moveTo(x + 2.6, y);
-        dots.get(source).arc(x, y, 2.6, 0, 7);
+        if (small) path.rect(x - radius, y - radius, 2 * radius, 2 * radius);
+        else {
+          path.moveTo(x + radius, y);
+          path.arc(x, y, radius, 0, 7);
+        }
       }
     }
     c.strokeStyle = "#ffffff";
@@ -252,7 +258,7 @@ export class MapView {
     for (const [source, path] of dots) {
       c.fillStyle = vehicleColor(source);
       c.fill(path);
-      c.stroke(path);
+      if (!small) c.stroke(path);
     }
     this.dotCount = taken.size;
   }
@@ -260,15 +266,14 @@ export class MapView {
   drawTrack(c, p, vehicle, t) {
     const now = this.store.pose(vehicle, t), color = vehicleColor(vehicle);
     const line = (list, last) => {
+      const pen = new Pen(c);
       c.beginPath();
-      let [x, y] = [Infinity, Infinity];
       for (const place of list) {
         if (place.t > t) break;
-        const nextX = p.x(place.east), nextY = p.y(place.north);
-        if (Math.abs(nextX - x) + Math.abs(nextY - y) < 1) continue; // less than a pixel
-        c.lineTo((x = nextX), (y = nextY));
+        pen.to(p.x(place.east), p.y(place.north));
       }
-      if (last) c.lineTo(p.x(last.east), p.y(last.north));
+      if (last) pen.to(p.x(last.east), p.y(last.north));
+      pen.end();
     };
     line(this.store.list("pose", vehicle), now);
     strokeWithCasing(c, "rgba(0, 0, 0, .7)", 4, color, 2.2);
@@ -294,10 +299,7 @@ export class MapView {
     const gone = Math.max(0, (bound?.step ?? plan.step) - plan.step), legs = (plan.line.length / 2 - 1) / per;
     if (t > plan.t + (legs + 2) * facts.leg_s) return;
     const part = (from, to) => {
-      c.beginPath();
-      for (let i = Math.max(0, from) * per; i <= Math.min(to, legs) * per; i++) {
-        c.lineTo(p.x(plan.line[2 * i + 1] * DM), p.y(plan.line[2 * i] * DM));
-      }
+      trace(c, p, plan.line.slice(2 * per * Math.max(0, from), 2 * per * Math.min(to, legs) + 2));
     };
     c.lineJoin = "round";
     part(Math.max(gone, plan.own), legs);

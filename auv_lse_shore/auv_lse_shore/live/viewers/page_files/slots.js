@@ -57,7 +57,7 @@ export class SlotView {
       c.fillRect(at, bottom, 1, 4);
       if (at > STRIP.left + 14 && at < width - 24) c.fillText(clock(s), at, bottom + 5);
     }
-    c.fillText("mission time (min:s)", STRIP.left + (width - STRIP.left - STRIP.right) / 2, bottom + 19);
+    c.fillText(`mission time (${to - start < 3600 ? "min:s" : "h:min:s"})`, STRIP.left + (width - STRIP.left - STRIP.right) / 2, bottom + 19);
     this.describe(t);
   }
 

@@ -14,6 +14,7 @@ export class Store {
     this.lastS = 0;
     this.changes = 0;
     this.maps = new Map(); // vehicle -> {cells, queue}: maps are decoded one at a time
+    this.packed = 0; // maps that wait for it
   }
 
   get startS() {
@@ -41,9 +42,11 @@ export class Store {
     const facts = this.facts;
     const state = this.maps.get(event.vehicle) ?? { cells: null, queue: Promise.resolve() };
     this.maps.set(event.vehicle, state);
+    this.packed++;
     state.queue = state.queue.then(async () => {
       const change = await inflate(event.layers);
       if (facts !== this.facts) return; // a new mission has begun
+      this.packed--;
       if (state.cells?.length === change.length) for (let i = 0; i < change.length; i++) change[i] += state.cells[i];
       state.cells = change;
       const size = event.rows * event.columns;
@@ -58,8 +61,12 @@ export class Store {
 
   // The last event of a kind at or before a time; undefined if there is none.
   at(kind, vehicle, t) {
-    const list = this.list(kind, vehicle);
-    return list[indexAfter(list, t) - 1];
+    return this.list(kind, vehicle)[this.count(kind, vehicle, t) - 1];
+  }
+
+  // Number of events of a kind up to a time.
+  count(kind, vehicle, t) {
+    return indexAfter(this.list(kind, vehicle), t);
   }
 
   // The events in [from, to].

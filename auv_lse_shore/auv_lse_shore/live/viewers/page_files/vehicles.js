@@ -1,6 +1,6 @@
 // One card per vehicle: health, progress, position and packets. Clicking a card shows that vehicle's map.
 
-import { SILENT_S } from "./alarms.js";
+import { missionEndS, PLANNER, SILENT_S } from "./alarms.js";
 import { vehicleColor } from "./colors.js";
 import { element, geodetic, number, setText } from "./format.js";
 
@@ -71,8 +71,7 @@ export class VehicleCards {
     setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     setText(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", deadline" : ""}` : "–");
-    const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
-    setText(fields.packets, `${sent} / ${heard}`);
+    setText(fields.packets, `${store.count("sent", vehicle, t)} / ${store.count("received", vehicle, t)}`);
     card.setAttribute("aria-pressed", String(chosen));
     card.title = chosen ? "This vehicle’s map is shown" : "Show this vehicle’s map";
   }
@@ -84,6 +83,7 @@ export class VehicleCards {
     if (!finished && t - pose.t > SILENT_S) return { level: "silent", notes: [`silent for ${number(t - pose.t)} s`] };
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
+    if (t >= missionEndS(this.store)) nodes.delete(PLANNER);
     let level = "ok";
     const notes = [];
     for (const { node, level: own, text } of nodes.values()) {
