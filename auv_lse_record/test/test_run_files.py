@@ -9,6 +9,7 @@ from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import other_bag
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import run_writer
@@ -168,6 +169,21 @@ def test_recording_with_a_parameter_of_an_earlier_version_is_read(tmp_path, synt
         assert back["/**"]["planner"] == flown["/**"].get("planner", {})
     kept = read_parameter_file(tmp_path / "mission.yaml")["/**"]["planner"]
     assert kept["floor"] == "lanes", "a new mission file is checked as it is"
+
+
+def test_recording_of_the_last_version_is_read(tmp_path, synthetic_run):
+    """Its mission file has every parameter of its time; these are gone."""
+    run = synthetic_run(steps=2)
+    gone = {
+        "planner": {"batch": 8, "coordination": "sequential", "team_order": "id", "team_routes": False},
+        "motion": {"track_spacing_m": 1.0},
+        "packet": {"check_limits": True},
+        "gp": {"outlier_sigmas": 0.0},
+    }
+    flown = run.parameters["/**"]
+    run.parameters["/**"] = {**flown, **{name: {**flown.get(name, {}), **old} for name, old in gone.items()}}
+    write_run(run, tmp_path)
+    assert Settings.from_patterns(flown_parameters(tmp_path), "it").mission.steps == 2
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])

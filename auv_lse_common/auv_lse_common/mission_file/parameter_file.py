@@ -15,7 +15,16 @@ from auv_lse_common.mission_file.places_file import with_places
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 #: Parameters of earlier versions. Recordings made with them remain readable; a new mission file must not set them.
-RETIRED = ("planner.floor",)
+RETIRED = (
+    "planner.floor",
+    "planner.batch",
+    "planner.coordination",
+    "planner.team_order",
+    "planner.team_routes",
+    "motion.track_spacing_m",
+    "packet.check_limits",
+    "gp.outlier_sigmas",
+)
 
 
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
