@@ -35,7 +35,6 @@ setup(
         "pyserial",
         "pyyaml",
         sibling("auv_lse_common"),
-        sibling("auv_lse_gp"),
     ]
     if is_library
     else [],

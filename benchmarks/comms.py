@@ -1,9 +1,6 @@
-"""Communication: speed of codec and bridge, delivery against range and team size, and gain of selecting samples by
-their value to the receivers.
+"""Communication: speed of codec and bridge, and delivery against range and team size.
 
-    scripts/bench comms
-    python -m benchmarks.comms figure        draws docs/figures/channel.png
-    python -m benchmarks.comms selections    compares all ways to choose samples in all scenes (half an hour)
+`scripts/bench comms` prints the rows, `python -m benchmarks.comms figure` draws docs/figures/channel.png.
 """
 
 from __future__ import annotations
@@ -11,26 +8,19 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
-from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.world import ChannelConfig
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.packet.codec import Limits, Packet, decode, encode
 from auv_lse_comms.packet.tag import Tagger
-from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.receivers_risk import ReceiverMap, ReceiversRisk
-from auv_lse_sim.ground.lake import SyntheticLake
 from auv_lse_sim.water.channel import Channel, Position, snr_db
 from benchmarks.command import end_with, parser_of
 from benchmarks.navigation.channel_loss import loss_at_range
@@ -57,8 +47,6 @@ class Sizes:
         seconds: Mission time of the team of twenty, and of the smaller teams.
         packets: Packets sent at each range.
         teams: Numbers of vehicles.
-        selection_s: Mission time of the comparison of selections.
-        lakes: Lakes of that comparison.
     """
 
     calls: int = 200
@@ -66,12 +54,10 @@ class Sizes:
     seconds: tuple[int, int] = (3600, 1600)
     packets: int = 2000
     teams: tuple[int, ...] = (2, 3, 5, 8, 12, 20)
-    selection_s: int = 1600
-    lakes: int = 2
 
 
 FULL = Sizes()
-SMOKE = Sizes(calls=2, repeats=2, seconds=(60, 130), packets=5, teams=(2,), selection_s=110, lakes=1)
+SMOKE = Sizes(calls=2, repeats=2, seconds=(60, 130), packets=5, teams=(2,))
 
 PLAN = Plan(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), naive_path=0xF1)
 NORTH_M, EAST_M = 700.0, 600.0
@@ -269,149 +255,6 @@ def teams(sizes: Sizes = FULL) -> list[Row]:
     return rows
 
 
-@dataclasses.dataclass(slots=True)
-class Outcome:
-    """Excess cost of the vehicles' maps over a map of all data (the paper's local-map error)."""
-
-    excess: float  # Bayes risk of a vehicle's map less that of all data, mean over the mission, vehicles and places
-    regret: float  # what the vehicle's classes cost, by all data, more than the best ones; the same mean; never < 0
-    select_s: float  # processor time of choosing, per packet
-
-
-def regret(local: ReceiverMap, everything: ReceiverMap, level: LevelSet) -> float:
-    """Expected cost, by all data, of a vehicle's classes over that of the best ones, mean over the places."""
-    safe = level.p_safe(*everything.predict())
-    cost = np.where(level.safe(*local.predict()), level.cost_false_safe * (1.0 - safe), level.cost_false_unsafe * safe)
-    return float(cost.mean()) - everything.risk
-
-
-def survey(
-    packet: PacketConfig,
-    vehicles: int,
-    seed: int,
-    seconds: int = 1600,
-    loss: float = 0.2,
-    silent_s: float = 0.0,
-    rate_hz: int = 1,
-) -> Outcome:
-    """Moves a team over a synthetic lake and compares each vehicle's map with one of all data.
-
-    Args:
-        packet: How samples are chosen.
-        vehicles: Number of vehicles.
-        seed: Of lake, paths and losses.
-        seconds: Length of the mission.
-        loss: Share of the receptions lost at random.
-        silent_s: No vehicle receives a packet before this time (a gap in communication), and nothing is compared.
-        rate_hz: Soundings per second.
-    """
-    lake = SyntheticLake(mission_seed=seed)
-    gp, level = GpConfig(min_spacing_m=8.0), LevelSet()
-    extent = lake.extent
-    corner = np.array([extent.north_min_m, extent.east_min_m]) + 50.0
-    n1, e1 = corner[0] + NORTH_M, corner[1] + EAST_M
-    area = OperatingArea(AreaConfig(polygon_m=(corner[0], corner[1], n1, corner[1], n1, e1, corner[0], e1)))
-
-    def belief(address: int) -> ReceiversRisk | None:
-        if packet.selection != "useful":
-            return None
-        return ReceiversRisk(gp, level, area, stream(seed, "receivers", address), 25.0)
-
-    team = [ModemBridge(TdmaConfig(), packet, a, vehicles, receivers=belief(a)) for a in range(1, vehicles + 1)]
-    own, everything = [ReceiverMap(gp, level, area, 25.0) for _ in team], ReceiverMap(gp, level, area, 25.0)
-    paths, luck = Wanderers(vehicles, seed), stream(seed, "loss")
-    noise = stream(seed, "noise")
-    excess: list[float] = []
-    regrets: list[float] = []
-    select_s, packets = 0.0, 0
-    share = np.arange(1, rate_hz + 1)[:, None] / rate_hz
-    for t in range(1, seconds + 1):
-        before = paths.places.copy()
-        after = paths.step()
-        lost = luck.random((vehicles, vehicles)) < loss
-        for i, bridge in enumerate(team):
-            places = corner + before[i] + share * (after[i] - before[i])
-            depth = lake.depth_m(places[:, 0], places[:, 1]) + noise.normal(0.0, 0.1, rate_hz)
-            rows = np.column_stack([t - 1.0 + share[:, 0], places, depth])[np.isfinite(depth)]
-            if t % 4 == 0:
-                own[i].add(rows[-1:, 1:])
-                everything.add(rows[-1:, 1:])
-            bridge.add_soundings(rows)
-            bridge.set_plan(PLAN)
-        for sender, bridge in enumerate(team):
-            start = time.process_time()
-            payload = bridge.poll(float(t))
-            if payload is None:
-                continue
-            select_s += time.process_time() - start
-            packets += 1
-            for i, other in enumerate(team):
-                if other is bridge or lost[i, sender] or t < silent_s:
-                    continue
-                received = other.receive(t + 3.0, bridge.address, payload)
-                if received is not None:
-                    own[i].add(received.packet.samples)
-        if t % 50 == 0 and t > silent_s:
-            excess.append(float(np.mean([k.risk for k in own])) - everything.risk)
-            regrets.append(float(np.mean([regret(k, everything, level) for k in own])))
-    return Outcome(float(np.mean(excess)), float(np.mean(regrets)), select_s / max(packets, 1))
-
-
-#: The compared selections, each against the first: the paper's rule on every sounding.
-CHOICES = {
-    "every n-th": PacketConfig(),
-    "every n-th, 5 m apart": PacketConfig(min_spacing_m=5.0),
-    "useful": PacketConfig(selection="useful"),
-    "useful, 3 m apart": PacketConfig(selection="useful", min_spacing_m=3.0),
-}
-SCENES: dict[str, dict[str, Any]] = {
-    "K = 3": {"vehicles": 3},
-    "K = 3, no loss": {"vehicles": 3, "loss": 0.0},
-    "K = 3, 10 soundings/s": {"vehicles": 3, "rate_hz": 10},
-    "K = 3, silent for 10 min": {"vehicles": 3, "silent_s": 600.0},
-    "K = 8": {"vehicles": 8},
-}
-
-
-def selections(
-    scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3, seconds: int = 1600
-) -> list[Row]:
-    """Gain from the choice of samples: excess cost of local maps over the map of all data, mean over the mission.
-
-    Args:
-        scenes: Of `SCENES`.
-        choices: Of `CHOICES`, the first one the one that the others are compared with.
-        seeds: Number of lakes.
-        seconds: Length of each mission.
-    """
-    rows = []
-    for scene in scenes:
-        settings = SCENES[scene]
-        base: list[Outcome] = []
-        for choice in choices:
-            config = CHOICES[choice]
-            runs = [survey(config, seed=seed, seconds=seconds, **settings) for seed in range(1, seeds + 1)]
-            first = not base
-            base = base or runs
-            for kind in ("regret", "excess"):
-                mean = float(np.mean([getattr(r, kind) for r in runs]))
-                ratio = mean / float(np.mean([getattr(r, kind) for r in base]))
-                goal = "ratio < 1" if kind == "regret" and choice == "useful" else ""
-                rows.append(
-                    row(
-                        f"local-map {kind}, {scene}: {choice}", mean, "cost per place", against="every n-th",
-                        ratio=ratio, goal=goal, holds=ratio < 1.0 if goal else None,
-                    )
-                )  # fmt: skip
-            if not first:
-                better = sum(r.regret < b.regret for r, b in zip(runs, base, strict=True))
-                rows.append(row(f"  lakes with less regret, {scene}: {choice}", better, f"of {seeds}"))
-            if config.selection == "useful":
-                spent = float(np.mean([r.select_s for r in runs]))
-                rows.append(row(f"  processor time per packet, {scene}: {choice}", spent * 1e3, "ms"))
-    return rows
-
-
 def channel_figure(path: Path, packets: int = 250) -> None:
     """Draws frame error against range, for spreading laws, noise and fading, with points that were sent."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -450,21 +293,15 @@ def channel_figure(path: Path, packets: int = 250) -> None:
 def run(*, smoke: bool = False) -> list[Row]:
     """All rows of `scripts/bench comms`; `smoke`: at the smallest sizes, in seconds."""
     sizes = SMOKE if smoke else FULL
-    scenes = ("K = 3",) if smoke else ("K = 3", "K = 3, silent for 10 min")
-    chosen = selections(scenes, ("every n-th", "useful"), sizes.lakes, sizes.selection_s)
-    return [*codec(sizes), *twenty_vehicles(sizes), *ranges(sizes), *teams(sizes), *chosen]
+    return [*codec(sizes), *twenty_vehicles(sizes), *ranges(sizes), *teams(sizes)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draws the figure, or prints the comparison."""
+    """Draws the figure."""
     parser = parser_of("benchmarks.comms", __doc__)
-    parser.add_argument("what", choices=("figure", "selections"), help="see above")
-    if parser.parse_args(arguments).what == "figure":
-        channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
-        return
-    for line in selections():
-        ratio = "" if line["ratio"] is None else f"x {line['ratio']:.3f}"
-        print(line["name"], f"{line['value']:.4g}", line["unit"], ratio)
+    parser.add_argument("what", choices=("figure",), help="see above")
+    parser.parse_args(arguments)
+    channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
 
 
 if __name__ == "__main__":

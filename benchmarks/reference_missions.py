@@ -46,13 +46,6 @@ MISSIONS: dict[str, dict[str, Any]] = {
     "plain": {"planner.method": "plain", "mission.steps": 50, "mission.seed": 4},
     "lawnmower": {"planner.method": "lawnmower", "mission.seed": 6},
     "straddle": {"planner.method": "straddle", "mission.vehicles": 1, "mission.steps": 60, "mission.seed": 8},
-    "useful": {
-        "planner.method": "plain",
-        "packet.selection": "useful",
-        "mission.steps": 40,
-        "mission.seed": 9,
-        "sim.channel.packet_loss": 0.3,
-    },
     "three_places_a_leg": {
         "planner.samples_per_leg": 3,
         "planner.method": "augmented",

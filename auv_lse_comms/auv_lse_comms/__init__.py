@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
     from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
     from auv_lse_comms.packet.key import KeyFileError, read_key
-    from auv_lse_comms.packet.selection import Receivers
     from auv_lse_comms.packet.tag import Tagger
     from auv_lse_comms.settings import bridge_of
     from auv_lse_comms.tdma import Slot, Tdma
@@ -29,7 +28,6 @@ __all__ = [
     "PacketConfig",
     "PacketError",
     "Received",
-    "Receivers",
     "Slot",
     "Tagger",
     "Tdma",
@@ -49,7 +47,6 @@ __getattr__ = lazy_exports(
         "packet.codec": ("REASONS", "Limits", "Packet", "PacketError", "decode", "encode"),
         "packet.fields": ("PACKET_BYTES", "capacity"),
         "packet.key": ("KeyFileError", "read_key"),
-        "packet.selection": ("Receivers",),
         "packet.tag": ("Tagger",),
         "settings": ("bridge_of",),
         "tdma": ("Slot", "Tdma"),

@@ -6,7 +6,6 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 
 # isort: split
 
-from collections.abc import Mapping
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
@@ -22,23 +21,12 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
-from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
 from auv_lse_comms.tdma_report import tdma_report
 
 _STATUS_PERIOD_S = 10.0
 _TUNABLE = ("order", "slot_s", "guard_s", "epoch_s", "send_duration_s")
-
-
-def _make_receivers(parameters: Mapping[str, Any], where: str, address: int) -> Receivers:
-    """The receivers' knowledge, estimated by the map: the only use of auv_lse_gp in this package.
-
-    It is imported only for `packet.selection: useful`; otherwise the node needs neither that package nor SciPy.
-    """
-    from auv_lse_gp.map.receivers_risk import ReceiversRisk
-
-    return ReceiversRisk.from_parameters(parameters, where, address)
 
 
 class ModemNode(VehicleNode):
@@ -49,9 +37,12 @@ class ModemNode(VehicleNode):
         super().__init__("modem_node")
         simulated = self.get_parameter("use_sim_time").value
         self._bridge = bridge_of(
-            self.parameters, self.where, self.vehicle, _make_receivers, not self.lockstep,
+            self.parameters,
+            self.where,
+            self.vehicle,
+            not self.lockstep,
             handshake_s=0.0 if simulated else HANDSHAKE_S,
-        )  # fmt: skip
+        )
         self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
         self._bridge.remember = self.journal.write
         if self.state.values:

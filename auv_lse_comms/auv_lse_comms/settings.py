@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,11 +19,6 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_comms.bridge import MateTracks, ModemBridge, ModemFeatures, Pace
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
-from auv_lse_comms.packet.selection import Receivers
-
-#: Creates the receivers of `packet.selection` "useful" from the mission's parameters, their origin (for messages), and
-#: the sender's number.
-MakeReceivers = Callable[[Mapping[str, Any], str, int], Receivers]
 
 #: Meaning of a missing number, by its key in the section `mission`.
 _SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
@@ -86,7 +81,6 @@ def bridge_of(
     parameters: Mapping[str, Any],
     where: str,
     address: int,
-    make_receivers: MakeReceivers | None = None,
     confirmed: bool = False,
     handshake_s: float = 0.0,
 ) -> ModemBridge:
@@ -96,7 +90,6 @@ def bridge_of(
         parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` are required.
         where: Where they came from, for messages.
         address: Number of the vehicle.
-        make_receivers: Called if `packet.selection` is "useful", which needs it.
         confirmed: Whether a Micromodem (`modem.kind`) must confirm each packet.
         handshake_s: Time (s) from handing over a packet to the earliest transmission; 0 in simulated time.
 
@@ -123,14 +116,9 @@ def bridge_of(
             f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least {ping_slot_s:.2f} s with modem.ping: a "
             f"packet, a ping and its answer, and {WINDOW_S:g} s to begin in"
         )
-    receivers = None
-    if packet.selection == "useful" and make_receivers is not None:
-        receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
-        bridge = ModemBridge(
-            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, modem=features
-        )
+        bridge = ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, modem=features)
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error
     except ValueError as error:

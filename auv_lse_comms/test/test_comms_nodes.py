@@ -22,16 +22,14 @@ from std_msgs.msg import Header
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.process.dive import DIVE_VARIABLE, tagged_frame
-from auv_lse_common.topics.quality import EVERY, LATCHED
-from auv_lse_common.topics.ros_conversions import header
+from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
 from auv_lse_comms import driver_node
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
-from auv_lse_comms.packet.codec import decode
-from auv_lse_msgs.msg import ModemTx, Plan, Sounding, TdmaStatus
+from auv_lse_msgs.msg import ModemTx, TdmaStatus
 
 pytestmark = pytest.mark.ros
 
@@ -76,34 +74,6 @@ def test_a_node_that_cannot_start_names_the_parameter_that_is_wrong(
     named = pytest.raises(ParameterError, match=f"parameters of {namespace}/.*{message}")
     with named, spun(make, tmp_path / "p.yaml", parameters, namespace):
         pass
-
-
-def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> None:
-    parameters = (
-        "mission: {vehicles: 2, steps: 50}\n"
-        "area: {polygon_m: [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]}\n"
-        "tdma: {order: [2, 1], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
-        "packet: {selection: useful, navigation: false}"
-    )
-    with spun(ModemNode, tmp_path / "p.yaml", parameters) as s:
-        sent = s.collect(ModemTx, "/auv2/modem/tx")
-        soundings = s.bench.create_publisher(Sounding, "/auv2/sounding", EVERY)
-        plans = s.bench.create_publisher(Plan, "/auv2/plan", LATCHED)
-        failed = s.bench.create_publisher(ModemTx, "/auv2/modem/failed", EVERY)
-        s.until(lambda: all(p.get_subscription_count() for p in (soundings, plans, failed)))
-        for k in range(60):
-            place = {"north_m": 5.0 * k, "east_m": 37.0 * k % 400.0, "depth_m": 14.0 + 0.03 * k}
-            soundings.publish(Sounding(header=header(float(k)), **place))
-        s.until(lambda: s.node._intake.bridge.unsent + len(s.node._intake._soundings) == 60)
-        plans.publish(Plan(vehicle=2, step=1, north_m=5.0, actions=[5], naive_path=0xFF))
-        s.until(lambda: sent)
-        failed.publish(ModemTx(header=sent[0].header, source=2))
-        s.until(lambda: s.node._bridge.counts["slots.missed.modem"] == 1)
-        assert len(sent) == 1
-        s.until(lambda: len(sent) == 2)
-        first, again = (decode(bytes(message.payload)).samples for message in sent)
-        assert len(first) == 19
-        assert (first == again).all(), "worth as much as before"
 
 
 def test_a_mates_navigation_is_published_before_its_samples(tmp_path: Path) -> None:

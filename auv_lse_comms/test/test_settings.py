@@ -44,8 +44,6 @@ def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
             {"packet": {"tag": True, "key_file": str(tmp_path / "none"), "session": "a"}},
             r"packet.key_file: .*none: cannot be read",
         ),
-        ({"packet": {"selection": "useful"}}, r"m.yaml: packet.selection = 'useful': expected `receivers`"),
-        ({"packet": {"selection": "best"}}, r"packet.selection: got 'best'; expected one of 'every_nth', 'useful'"),
         ({"packet": {"tagg": True}}, r"packet.tagg: unknown parameter .* did you mean 'tag'"),
     ):
         with pytest.raises(ParameterError, match=message):

@@ -6,7 +6,7 @@ import sys
 
 CODE = """
 import sys
-import auv_lse_gp, auv_lse_gp.map.receivers_risk, auv_lse_gp.covariance.likelihood
+import auv_lse_gp, auv_lse_gp.map.online, auv_lse_gp.covariance.likelihood
 assert "numba" not in sys.modules, "imported before it is used"
 auv_lse_gp.expected_bayes_risk(15.0, 1.0, 1.0, 15.0, 10.0, 10.0)
 from auv_lse_common.support.compiled import USE_NUMBA

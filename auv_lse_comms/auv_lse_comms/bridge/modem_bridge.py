@@ -27,7 +27,6 @@ from auv_lse_comms.bridge.slot_usage import SlotUsage
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, check_plan, decode, encode, room_for_samples
 from auv_lse_comms.packet.navigation import MAX_BYTES, Navigation
-from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
 from auv_lse_comms.tdma import SlotKey, Tdma
@@ -107,7 +106,6 @@ class ModemBridge:
         *,
         limits: Limits | None = None,
         key: bytes | None = None,
-        receivers: Receivers | None = None,
         modem: ModemFeatures = _PLAIN,
     ) -> None:
         """Starts without a plan and without soundings.
@@ -119,16 +117,13 @@ class ModemBridge:
             vehicles: Number of vehicles of the mission.
             limits: What a mission's packets can hold; None: the ranges of the field table.
             key: The team's key (`key.read_key`), required if `packet.tag`.
-            receivers: Estimate of the receivers' knowledge, required if `packet.selection` is "useful".
             modem: What the modem does beyond sending packets.
 
         Raises:
-            ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
+            ValueError: if the key is missing, or the address is not a vehicle.
         """
         if packet.tag and key is None:
             raise ValueError("packet.tag = true: expected a key")
-        if packet.selection == "useful" and receivers is None:
-            raise ValueError("packet.selection = 'useful': expected `receivers`, which rate the samples")
         self.tdma = Tdma(tdma, address, vehicles)
         self.quality = LinkQuality(self.tdma, address)
         self.address = address
@@ -145,9 +140,8 @@ class ModemBridge:
         self.abort_calls = AbortCalls(
             packet.tag or packet.abort_without_tag, self.counts, lambda mates: self.remember("obeyed", mates)
         )
-        self._receivers = receivers
-        self._samples = SampleQueue(packet, limits, receivers, self.counts)
-        self._slots = SlotUsage(self.tdma, self.counts, packet.expected_loss)
+        self._samples = SampleQueue(packet, limits, self.counts)
+        self._slots = SlotUsage(self.tdma, self.counts)
         self._ranging = Ranging(self.tdma, modem.second_lead_s, modem.pings)
         self._plan: Plan | None = None
         self._fix: Fix | None = None
@@ -191,8 +185,7 @@ class ModemBridge:
 
         With `packet.navigation` their raw places are sent. Unusable soundings are dropped and counted: "samples.bad"
         have a number that is not finite; "samples.outside" are outside the limits, with which every receiver would
-        refuse the whole packet; "samples.thinned" are nearer to the last queued one than `min_spacing_m`;
-        "samples.unplaced" lack a raw place that `packet.navigation` needs.
+        refuse the whole packet; "samples.unplaced" lack a raw place that `packet.navigation` needs.
 
         Args:
             soundings: Soundings in time order, or rows as `Soundings.from_rows` reads them.
@@ -241,12 +234,12 @@ class ModemBridge:
             self.quality.note_refusal(now_s, error.reason, source, error.clock_s)
             return None
         self._last_payload[source] = payload
-        self._note_heard(source, packet.samples)
+        self._note_heard(source, len(packet.samples))
         slot_s, era = None, b""
         if self._tagger is not None:
             slot_s, era = self._tagger.last_slot_s[source], self._tagger.eras[source]
         seen = None if self.tracks is None else self.tracks.last(source)
-        self.remember("heard", source, slot_s, packet.samples.tolist(), era.hex(), seen)
+        self.remember("heard", source, slot_s, len(packet.samples), era.hex(), seen)
         navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=navigation)
 
@@ -273,13 +266,11 @@ class ModemBridge:
             for sign in (1.0, -1.0):
                 yield from self.tdma.around(now_s + sign * 3600.0 * hours, source)
 
-    def _note_heard(self, source: int, samples: Array) -> None:
+    def _note_heard(self, source: int, samples: int) -> None:
         self._slots.heard()
         self.counts["received"] += 1
         self.counts[f"received.{source}"] += 1
-        self.counts["samples.received"] += len(samples)
-        if self._receivers is not None and len(samples):
-            self._receivers.receive(samples, self.loss)
+        self.counts["samples.received"] += samples
 
     def must_abort(self, received: Received) -> bool:
         """Takes note of an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""
@@ -313,7 +304,7 @@ class ModemBridge:
         payload, samples = self._compose(plan, slot.start_s, now_s)
         self._slots.used = True
         self._note_sent(now_s, samples, slot.key)
-        self.remember("sent", now_s, samples[:, :4].tolist(), list(slot.key), self.loss)
+        self.remember("sent", now_s, samples.tolist(), list(slot.key), self.loss)
         return payload
 
     def counters(self) -> dict[str, Any]:
@@ -372,8 +363,6 @@ class ModemBridge:
     def not_sent(self, sent_s: float) -> None:
         """The modem did not send a packet: its samples are requeued, and its slot counts as missed.
 
-        With `packet.selection` "useful", an earlier packet than the last stays in the receivers' assumed knowledge.
-
         Args:
             sent_s: Time at which `poll` gave that packet out (s). It is ignored if no packet was given out then, or
                 long ago, or if the packet was reported before.
@@ -383,7 +372,7 @@ class ModemBridge:
             return
         packet = self._sent.pop(found[-1])
         self.remember("not_sent", packet.then_s)
-        self._samples.put_back(packet.samples, last=packet.then_s == self._last_sent_s)
+        self._samples.put_back(packet.samples)
         self.counts["samples.sent"] -= len(packet.samples)
         self.counts["sent"] -= 1
         self.counts["slots.used"] -= 1
@@ -402,7 +391,7 @@ class ModemBridge:
         room = room_for_samples(plan, reserve, navigation)
         if self._config.navigation and navigation is None:
             room = 0  # without a raw place in the packet, receivers would not take the samples for raw ones
-        samples = self._samples.take(room, self.loss)
+        samples = self._samples.take(room)
         payload = encode(Packet(plan, samples[:, 1:4], abort, navigation), self._limits, reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address, slot_s)
@@ -446,14 +435,14 @@ class ModemBridge:
                     self._fix = Fix(**values[0])
                 case "heard":
                     source, slot_s, samples, era, seen = values
-                    self._note_heard(source, np.array(samples).reshape(-1, 3))
+                    self._note_heard(source, samples)
                     if self._tagger is not None and slot_s is not None:
                         self._tagger.last_slot_s[source], self._tagger.eras[source] = slot_s, bytes.fromhex(era)
                     if self.tracks is not None and seen is not None:
                         self.tracks.recall(source, seen)
                 case "sent":
                     then_s, samples, (index, since_s), self._slots.loss = values
-                    rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4), self.loss)
+                    rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4))
                     self._note_sent(then_s, rows, (index, since_s))
                     if self._tagger is not None:
                         self._tagger.sealed_s = self.tdma.slot(then_s).start_s

@@ -20,9 +20,9 @@ class SlotUsage:
         last: The slot of the last packet; None before the first.
     """
 
-    def __init__(self, tdma: Tdma, counts: Counter[str], expected_loss: float) -> None:
+    def __init__(self, tdma: Tdma, counts: Counter[str]) -> None:
         """Starts before the first slot."""
-        self.loss = expected_loss
+        self.loss = 0.0
         self.used = False
         self.reason = "late"
         self.last: SlotKey | None = None

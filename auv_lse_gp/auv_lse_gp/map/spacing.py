@@ -28,10 +28,6 @@ class SpacingIndex:
         """Number of places."""
         return len(self._places)
 
-    def add(self, north_m: float, east_m: float) -> None:
-        """Appends a place."""
-        self._places.append([north_m, east_m])
-
     def shift(self, by_m: Array) -> None:
         """Moves all places by (n, 2)."""
         self._places.rows[:] += by_m
@@ -39,11 +35,6 @@ class SpacingIndex:
     def truncate(self, size: int) -> None:
         """Drops all places from number `size` on."""
         self._places.resize(min(len(self), size))
-
-    def too_close(self, north_m: float, east_m: float) -> int | None:
-        """Number of the nearest place if it is closer than the spacing, else None."""
-        near = int(self._near(np.array([[north_m, east_m]]), 0)[0])
-        return near if near >= 0 else None
 
     def take(self, places_m: Array, max_new: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Keeps, one after another, the places that no kept place is too close to.

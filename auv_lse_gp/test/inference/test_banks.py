@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import pytest
 import shapely
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -14,7 +13,6 @@ from auv_lse_gp.inference.banks import BANK_M, WIDTH_STD, Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.map.receivers_risk import ReceiverMap
 from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
 
 SHORE_M, LEVEL_M = 6.0, 15.0
@@ -181,14 +179,10 @@ def test_samples_are_compared_as_depths():
     assert fit.tolist() == [True, False]
 
 
-def test_receivers_and_the_undiscovered_isobath_know_the_banks():
-    area, level_set = OperatingArea(AREA), LevelSet(level_m=LEVEL_M)
-    receiver = ReceiverMap(CONFIG, level_set, area)
-    banked, open_gp = OnlineGp(CONFIG, banks=BANKS), OnlineGp(CONFIG)
-    assert receiver.risk == pytest.approx(level_set.risk(*banked.predict(receiver.places_m)).mean())
-    assert receiver.risk < level_set.risk(*open_gp.predict(receiver.places_m)).mean()
+def test_the_undiscovered_isobath_knows_the_banks():
+    banked = OnlineGp(CONFIG, banks=BANKS)
     banked.add_all(track())
-    grid = coarse_grid(area, 5.0)
+    grid = coarse_grid(OperatingArea(AREA), 5.0)
     missing = [
         undiscovered(CONFIG, banked.centers, LEVEL_M, grid, lambda p: np.zeros(len(p), dtype=bool), banks)
         for banks in (None, BANKS)

@@ -19,21 +19,6 @@ def nearest(kept, place, spacing_m):
     return int(np.argmin(distance)) if len(kept) and distance.min() < spacing_m else None
 
 
-@pytest.mark.parametrize("spacing_m", [0.0, 3.0, 10.0])
-def test_finds_the_nearest_place_within_the_spacing(spacing_m):
-    rng = np.random.default_rng(1)
-    index, kept = SpacingIndex(spacing_m), np.zeros((0, 2))
-    for size in (80, 30, 60, 0, 40):  # grows and is cut back
-        index.truncate(size)
-        kept = kept[:size]
-        while len(kept) < size:
-            kept = np.vstack([kept, rng.uniform(-50.0, 50.0, 2)])
-            index.add(*kept[-1].tolist())
-        assert len(index) == size
-        for place in rng.uniform(-60.0, 60.0, (200, 2)):
-            assert index.too_close(*place.tolist()) == nearest(kept, place, spacing_m)
-
-
 @pytest.mark.parametrize("max_new", [0, 5, 1000])
 def test_take_equals_adding_places_one_by_one(max_new):
     rng = np.random.default_rng(2)
@@ -54,8 +39,18 @@ def test_take_equals_adding_places_one_by_one(max_new):
         assert len(index) == len(kept)
 
 
+def test_dropped_places_are_not_found():
+    rng = np.random.default_rng(1)
+    index = SpacingIndex(5.0)
+    places = rng.uniform(-500.0, 500.0, (80, 2))
+    index.take(places, 80)
+    index.truncate(30)
+    near, _ = index.take(places, 0)
+    assert near[:30].tolist() == list(range(30))
+    assert (near[30:] < 30).all()
+
+
 def test_place_at_exactly_the_spacing_is_not_too_close():
     index = SpacingIndex(10.0)
-    index.add(0.0, 0.0)
-    assert index.too_close(10.0, 0.0) is None
-    assert index.too_close(6.0, 7.9) == 0
+    near, new = index.take(np.array([[0.0, 0.0], [10.0, 0.0], [-6.0, 7.9]]), 3)
+    assert (near.tolist(), new.tolist()) == ([0, 1, 0], [True, True, False])

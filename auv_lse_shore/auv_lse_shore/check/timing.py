@@ -139,7 +139,4 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
     which = "every one" if nth == 1 else f"one in {nth}"
     findings.note(f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}")
-    average = "" if settings.packet.selection == "every_nth" else " on average"
-    findings.note(
-        f"packet: of {soundings:.0f} soundings in a cycle {which} is sent. Sent ones are {apart:.0f} m apart{average}"
-    )
+    findings.note(f"packet: of {soundings:.0f} soundings in a cycle {which} is sent. Sent ones are {apart:.0f} m apart")

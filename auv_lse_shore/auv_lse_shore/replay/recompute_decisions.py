@@ -26,7 +26,6 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.inference.centers import Centers
-from auv_lse_gp.map.receivers_risk import ReceiversRisk
 from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from auv_lse_shore.replay.inputs import Pending, RecordedDecision, VehicleInputs, ticks_of
@@ -235,7 +234,7 @@ def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float,
     number = inputs.vehicle
     parameters = parameters_for(settings.to_patterns(), f"/auv{number}/modem_node")
     where = f"{settings.where} (auv{number})"
-    intake = BridgeIntake(bridge_of(parameters, where, number, ReceiversRisk.from_parameters))
+    intake = BridgeIntake(bridge_of(parameters, where, number))
     found = []
     for received_s, packet in inputs.packets:
         intake.add_packet(packet.stamp_s, packet.source, packet.payload)

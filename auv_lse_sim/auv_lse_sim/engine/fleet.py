@@ -28,7 +28,6 @@ from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.map.receivers_risk import ReceiversRisk
 from auv_lse_gp.places.position_corrector import PositionCorrector, corrector_for
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
@@ -220,7 +219,7 @@ class Fleet:
         depth_map = DepthMap(own.gp, self.settings.level_set, self.area)
         return VehicleCores(
             vehicle=number,
-            bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
+            bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number),
             to_map=MapIntake(depth_map, corrector_for(number, self.settings.places_in_force(number), depth_map)),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),

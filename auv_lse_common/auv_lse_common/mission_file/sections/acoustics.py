@@ -88,22 +88,6 @@ class TdmaConfig:
 class PacketConfig:
     """Content of packets, and the checks of received packets."""
 
-    selection: str = parameter(
-        "every_nth",
-        choices=("every_nth", "useful"),
-        help="samples to send: every_nth each n-th unsent one (the paper), useful those that most reduce the "
-        "receivers' risk",
-    )
-    expected_loss: float = parameter(
-        0.2, low=0.0, high=1.0, help="probability that a packet is lost: the initial estimate for selection 'useful'"
-    )
-    min_spacing_m: float = parameter(
-        0.0,
-        unit="m",
-        low=0.0,
-        high=1000.0,
-        help="smallest distance between queued samples; closer ones are not sent (0: send all)",
-    )
     navigation: bool | None = parameter(
         None,
         help="send the vehicle's dead-reckoned position and last fix, to correct the samples' "
