@@ -1,11 +1,12 @@
 """Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them.
 
-It also removes what killed nodes leave in memory.
+It also removes what killed nodes leave in memory, and lets Hypothesis take its time.
 """
 
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import auv_lse_common
 import auv_lse_comms
@@ -27,6 +28,10 @@ __all__ = [
     "auv_lse_shore",
     "auv_lse_sim",
 ]
+
+#: How long an example takes depends on what else the machine does.
+settings.register_profile("any load", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any load")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -40,7 +40,7 @@ def test_slots_come_from_time_alone() -> None:
         assert Tdma(config, 1, 3).slot(t) == asked.slot(t)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.floats(0.25, 60.0),
     st.floats(-1e9, 2e9),

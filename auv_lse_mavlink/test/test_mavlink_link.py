@@ -428,7 +428,7 @@ def test_the_autopilots_warnings_are_reported():
     assert [p.text for p in pilot.of(events.Problem)] == ["autopilot: Leak detected"]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.binary(max_size=300))
 def test_garbage_is_survived_and_counted(data):
     pilot = Autopilot()

@@ -82,7 +82,7 @@ def polylines(draw: st.DrawFn) -> NDArray[np.float64]:
     return polyline * min(1.0, 60 * SEGMENT_M / max(length, 1.0))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(polylines())
 def test_rounding_errors_do_not_accumulate(polyline_m: NDArray[np.float64]):
     if np.hypot(*np.diff(polyline_m, axis=0).T).sum() < 1.0:
@@ -109,7 +109,7 @@ def test_long_straight_tour_stays_on_its_line():
     assert np.hypot(*(alike[-1] - end)) > 36.0
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.integers(1, 255),
     st.lists(st.integers(0, 255), min_size=1, max_size=MAX_SEGMENTS),

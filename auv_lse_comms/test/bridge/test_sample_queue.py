@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from auv_lse_comms.bridge.sample_queue import every_nth
 
 
-@settings(deadline=None)
 @given(st.integers(0, 3000), st.integers(0, 19))
 def test_every_nth_fills_the_packet_and_spreads(unsent: int, room: int) -> None:
     chosen = every_nth(unsent, room)
@@ -30,7 +29,7 @@ def test_every_nth_by_hand() -> None:
     assert every_nth(6, 3).tolist() == [0, 2, 5]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(1, 150), st.integers(1, 19), st.integers(0, 30))
 def test_nothing_starves_and_everything_is_sent_once(backlog: int, room: int, arriving: int) -> None:
     """While `arriving` new ones come per packet, the oldest goes each time: no sample waits longer than the backlog."""

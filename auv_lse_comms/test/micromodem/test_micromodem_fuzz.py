@@ -3,7 +3,7 @@
 from collections import Counter
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from auv_lse_common.mission_file.sections.modem import ModemConfig
@@ -144,7 +144,7 @@ def run(steps, modem, moved):
     return told, sent
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=400)
 @given(stories)
 def test_any_sequence_of_events_ends_with_one_outcome_per_packet(steps):
     modem = Micromodem(CONFIG, ADDRESS)
@@ -160,7 +160,7 @@ def test_any_sequence_of_events_ends_with_one_outcome_per_packet(steps):
             assert event.destination in (0, ADDRESS)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(stories)
 def test_any_sequence_of_events_replays_from_its_log(steps):
     log = []

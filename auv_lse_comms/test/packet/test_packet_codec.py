@@ -368,7 +368,7 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     return Packet(plan, np.array(rows, dtype=float).reshape(n, 3), navigation=told)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(packets())
 def test_round_trip(packet: Packet) -> None:
     data = encode(packet)
@@ -377,7 +377,7 @@ def test_round_trip(packet: Packet) -> None:
     assert encode(decode(data)) == data
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(packets(reserve=8), st.binary(min_size=8, max_size=8))
 def test_round_trip_leaves_the_tag_alone(packet: Packet, tag: bytes) -> None:
     data = encode(packet, reserve=8)
@@ -385,7 +385,7 @@ def test_round_trip_leaves_the_tag_alone(packet: Packet, tag: bytes) -> None:
     assert decode(data[:-8] + tag, reserve=8) == packet
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 2, st.floats(-100.0, 1e4)), max_size=19))
 def test_numbers_are_rounded_to_float32_and_no_further(rows: list[tuple[float, float, float]]) -> None:
     samples = np.array(rows, dtype=float).reshape(-1, 3)
@@ -608,7 +608,7 @@ def test_fuzz_notices_a_broken_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
         module.fuzz(100, np.random.default_rng(1))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=300) | st.binary(min_size=252, max_size=252))
 def test_any_bytes_decode_or_raise_packet_error(data: bytes) -> None:
     try:
