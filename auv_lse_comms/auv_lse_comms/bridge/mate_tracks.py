@@ -60,14 +60,15 @@ class Pace:
 class _Sighting:
     """A packet: its time (s), its plan's step and start (north, east; m), and its raw place (m) if it has one.
 
-    A plan may be told unchanged for long, and then be replaced by one far ahead: `told_s` is when it was told first.
+    A plan may be sent unchanged for long, and then be replaced by one far ahead: `plan_since_s` is when it was first
+    received.
     """
 
     now_s: float
     step: int
     start_m: tuple[float, float]
     raw_m: tuple[float, float] | None
-    told_s: float
+    plan_since_s: float
 
     @property
     def place_m(self) -> tuple[float, float]:
@@ -96,7 +97,7 @@ class _Track:
     def add(self, seen: _Sighting) -> None:
         self.count = min(self.count + 1, MOST_COUNTED)
         self.recent.append(seen)
-        self.places.append((seen.told_s if seen.raw_m is None else seen.now_s, *seen.place_m))
+        self.places.append((seen.plan_since_s if seen.raw_m is None else seen.now_s, *seen.place_m))
 
 
 class MateTracks:
@@ -138,22 +139,22 @@ class MateTracks:
             track = _Track(now_s, first=not tracks)
             del tracks[MAX_TRACKS - 1 :]
             tracks.append(track)
-        told = [last.told_s for last in track.recent if (last.step, last.start_m) == (seen.step, seen.start_m)]
-        track.add(replace(seen, told_s=min(told, default=seen.told_s)))
+        known = [last.plan_since_s for last in track.recent if (last.step, last.start_m) == (seen.step, seen.start_m)]
+        track.add(replace(seen, plan_since_s=min(known, default=seen.plan_since_s)))
         return track
 
     def last(self, source: int) -> list[Any]:
         """The last packet of a sender as JSON values, for a journal."""
         seen = max((track.recent[-1] for track in self._tracks[source]), key=lambda seen: seen.now_s)
-        return [seen.now_s, seen.step, seen.start_m, seen.raw_m, seen.told_s]
+        return [seen.now_s, seen.step, seen.start_m, seen.raw_m, seen.plan_since_s]
 
     def recall(self, source: int, values: Sequence[Any]) -> None:
         """Takes a packet again that `last` returned before a restart."""
-        now_s, step, start_m, raw_m, told_s = values
-        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), told_s))
+        now_s, step, start_m, raw_m, plan_since_s = values
+        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), plan_since_s))
 
     def _follows(self, last: _Sighting, seen: _Sighting) -> bool:
-        pace, later_s, plan_s = self._pace, abs(seen.now_s - last.now_s), abs(seen.now_s - last.told_s)
+        pace, later_s, plan_s = self._pace, abs(seen.now_s - last.now_s), abs(seen.now_s - last.plan_since_s)
         steps = seen.step - last.step
         if steps > FASTER * plan_s / pace.leg_s + AHEAD_STEPS + pace.surfacing_steps:
             return False

@@ -103,8 +103,8 @@ class SampleQueue:
     def restore_taken(self, samples: Array) -> Array:
         """Removes and returns rows that were taken before a restart."""
         rows = self._merged()
-        gone = set(map(tuple, samples.tolist()))
-        taken = np.array([tuple(row) in gone for row in rows.tolist()], dtype=bool)
+        sent = set(map(tuple, samples.tolist()))
+        taken = np.array([tuple(row) in sent for row in rows.tolist()], dtype=bool)
         found: Array = rows[taken]
         self._rows = rows[~taken]
         return found

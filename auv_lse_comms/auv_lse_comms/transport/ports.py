@@ -13,9 +13,9 @@ from typing import Any, Protocol
 from auv_lse_comms.transport.address import Address
 
 READ_BYTES = 65536
-#: A read of a UDP port takes at most so many datagrams, or bytes (and the rest of a datagram), from its socket.
+#: Largest number of datagrams, and of bytes (and the rest of a datagram), that a read of a UDP port takes.
 MAX_DATAGRAMS, MAX_TAKEN_BYTES = 1024, 1 << 19
-#: A read returns at most so many bytes; older datagrams are dropped.
+#: Largest number of bytes that a read returns; older datagrams are dropped.
 MAX_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
 #: A peer that accepts no data for this long counts as dead (s).

@@ -246,7 +246,7 @@ class GroundWindow:
         self._mean_m[cells], self._risk[cells] = mean_m, self._levels.risk(mean_m, np.sqrt(variance_m2))
 
     def _near(self, places_m: Array, scales: float) -> Mask:
-        """Mask (ny, nx) of the cells at most so many length scales from places (P, 2)."""
+        """Mask (ny, nx) of the cells within a number of length scales of places (P, 2)."""
         off = np.ones(self._grid.inside.shape, dtype=bool)
         off[self._index(places_m)] = False
         if off.all():

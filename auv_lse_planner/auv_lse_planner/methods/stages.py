@@ -3,7 +3,7 @@
 At the start, the best naive path over the whole mission becomes the *line*. A stage covers the next `STAGE_LEGS` legs.
 It bends them as if they were a short mission, except that it ends on the line and is bent less often. Planning is
 limited to the ground near the stage (`ground_window.py`); the places of the line after it count as measured at its end.
-After `RENEW_LEGS` legs, the next stage begins: what is left of this one, and more of the line.
+After `RENEW_LEGS` legs, the next stage begins: the rest of this one, and more of the line.
 
 The account of the bound covers the whole map. The drop of risk expected until the mission's end is E = E_s + d. The
 stage computes E_s for its ground; d belongs to the cells elsewhere. They are expected to end with the risk e or less,
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 MAX_WHOLE_LEGS = 200
 #: Legs of a stage, and legs after which the next one begins. The last one is longer by up to as many legs.
 STAGE_LEGS, RENEW_LEGS = 100, 40
-#: The stage is bent after so many times `planner.tour_interval` legs.
+#: Number of `planner.tour_interval`s between bends of the stage.
 INTERVALS = 2
 #: Largest number of centers with which a planner that was started again makes its first stage.
 MAX_UNFOCUSED = 1000
@@ -86,7 +86,7 @@ class Stages:
         return not self._context.window.is_focused or step - self._begin >= RENEW_LEGS
 
     def shift(self, legs: int) -> None:
-        """Delays the stage and the line by so many legs; what no longer fits into the mission is dropped."""
+        """Delays the stage and the line by `legs`; legs beyond the mission's end are dropped."""
         self._begin, self._end = self._begin + legs, min(self._end + legs, self._steps)
         self._line_step += legs
 

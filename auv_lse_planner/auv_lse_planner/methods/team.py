@@ -14,8 +14,8 @@ from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
 
-#: A packet arrives at most this late (s), and of one mate at most so many. Another plan with a lower step than the last
-#: one corrects it: the mate has started again, or that plan was forged.
+#: Largest delay (s) of a packet, and largest number of late packets of a mate. Any other plan with a lower step than
+#: the last one corrects it: the mate has started again, or the last plan was forged.
 LATE_S, LATE_MOST = 120.0, 2
 
 

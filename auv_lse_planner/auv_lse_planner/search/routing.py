@@ -178,7 +178,7 @@ class Ground:
         self._graph: coo_array | None = None
 
     def _thinned(self, mask: NDArray[np.bool_], most: int) -> tuple[Ints, Ints]:
-        """Rows and columns (M, 2) of at most about so many nodes of a mask, evenly spaced, and their places (cm)."""
+        """Rows and columns (M, 2) of about `most` nodes of a mask, evenly spaced, and their places (cm)."""
         every = max(1, round(float(np.sqrt(np.count_nonzero(mask) / most)) + 0.499))
         thin = np.zeros_like(mask)
         thin[::every, ::every] = mask[::every, ::every]
