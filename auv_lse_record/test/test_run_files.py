@@ -177,7 +177,7 @@ def test_recording_of_the_last_version_is_read(tmp_path, synthetic_run):
     gone = {
         "planner": {"batch": 8, "coordination": "sequential", "team_order": "id", "team_routes": False},
         "motion": {"track_spacing_m": 1.0},
-        "packet": {"check_limits": True},
+        "packet": {"check_limits": True, "selection": "every_nth", "expected_loss": 0.2, "min_spacing_m": 0.0},
         "gp": {"outlier_sigmas": 0.0},
     }
     flown = run.parameters["/**"]

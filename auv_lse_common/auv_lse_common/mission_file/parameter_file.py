@@ -23,6 +23,9 @@ RETIRED = (
     "planner.team_routes",
     "motion.track_spacing_m",
     "packet.check_limits",
+    "packet.selection",
+    "packet.expected_loss",
+    "packet.min_spacing_m",
     "gp.outlier_sigmas",
 )
 
