@@ -16,17 +16,17 @@ from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES,
 
 #: Parameters of earlier versions. Recordings made with them remain readable; a new mission file must not set them.
 RETIRED = (
-    "planner.floor",
-    "planner.batch",
-    "planner.coordination",
-    "planner.team_order",
-    "planner.team_routes",
+    "gp.outlier_sigmas",
     "motion.track_spacing_m",
     "packet.check_limits",
-    "packet.selection",
     "packet.expected_loss",
     "packet.min_spacing_m",
-    "gp.outlier_sigmas",
+    "packet.selection",
+    "planner.batch",
+    "planner.coordination",
+    "planner.floor",
+    "planner.team_order",
+    "planner.team_routes",
 )
 
 
