@@ -1,6 +1,6 @@
 """How fast the live page of a recording opens and moves in time, in a headless Chromium.
 
-    python -m benchmarks.live_page RUN
+    python -m benchmarks.tuning.live_page RUN
 
 Wall-clock times depend on other work of the machine, so processor times are printed beside them: of `scripts/live`, of
 the whole browser, and of the page's own thread for a move.
@@ -21,7 +21,7 @@ from pathlib import Path
 
 from benchmarks.command import end_with, parser_of
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "auv_lse_shore" / "test"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "auv_lse_shore" / "test"))
 from browser import Browser  # the tests' own
 
 #: Number of moves of each kind; seed of the places of jumps; step (s) as by the key "right".
@@ -102,7 +102,7 @@ def moved(browser: Browser, times: Sequence[float]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the figures. Returns the exit code."""
-    p = parser_of("benchmarks.live_page", __doc__)
+    p = parser_of("benchmarks.tuning.live_page", __doc__)
     p.add_argument("run", type=Path, metavar="RUN", help="a run folder")
     run = p.parse_args(arguments).run
     began_s = time.monotonic()
