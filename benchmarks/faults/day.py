@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.mission_run import RunState
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.bed.ledger import journal_problem, lost_places
@@ -114,6 +115,13 @@ class Strike:
         """What has not come back; "" if everything has."""
         parts = {"an output of each node": self.output_s, "a decision": self.decided_s, "mates' packets": self.heard_s}
         return ", ".join(name for name, value in parts.items() if math.isnan(value))
+
+    @property
+    def text(self) -> str:
+        """The recovery in words."""
+        decided = "no leg left" if math.isinf(self.decided_s) else f"decision after {self.decided_s:.1f} s"
+        heard = [] if math.isinf(self.heard_s) else [f"mates after {self.heard_s:.1f} s"]
+        return "; ".join([", ".join([f"output after {self.output_s:.1f} s", decided, *heard]), *self.wrong])
 
 
 class VehicleDay:
@@ -247,10 +255,7 @@ class VehicleDay:
         self.strikes.append(strike)
         self._now = None
         self._progress_s = time.monotonic()
-        self._say(
-            f"auv{strike.vehicle} step {strike.step}: {strike.fault.name}: output after {strike.output_s:.1f} s, "
-            f"decision after {strike.decided_s:.1f} s, mates after {strike.heard_s:.1f} s; {'; '.join(wrong)}"
-        )
+        self._say(f"auv{strike.vehicle} step {strike.step}: {strike.fault.name}: {strike.text}")
 
     def _log(self, node: str) -> Path:
         return self.vehicle.out / "logs" / f"auv{self.vehicle.number}.{node}.log"
@@ -270,16 +275,13 @@ def _center_tolerance_m() -> float:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults day`."""
-    parser.add_argument("--vehicles", type=int, default=3, metavar="N", help="vehicles (default: %(default)s)")
-    parser.add_argument("--hours", type=float, default=5.0, metavar="H", help="mission time (default: %(default)s)")
-    parser.add_argument("--speed-up", type=float, default=50.0, metavar="X", help="aim (default: %(default)s)")
-    parser.add_argument("--method", default="tour", metavar="NAME", help="planning method (default: %(default)s)")
-    parser.add_argument(
-        "--kills", type=int, default=10, metavar="N", help="kills of nodes of each vehicle (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--reboots", type=int, default=2, metavar="N", help="power losses of each vehicle (default: %(default)s)"
-    )
+    count, default = {"type": whole_from(0), "metavar": "N"}, "(default: %(default)s)"
+    parser.add_argument("--vehicles", type=whole_from(1), default=3, metavar="N", help=f"vehicles {default}")
+    parser.add_argument("--hours", type=positive, default=5.0, metavar="H", help=f"mission time {default}")
+    parser.add_argument("--speed-up", type=positive, default=50.0, metavar="X", help=f"aim {default}")
+    parser.add_argument("--method", default="tour", metavar="NAME", help=f"planning method {default}")
+    parser.add_argument("--kills", **count, default=10, help=f"kills of nodes of each vehicle {default}")
+    parser.add_argument("--reboots", **count, default=2, help=f"power losses of each vehicle {default}")
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

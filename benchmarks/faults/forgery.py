@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.health import bridge_problems
@@ -314,9 +315,11 @@ def lockout(restarted: bool) -> tuple[float, list[str]]:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults forgery`."""
     parser.add_argument(
-        "--seeds", type=int, default=2, metavar="N", help="missions of each attack (default: %(default)s)"
+        "--seeds", type=whole_from(1), default=2, metavar="N", help="missions of each attack (default: %(default)s)"
     )
-    parser.add_argument("--steps", type=int, default=45, metavar="N", help="steps of each (default: %(default)s)")
+    parser.add_argument(
+        "--steps", type=whole_from(1), default=45, metavar="N", help="steps of each (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

@@ -28,6 +28,7 @@ import numpy as np
 
 from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_common.process.processes import last_lines
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import Recording, recording_in
 from benchmarks.faults.report import Report
@@ -333,7 +334,9 @@ def table(flight: Flight, steps: int) -> Report:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults kills`."""
-    parser.add_argument("--kills", type=int, default=50, metavar="N", help="how many (default: %(default)s; 9 s each)")
+    parser.add_argument(
+        "--kills", type=whole_from(1), default=50, metavar="N", help="how many (default: %(default)s; 9 s each)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

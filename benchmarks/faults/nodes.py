@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from auv_lse_common.support.option_types import whole_from
 from benchmarks.faults.kills import Program
 from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import family_of
@@ -138,7 +139,9 @@ def _domain_of(program: Program) -> int:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults nodes`."""
     parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
-    parser.add_argument("--vehicles", type=int, default=2, metavar="N", help="vehicles (default: %(default)s)")
+    parser.add_argument(
+        "--vehicles", type=whole_from(1), default=2, metavar="N", help="vehicles (default: %(default)s)"
+    )
     parser.add_argument("--real-time-factor", type=float, default=2.5, metavar="X", help="speed (default: %(default)s)")
 
 

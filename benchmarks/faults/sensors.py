@@ -19,6 +19,7 @@ import numpy as np
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.mission_run import Action, MissionRun, Stop
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
@@ -257,7 +258,9 @@ class _Run:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults sensors`."""
-    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="runs of each fault (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=whole_from(1), default=10, metavar="N", help="runs of each fault (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

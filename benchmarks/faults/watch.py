@@ -20,6 +20,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.sections.safety import RESPONSES, SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import AutopilotReport, SafetyWatch
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.frozen_sensor import REPEATS
 from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState, Stop
 from benchmarks.faults.report import Report
@@ -190,7 +191,9 @@ def _play(chunk: list[tuple[str, str]]) -> list[tuple[str, float, str]]:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults watch`."""
-    parser.add_argument("--sequences", type=int, default=200_000, metavar="N", help="how many (default: %(default)s)")
+    parser.add_argument(
+        "--sequences", type=whole_from(1), default=200_000, metavar="N", help="how many (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

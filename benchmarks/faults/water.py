@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.bridge import Received
 from auv_lse_planner.methods.decision import Decision
@@ -233,9 +234,11 @@ def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `scripts/faults water`."""
     parser.add_argument(
-        "--seeds", type=int, default=4, metavar="N", help="missions of each kind (default: %(default)s)"
+        "--seeds", type=whole_from(1), default=4, metavar="N", help="missions of each kind (default: %(default)s)"
     )
-    parser.add_argument("--steps", type=int, default=60, metavar="N", help="steps of each (default: %(default)s)")
+    parser.add_argument(
+        "--steps", type=whole_from(1), default=60, metavar="N", help="steps of each (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from typing import Any
 
+from auv_lse_common.support.option_types import whole_from
+
 #: A mission is recorded as failed when more workers than this have died while simulating it.
 MAX_LOST_WORKERS = 2
 
@@ -113,11 +115,5 @@ def add_cluster_options(p: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster to simulate on (default: this machine)"
     )
     where.add_argument(
-        "--workers", type=_positive, metavar="N", help="processes on this machine (default: one per core)"
+        "--workers", type=whole_from(1), metavar="N", help="processes on this machine (default: one per core)"
     )
-
-
-def _positive(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"got {text}; expected a whole number from 1")
-    return int(text)

@@ -344,3 +344,25 @@ def test_the_water_carries_a_packet_to_all_mates(team, tmp_path):
     team[2].witness.send(b"hello")
     assert team[1].received == [(2, b"hello")]
     assert not team[2].received
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--vehicles", "0"], "argument --vehicles: got 0; expected a whole number from 1"),
+        (["--kills", "-1"], "argument --kills: got -1; expected a whole number from 0"),
+        (["--hours", "inf"], "argument --hours: got inf; expected a number above 0"),
+        (["--speed-up", "fast"], "argument --speed-up: got fast; expected a number above 0"),
+    ],
+)
+def test_an_impossible_day_is_refused_by_name(arguments, words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        faults.main(["day", *arguments])
+    assert words in capsys.readouterr().err
+
+
+def test_a_recovery_after_the_last_leg_reads_like_one():
+    strike = day.Strike(2, day.Fault(75, "gp_node"), 75, output_s=1.0, decided_s=math.inf, heard_s=4.52)
+    assert strike.text == "output after 1.0 s, no leg left, mates after 4.5 s"
+    alone = day.Strike(1, day.Fault(3, ""), 3, output_s=1.0, decided_s=2.0, heard_s=math.inf, wrong=["a", "b"])
+    assert alone.text == "output after 1.0 s, decision after 2.0 s; a; b"
