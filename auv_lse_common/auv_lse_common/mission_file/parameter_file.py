@@ -24,7 +24,11 @@ RETIRED = (
     "packet.selection",
     "planner.batch",
     "planner.coordination",
+    "planner.finalists",
     "planner.floor",
+    "planner.lane_heading_deg",
+    "planner.map_share",
+    "planner.objective",
     "planner.team_order",
     "planner.team_routes",
 )
@@ -59,14 +63,16 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
 
 def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """The mission file of a recording without the parameters that this version lacks (`RETIRED`)."""
-    kept = {pattern: dict(values) for pattern, values in patterns.items()}
-    for values in kept.values():
-        for name in RETIRED:
-            values.pop(name, None)
-            parent, _, key = name.rpartition(".")
-            if isinstance(section := values.get(parent), Mapping):
-                values[parent] = {k: v for k, v in section.items() if k != key}
-    return kept
+    return {pattern: _without_retired(values) for pattern, values in patterns.items()}
+
+
+def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, Any]:
+    """As `without_retired`, for the parameters of one pattern, or of a section with its dot ("planner.")."""
+    return {
+        key: _without_retired(value, f"{section}{key}.") if isinstance(value, Mapping) else value
+        for key, value in values.items()
+        if f"{section}{key}" not in RETIRED
+    }
 
 
 def read_yaml(path: Path) -> Any:
