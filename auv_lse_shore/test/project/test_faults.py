@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
+from auv_lse_common.node import state_file
 from auv_lse_common.node.journal import Journal
+from auv_lse_common.node.state_file import StateFile
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_comms.packet.fields import PACKET_BYTES
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
 from benchmarks.faults import __main__ as faults
 from benchmarks.faults import day
-from benchmarks.faults.bed.dive_bed import DiveBed
+from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
 from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_places
 from benchmarks.faults.nodes import memory_mb
 from benchmarks.faults.report import Report
@@ -366,3 +368,20 @@ def test_a_recovery_after_the_last_leg_reads_like_one():
     assert strike.text == "output after 1.0 s, no leg left, mates after 4.5 s"
     alone = day.Strike(1, day.Fault(3, ""), 3, output_s=1.0, decided_s=2.0, heard_s=math.inf, wrong=["a", "b"])
     assert alone.text == "output after 1.0 s, decision after 2.0 s; a; b"
+
+
+@pytest.mark.parametrize("end", [Vehicle.end, Vehicle.cut_power])
+def test_an_ended_vehicle_leaves_no_state_in_memory(tmp_path, monkeypatch, end):
+    memory = tmp_path / "memory"
+    memory.mkdir()
+    monkeypatch.setattr(state_file, "MEMORY", memory)
+    vehicle = Vehicle(0, SimpleNamespace(vehicle=1, forget=lambda: None, note_death=lambda: None))
+    monkeypatch.setattr(vehicle, "pids", list)
+    vehicle.program = SimpleNamespace(process=SimpleNamespace(poll=lambda: 0), wait=lambda seconds: None, text=[])
+    vehicle.out = tmp_path / "dive"
+    state = StateFile(vehicle.out / "journal" / "start" / "auv1.safety_node.state", {}, start="a")
+    state.write({"step": 1})
+    state.close()
+    assert len(list(memory.iterdir())) == 1
+    end(vehicle)
+    assert not list(memory.iterdir())

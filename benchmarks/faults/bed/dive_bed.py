@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
+from auv_lse_common.node.state_file import forget_copy
 from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
@@ -114,12 +115,14 @@ class Vehicle:
         self.witness.note_death()
 
     def end(self) -> None:
-        """Ends the dive in an orderly way."""
+        """Ends the dive in an orderly way; its computer's memory is lost, as with a power loss."""
         if self.program is None:
             return
         if self.program.process.poll() is None:
             self.program.process.send_signal(signal.SIGTERM)
         self.program.wait(60.0)
+        for path in self.out.glob("journal/*/*.state"):
+            forget_copy(path)
         with (self.out / "output").open("a") as output:
             output.write("".join(self.program.text))
         self.program = None
