@@ -181,6 +181,6 @@ class Factor:
     def _reserve(self, size: int) -> None:
         if size <= len(self._buffer):
             return
-        grown = np.zeros((max(size, 2 * len(self._buffer)),) * 2)
+        grown = np.zeros((max(size, len(self._buffer) * 5 // 4),) * 2)
         grown[: self.size, : self.size] = self.lower
         self._buffer = grown

@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 #: Share of the margin for slopes at centers and for gates, which need no more accuracy.
 ROUGH_SHARE = 0.5
 #: Number of the last tiles whose rough posteriors are kept: those near the vehicle and near its mates' last samples.
-KEPT_TILES = 24
+KEPT_TILES = 64
 #: Slopes of a tile are computed anew when it has new centers, or when this many centers within this share of the margin
 #: have come or changed.
 SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
@@ -93,6 +93,28 @@ class _Near:
         return not moved.any() or bool(np.abs(moved - moved.mean(axis=0)).max() <= SLOPES_MOVED)
 
 
+class _Places:
+    """Places in the kernel's axes and lengths (n, 2), sorted by the first axis for fast search.
+
+    Attributes:
+        scaled: The places in their order.
+    """
+
+    def __init__(self, scaled: Array) -> None:
+        self.scaled = scaled
+        self._sorted: tuple[Numbers, Array] | None = None
+
+    def near(self, low: Array, high: Array, reach: float) -> Numbers:
+        """Numbers of the places within `reach` of the rectangle between two corners (2,), ascending."""
+        if self._sorted is None:
+            order = np.argsort(self.scaled[:, 0], kind="stable")
+            self._sorted = order, self.scaled[order]
+        order, places = self._sorted
+        strip = slice(*np.searchsorted(places[:, 0], (low[0] - 1.01 * reach, high[0] + 1.01 * reach)))
+        gap = np.maximum(np.maximum(low - places[strip], places[strip] - high), 0.0)
+        return np.sort(order[strip][np.einsum("nd,nd->n", gap, gap) <= reach**2])
+
+
 class TiledPosterior:
     """The posterior of the depth given many centers, each place given those near its tile."""
 
@@ -106,7 +128,7 @@ class TiledPosterior:
         self._margin = MARGIN[prior.kernel.name]
         self._side = 0.5 * self._margin
         self._centers = NO_CENTERS
-        self._scaled = np.zeros((0, 2))
+        self._places = _Places(np.zeros((0, 2)))
         self._effect_std_m: Array | None = None
         self._kept: dict[Corner, Posterior] = {}  # the one used last comes last
         self._slopes: dict[Corner, tuple[_Near, Array]] = {}
@@ -121,7 +143,7 @@ class TiledPosterior:
     def follow(self, centers: Centers) -> None:
         """Replaces the data; fast if the old centers come first."""
         self._centers, effect = centers, centers.place_effect_m
-        self._scaled = self._prior.kernel.scale(centers.places_m)
+        self._places = _Places(self._prior.kernel.scale(centers.places_m))
         self._effect_std_m = None if effect is None else np.sqrt(np.einsum("nr,nr->n", effect, effect))
 
     def forget(self) -> None:
@@ -167,12 +189,10 @@ class TiledPosterior:
         posterior.follow(self._centers.take(self._numbers_near(tile, tile, share)))
         return posterior
 
-    def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0, scaled: Array | None = None) -> Numbers:
-        """Numbers of the centers that count in a rectangle of tiles, or those of `scaled` places (P, 2)."""
-        scaled = self._scaled if scaled is None else scaled
+    def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0, places: _Places | None = None) -> Numbers:
+        """Numbers of the centers that count in a rectangle of tiles, or those of other places."""
         low, high = self._side * np.array(first), self._side * (np.array(last) + 1.0)
-        gap = np.maximum(np.maximum(low - scaled, scaled - high), 0.0)
-        return np.flatnonzero(np.einsum("nd,nd->n", gap, gap) <= (share * self._margin) ** 2)
+        return (self._places if places is None else places).near(low, high, share * self._margin)
 
     def data_of(self, tile: Corner) -> _Data:
         """The data that a tile's results depend on."""
@@ -187,7 +207,11 @@ class TiledPosterior:
 
     def tiles(self, places_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
         """The tiles of places (P, 2), and the numbers of the places in each; `together`: in squares of n x n tiles."""
-        corners = np.floor(self._prior.kernel.scale(places_m) / (together * self._side)).astype(np.int64)
+        yield from self._tiles_of(self._prior.kernel.scale(places_m), together)
+
+    def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+        """As `tiles`, of places (P, 2) in the kernel's axes and lengths."""
+        corners = np.floor(scaled / (together * self._side)).astype(np.int64)
         found, group = np.unique(corners, axis=0, return_inverse=True)
         order = np.argsort(group.ravel(), kind="stable")
         bounds = np.searchsorted(group.ravel()[order], np.arange(len(found) + 1))
@@ -204,14 +228,14 @@ class TiledPosterior:
 
     def planned_moments(self, places_m: ArrayLike, planned_m: Array) -> tuple[Array, Array, Array]:
         """Mean, variance, and variance once `planned_m` (O, 2) are measured too, (P,) each, at places (P, 2)."""
-        places, planned = checked_places(places_m), self._prior.kernel.scale(planned_m)
+        places, planned = checked_places(places_m), _Places(self._prior.kernel.scale(planned_m))
         mean, variance, planned_variance = np.empty((3, len(places)))
         for (north, east), members in self.tiles(places, PLANNED_TILES):
             first = north * PLANNED_TILES, east * PLANNED_TILES
             last = first[0] + PLANNED_TILES - 1, first[1] + PLANNED_TILES - 1
             local = self._prior.blank()
             local.follow(self._centers.take(self._numbers_near(first, last)))
-            local = local.with_planned(planned_m[self._numbers_near(first, last, scaled=planned)])
+            local = local.with_planned(planned_m[self._numbers_near(first, last, places=planned)])
             found = local.at(places[members])
             mean[members], variance[members] = found.mean_m, found.data_var_m2
             planned_variance[members] = found.planned_var_m2
@@ -223,17 +247,18 @@ class TiledPosterior:
         Centers that have been shifted count where they were. Slopes stay after few changes (`SLOPES_CHANGED`) and small
         relative shifts (`SLOPES_MOVED`).
         """
-        c, drift = self._centers, np.zeros_like(self._scaled)
+        c, drift = self._centers, np.zeros((len(self._centers), 2))
         drift[: len(self._drift)] = self._drift
-        home = self._scaled - drift
+        home = self._places.scaled - drift
         rows = np.column_stack([home, drift, c.depths_m, c.noise_std_m, np.zeros_like(home)])
+        in_tile, places = dict(self._tiles_of(home)), _Places(home)
         for tile in self._tiles_to_check(rows):
-            members = np.flatnonzero((np.floor(home / self._side) == tile).all(axis=1))
-            if not len(members):
+            members = in_tile.get(tile)
+            if members is None:
                 self._slopes.pop(tile, None)
                 continue
-            near = self._numbers_near(tile, tile, ROUGH_SHARE, home)
-            data = _Near(members, near, rows[near][:, [0, 1, 4, 5]], drift[near])
+            near = self._numbers_near(tile, tile, ROUGH_SHARE, places)
+            data = _Near(members, near, rows[near[:, None], (0, 1, 4, 5)], drift[near])
             known = self._slopes.get(tile)
             if known is None or not data.same_slopes(known[0]):
                 known = self._slopes[tile] = data, self._rough(tile).slopes(c.places_m[members])

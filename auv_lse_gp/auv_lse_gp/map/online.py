@@ -11,7 +11,6 @@ import dataclasses
 import enum
 import math
 import warnings
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,14 +178,11 @@ class OnlineGp:
         """
         fit = np.ones(len(soundings), dtype=bool)
         noise = np.full(len(soundings), self.config.noise_std_m)
-        finite = np.isfinite(soundings).all(axis=1)
-        if sigmas > 0.0 and len(self) and finite.any():
-            if not self.is_tiled:
-                self._sync()
-            fit[finite] = self._fits(soundings[finite], sigmas)
-            used = np.flatnonzero(fit & finite)
-            numbers = np.zeros(len(used), dtype=np.int64) if packets is None else packets[used]
-            noise[used] = self._noise_of(soundings[used], sigmas, numbers)
+        finite = np.flatnonzero(np.isfinite(soundings).all(axis=1))
+        if sigmas > 0.0 and len(self) and len(finite):
+            numbers = np.zeros(len(finite), dtype=np.int64) if packets is None else packets[finite]
+            check = self._checked_in_tiles if self.is_tiled else self._checked
+            fit[finite], noise[finite] = check(soundings[finite], sigmas, numbers)
         self.counts.outliers += int((~fit).sum())
         outcomes: list[Outcome | None] = [Outcome.OUTLIER] * len(soundings)
         added = self.add_all(soundings[fit], max_new, noise[fit])
@@ -194,21 +190,49 @@ class OnlineGp:
             outcomes[i] = outcome
         return outcomes, fit & (noise <= self.config.noise_std_m)
 
-    def _noise_of(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> Array:
-        """Standard deviations (n,) of the noise with which soundings (n, 3) are consistent with map and each other."""
-        noise = np.empty(len(soundings))
-        predicted = [(members, *_compared(own, soundings[members])) for members, own in self._tiles(soundings)]
-        for block in blocks_of(packets):
-            if not self.is_tiled:
-                covariance, residuals = _compared(self._posterior, soundings[block])
-            else:
-                covariance, residuals = np.zeros((len(block), len(block))), np.empty(len(block))
-                for members, of_tile, off in predicted:  # between tiles there is no covariance
-                    part = slice(*np.searchsorted(members, (block[0], block[-1] + 1)))
-                    rows = members[part] - block[0]
-                    covariance[np.ix_(rows, rows)], residuals[rows] = of_tile[part, part], off[part]
-            noise[block] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[block])
-        return noise
+    def _checked(
+        self, soundings: Array, sigmas: float, packets: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], Array]:
+        """Which of the soundings (n, 3) are within `sigmas` of the map, without pending merges; and their noise.
+
+        Returns:
+            A mask (n,), and the standard deviations (n,) with which those that fit are consistent with each other.
+        """
+        self._sync()
+        mean, variance = self._posterior.moments(soundings[:, :2])
+        if self.banks is not None:
+            mean, std = self.depths(soundings[:, :2], mean, variance)
+            variance = std**2
+        fit = within_gate(self.config, soundings[:, 2], mean, variance, sigmas)
+        noise, used = np.full(len(soundings), self.config.noise_std_m), np.flatnonzero(fit)
+        for block in blocks_of(packets[used]):
+            own = used[block]
+            covariance, residuals = _compared(self._posterior, soundings[own])
+            noise[own] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[own])
+        return fit, noise
+
+    def _checked_in_tiles(
+        self, soundings: Array, sigmas: float, packets: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], Array]:
+        """As `_checked`, of a map in tiles; each tile is solved once."""
+        fit, noise = np.empty(len(soundings), dtype=bool), np.full(len(soundings), self.config.noise_std_m)
+        predicted = []  # numbers, covariance and residuals of the soundings of each tile that fit
+        for members, posterior in self.tiled.near(soundings[:, :2]):
+            covariance, residuals = _compared(posterior, soundings[members])
+            variance = np.diag(covariance)
+            fit[members] = within_gate(self.config, residuals, np.zeros_like(residuals), variance, sigmas)
+            rows = np.flatnonzero(fit[members])
+            predicted.append((members[rows], covariance[np.ix_(rows, rows)], residuals[rows]))
+        used = np.flatnonzero(fit)
+        for block in blocks_of(packets[used]):
+            own = used[block]
+            covariance, residuals = np.zeros((len(own), len(own))), np.empty(len(own))
+            for members, of_tile, off in predicted:  # between tiles there is no covariance
+                part = slice(*np.searchsorted(members, (own[0], own[-1] + 1)))
+                rows = np.searchsorted(own, members[part])
+                covariance[np.ix_(rows, rows)], residuals[rows] = of_tile[part, part], off[part]
+            noise[own] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[own])
+        return fit, noise
 
     def _insert(self, rows: Array, max_new: int, noise_std_m: Array) -> list[Outcome]:
         """Inserts soundings (n, 3) that passed the gates, with their noise (n,); several only if always factorizable.
@@ -250,24 +274,6 @@ class OnlineGp:
                 self.counts.too_close += 1
                 outcomes.append(Outcome.TOO_CLOSE)
         return outcomes
-
-    def _fits(self, soundings: Array, sigmas: float) -> NDArray[np.bool_]:
-        """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map, without pending merges."""
-        fit = np.empty(len(soundings), dtype=bool)
-        everything = [(np.arange(len(soundings)), self._posterior)]
-        for members, posterior in self._tiles(soundings) if self.is_tiled else everything:
-            own = soundings[members]
-            mean, variance = posterior.moments(own[:, :2])
-            if self.banks is not None:
-                mean, std = self.depths(own[:, :2], mean, variance)
-                variance = std**2
-            fit[members] = within_gate(self.config, own[:, 2], mean, variance, sigmas)
-        return fit
-
-    def _tiles(self, soundings: Array) -> Iterator[tuple[NDArray[np.int64], Posterior]]:
-        """The numbers of soundings (n, 3) in each tile, and its posterior; none if the map is not tiled."""
-        if self.is_tiled:
-            yield from self.tiled.near(soundings[:, :2])
 
     @property
     def can_shift(self) -> bool:
@@ -465,9 +471,8 @@ def _compared(posterior: Posterior, soundings: Array) -> tuple[Array, Array]:
     """Covariance (n, n) of the depths at soundings (n, 3), and what these deviate from their predictions (n,)."""
     places = soundings[:, :2]
     at = posterior.at(places)
-    covariance = posterior.covariance(at, at)
-    np.einsum("ii->i", covariance)[:] += posterior.place_variance(at.scaled)
-    mean, banks = posterior.mean_m(places), posterior.banks
+    covariance, mean, banks = posterior.covariance(at, at), at.mean_m, posterior.banks
+    np.fill_diagonal(covariance, at.data_var_m2)  # with the effect of uncertain positions
     if banks is not None and len(places):
         factor = banks.factor(places)
         covariance, mean = covariance * np.outer(factor, factor), banks.depths(places, mean)

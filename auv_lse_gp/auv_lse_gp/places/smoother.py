@@ -32,7 +32,7 @@ FASTEST_MPS = 6.0
 #: Largest distance (m) between the starts of two vehicles. A mate is at most this far from this vehicle's start, plus
 #: the distance it could have covered.
 STARTS_APART_M = 1000.0
-#: Maximum number of ranges; of more, an even selection is used.
+#: Maximum number of ranges; of more, the oldest are thinned out.
 MAX_RANGES = 300
 
 
@@ -231,7 +231,7 @@ class PositionSmoother:
         fixes = [row for number in self._surfacings for row in self.fixes(number)]
         model = self._model()
         correction = smooth_team(
-            model, fixes, _even(self.ranges, MAX_RANGES), stamp_s=self._now_s, terrain=terrain, last=self._last
+            model, fixes, thinned(self.ranges, MAX_RANGES), stamp_s=self._now_s, terrain=terrain, last=self._last
         )
         self._last = correction.model, correction.theta
         return correction
@@ -285,8 +285,17 @@ def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
     return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
 
 
-def _even(rows: Sequence[RangeMeasurement], count: int) -> list[RangeMeasurement]:
-    """An even selection of at most `count` rows."""
-    if len(rows) <= count:
-        return list(rows)
-    return [rows[i] for i in np.linspace(0, len(rows) - 1, count).astype(int)]
+def thinned(rows: Sequence[RangeMeasurement], most: int) -> list[RangeMeasurement]:
+    """At most `most` rows, with an equal share for each sender, in their order.
+
+    Of a sender's oldest rows every second, fourth... is left out: with each further row, only one more.
+    """
+    senders = {row.sender for row in rows}
+    kept: set[int] = set()
+    for sender in senders:
+        own, share = [i for i, row in enumerate(rows) if row.sender == sender], most // len(senders)
+        while len(own) > 2 * share:
+            own = own[::2]
+        paired = 2 * max(len(own) - share, 0)
+        kept.update(own[:paired:2], own[paired:])
+    return [rows[i] for i in sorted(kept)]

@@ -9,11 +9,14 @@ from places_helpers import Ground, played, sail, surface
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
+from auv_lse_gp.places import smoother
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.depth_sensitivity import DepthSensitivity
 from auv_lse_gp.places.error_model import VehicleErrorModel
+from auv_lse_gp.places.measurements import RangeMeasurement
 from auv_lse_gp.places.track import MateTrack, OwnTrack
 
 CONFIG = PlacesConfig(correct=True, heading_std_deg=1.0)
@@ -120,3 +123,41 @@ def test_sums_along_a_track_continue_those_of_an_older_model(of_mate: bool) -> N
         older = model
         spans.add(model._span_s)
     assert len(spans) == 2
+
+
+def test_each_further_range_leaves_out_one_more_and_every_sender_keeps_its_share() -> None:
+    rows = [
+        RangeMeasurement(sender=2 + i % 3, receiver=1, sent_s=float(i), arrived_s=float(i), range_m=100.0)
+        for i in range(1000)
+    ]
+    before: set[float] = set()
+    for count in range(len(rows)):
+        kept = smoother.thinned(rows[:count], 60)
+        stamps = [row.sent_s for row in kept]
+        assert len(kept) == min(count, 60)
+        assert stamps == sorted(stamps)
+        assert len(before - set(stamps)) <= 1
+        before = set(stamps)
+    assert {sum(row.sender == sender for row in kept) for sender in (2, 3, 4)} == {20}
+    gaps = np.diff([row.sent_s for row in kept if row.sender == 2])
+    assert gaps.max() <= 4.0 * gaps.min(), "at most every second of every second one is left out more often"
+
+
+@pytest.mark.parametrize("packets", [1, 3])
+def test_each_tile_is_solved_once_for_the_samples_in_it(monkeypatch: pytest.MonkeyPatch, packets: int) -> None:
+    monkeypatch.setattr(online, "MAX_DENSE", 5)
+    gp = online.OnlineGp(GpConfig(min_spacing_m=5.0))
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0.0, 600.0, (200, 2))
+    gp.add_all(np.column_stack([places, 15.0 + 0.01 * places[:, 0]]))
+    samples = np.column_stack([rng.uniform(0.0, 600.0, (60, 2)), rng.normal(15.0, 2.0, 60)])
+    solved: list[tuple[int, int]] = []
+    rough = TiledPosterior._rough
+
+    def counted(self: TiledPosterior, tile: tuple[int, int]) -> Posterior:
+        solved.append(tile)
+        return rough(self, tile)
+
+    monkeypatch.setattr(TiledPosterior, "_rough", counted)
+    gp.add_if_fitting(samples, 4.0, 60, np.arange(60) * packets // 60)
+    assert len(solved) == len(set(solved)) > 4
