@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from operator import itemgetter
 from typing import Any
 
@@ -96,14 +97,31 @@ class MapIntake:
     def restore(self, records: Sequence[Sequence[Any]]) -> None:
         """Repeats the steps of a journal. What comes before the last checkpoint is only logged."""
         found = [values[0] for kind, *values in records if kind == "checkpoint"]
+        joined_until_s = -math.inf
         if found and self.corrector is not None:
-            self.corrector.skip_to(Checkpoint(**found[-1]))
+            checkpoint = Checkpoint(**found[-1])
+            self.corrector.skip_to(checkpoint)
+            joined_until_s = checkpoint.now_s if checkpoint.before_s is None else checkpoint.before_s
+        last_s = math.inf  # of the queued step; infinite if there is none
         for kind, *values in records:
-            if kind == "step":
-                self.put_back(values[0])
-                self.step(values[1])
+            if kind != "step":
+                continue
+            if math.isfinite(last_s) and not (values[1] < joined_until_s and self._can_join(values[0])):
+                self.step(last_s)
+            self.put_back(values[0])
+            last_s = values[1]
+        if math.isfinite(last_s):
+            self.step(last_s)
         if self.corrector is not None:
             self.corrector.end_skip()
+
+    def _can_join(self, waiting: Mapping[str, Any]) -> bool:
+        """Whether one step with the queued inputs and those of the next step gives the same log as two steps."""
+        if self._samples or self._fixes or self._mates:
+            return False
+        queued = [sounding.stamp_s for sounding in self._soundings[-1:]], [place.stamp_s for place in self._tracks[-1:]]
+        following = [row[0] for row in waiting.get("soundings", ())], [t["stamp_s"] for t in waiting.get("tracks", ())]
+        return all(a <= b for one, other in zip(queued, following, strict=True) for a, b in pairwise(one + other))
 
     def step(self, now_s: float) -> bool:
         """Updates the map: own soundings by stamp, then samples by stamp and source.

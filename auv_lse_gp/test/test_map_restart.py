@@ -95,3 +95,31 @@ def test_journal_that_ends_at_a_checkpoint_or_lacks_its_step_is_read(monkeypatch
         assert len(again.map.gp) > 5
         assert np.isfinite(again.map.field().mean_m[AREA.grid(20.0).inside]).all()
     assert intake.corrector.rebuilds >= journal[last][1]["rebuilds"]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 7.0], ids=["in order", "a late stamp"])
+def test_steps_before_the_checkpoint_are_logged_together(monkeypatch, late_s):
+    """The log and the map are those of single steps, also where a sounding came late."""
+    _, journal = _mission(legs=54)
+    for record in journal[20:300:40]:
+        record[1]["soundings"][0][0] -= late_s
+    steps = []
+    step = MapIntake.step
+
+    def counted(self, now_s):
+        steps.append(now_s)
+        return step(self, now_s)
+
+    monkeypatch.setattr(MapIntake, "step", counted)
+    again = _intake()
+    again.restore(journal)
+    joined = len(steps)
+    monkeypatch.setattr(MapIntake, "_can_join", lambda self, waiting: False)
+    single = _intake()
+    single.restore(journal)
+    assert len(steps) - joined == sum(record[0] == "step" for record in journal)
+    assert joined < 0.8 * (len(steps) - joined)
+    _assert_same(again, single)
+    assert again.gate.counts == single.gate.counts
+    assert again.gate.counts["late"] == (late_s > 0.0) * 7
+    assert again.sounded_s == single.sounded_s

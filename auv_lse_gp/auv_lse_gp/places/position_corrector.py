@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 #: A tiled map is rebuilt after this many corrections without a rebuild, or one for this many centers if that is more.
 #: So a restart repeats no more of them, and a rebuild, whose cost grows with the map, costs as much per correction.
-MAX_REPEATED, CENTERS_PER_REPEATED = 20, 20
+MAX_REPEATED, CENTERS_PER_REPEATED = 20, 40
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
