@@ -27,8 +27,9 @@ COLUMNS = (
     ("place_error_m", "place error (m)", 1),
     ("error_over_std", "(error/std)^2", 2),
 )
-#: What is compared in pairs.
+#: What is compared in pairs, in percent.
 PAIRED = COLUMNS[:4]
+FOUND = "isobath_found"
 
 Groups = Mapping[str, Mapping[int, Row]]
 
@@ -50,9 +51,9 @@ def means(groups: Groups) -> list[str]:
 
 
 def pairs(groups: Groups) -> list[str]:
-    """The first setting of each scene against the others, in percent, lake by lake, in Markdown."""
-    lines = ["| against | lakes | " + " | ".join(title for _, title, _ in PAIRED) + " |"]
-    lines.append("|---" * (len(PAIRED) + 2) + "|")
+    """The first setting of each scene against the others, lake by lake, in Markdown: percent; found: the difference."""
+    lines = ["| against | lakes | " + " | ".join(title for _, title, _ in PAIRED) + " | found |"]
+    lines.append("|---" * (len(PAIRED) + 3) + "|")
     first: dict[str, str] = {}
     for label in groups:
         own = first.setdefault(label.split(":")[0], label)
@@ -60,6 +61,9 @@ def pairs(groups: Groups) -> list[str]:
         if own == label or not both:
             continue
         cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
+        more = [value(groups[own][s], FOUND) - value(groups[label][s], FOUND) for s in both]
+        found = interval(more)
+        cells.append(f"{found.mean:+.2f} ({found.low:+.2f}..{found.high:+.2f}; lower on {sum(m < 0.0 for m in more)})")
         lines.append(f"| {own} against {label.split(':')[-1].strip()} | {len(both)} | " + " | ".join(cells) + " |")
     return lines
 

@@ -83,30 +83,43 @@ def flown(settings: Settings, *, open_ground: bool) -> Row:
     return dataclasses.asdict(evaluate(Fleet(fitted, ground).run(), 2).summary)
 
 
+def grounds_of(file: Path, made_up: dict[int, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Settings of the file's whole lake and of made-up lakes (recipes by the seed of the lake), by name."""
+    grounds = {file.stem: {"sim.bathymetry.file": str(file.resolve()), "gp.map_resolution_m": 10.0}}
+    return grounds | {f"made up {k}": {**recipe, "sim.lake.seed": k} for k, recipe in made_up.items()}
+
+
 def whole(
-    file: Path, teams: Sequence[int], seeds: int, steps: int, made_up: dict[int, dict[str, Any]], out: Path | None
+    grounds: dict[str, dict[str, Any]],
+    teams: Sequence[int],
+    methods: Sequence[str],
+    seeds: int,
+    steps: int,
+    out: Path | None,
 ) -> None:
-    """Flies whole lakes by `METHODS` and prints a table for each team and lake, and for all lakes together.
+    """Flies whole lakes by some of `METHODS` and prints a table for each team and lake, and for all lakes together.
 
     Args:
-        made_up: Recipes of made-up lakes, by the seed of the lake.
+        out: File of the missions' summaries; missions that it has are not flown again.
     """
-    grounds = {file.stem: {"sim.bathymetry.file": str(file.resolve()), "gp.map_resolution_m": 10.0}}
-    grounds |= {f"made up {k}": {**recipe, "sim.lake.seed": k} for k, recipe in made_up.items()}
+    known = [json.loads(line) for line in out.read_text().splitlines()] if out and out.exists() else []
     groups: dict[str, dict[int, Row]] = {}
-    for seed, vehicles, (ground, (number, lake)), (name, method) in itertools.product(
-        range(1, seeds + 1), teams, zip(grounds, enumerate(grounds.values()), strict=True), METHODS.items()
+    for seed, vehicles, (number, ground), name in itertools.product(
+        range(1, seeds + 1), teams, enumerate(grounds), methods
     ):
-        mission = {"mission.seed": seed, "mission.vehicles": vehicles, "mission.steps": steps}
-        settings = Settings.load(None, {**mission, **lake, **method})
-        found = flown(settings, open_ground=name == OPEN)
+        key = {"ground": ground, "vehicles": vehicles, "name": name, "seed": seed}
+        found = next((row for row in known if key.items() <= row.items()), None)
+        if found is None:
+            mission = {"mission.seed": seed, "mission.vehicles": vehicles, "mission.steps": steps}
+            settings = Settings.load(None, {**mission, **grounds[ground], **METHODS[name]})
+            found = flown(settings, open_ground=name == OPEN)
+            print(f"{key}: {found['risk_after']:.3f}", file=sys.stderr, flush=True)
+            if out:
+                with out.open("a") as lines:
+                    lines.write(json.dumps({**key, **found}) + "\n")
         where = f"{vehicles} vehicle{'s' * (vehicles > 1)}"
         groups.setdefault(f"{where}: {name}", {})[100 * number + seed] = found
         groups.setdefault(f"{where}, {ground}: {name}", {})[seed] = found
-        print(f"{where}, {ground}, seed {seed}: {name}: {found['risk_after']:.3f}", file=sys.stderr, flush=True)
-        if out:
-            with out.open("a") as lines:
-                lines.write(json.dumps({"ground": ground, "vehicles": vehicles, "name": name, **found}) + "\n")
     print("\n".join([*means(groups), "", *pairs(groups)]))
 
 
@@ -138,12 +151,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     parser.add_argument("--whole", action="store_true", help="whole lakes: this one and two made-up ones")
     parser.add_argument("--fresh", action="store_true", help="with --whole: made-up lakes of the other recipe")
+    parser.add_argument("--lakes", type=int, nargs="+", help="with --whole: seeds of the made-up lakes")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="with --whole: methods")
     parser.add_argument("--seeds", type=int, default=2, help="with --whole: missions on each lake (default: 2)")
-    parser.add_argument("--out", type=Path, help="with --whole: append each mission's summary as a JSON line")
+    parser.add_argument("--out", type=Path, help="with --whole: file of summaries, continued")
     options = parser.parse_args(arguments)
     if options.whole:
-        made_up = dict.fromkeys(range(41, 46), FRESH) if options.fresh else dict.fromkeys((1, 2), MADE_UP)
-        whole(options.file, options.vehicles, options.seeds, options.steps, made_up, options.out)
+        lakes, recipe = (range(41, 46), FRESH) if options.fresh else ((1, 2), MADE_UP)
+        grounds = grounds_of(options.file, dict.fromkeys(options.lakes or lakes, recipe))
+        whole(grounds, options.vehicles, options.methods, options.seeds, options.steps, options.out)
         return 0
     found = spread_windows(options.file, "small", options.windows)
     if not found:

@@ -26,7 +26,7 @@ from auv_lse_common.topics.records import (
     Reception,
     Transmission,
 )
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, MateNavigation, raw_place
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.stamps import seconds
@@ -146,6 +146,20 @@ def decode_dead_reckoning(message: Any) -> DeadReckoning:
         north_m=position.y,
         east_m=position.x,
         depth_m=-position.z,
+    )
+
+
+def decode_corrected(message: Any) -> CorrectedPlace:
+    """The position and its covariance in an Odometry."""
+    o = decode_odometry(message)
+    _, (_, north, north_east), (_, _, east) = o.covariance
+    return CorrectedPlace(
+        stamp_s=o.stamp_s,
+        heading_rad=o.heading_rad,
+        north_m=o.north_m,
+        east_m=o.east_m,
+        depth_m=o.depth_m,
+        covariance=((0.0, 0.0, 0.0), (0.0, north, north_east), (0.0, north_east, east)),
     )
 
 

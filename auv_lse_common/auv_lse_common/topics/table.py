@@ -177,7 +177,7 @@ _ROWS = (
     Topic(
         name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's position, corrected by its map",
         writer="gp_node", readers=("planner_node",), delivery="newest", phase="gp", awaited_by=("planner",),
-        encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
+        encode=codecs.encode_odometry, decode=codecs.decode_corrected,
     ),
     Topic(
         name="field", kind="auv_lse_msgs/msg/LevelSetField", about="the map on a grid: depth, error, risk",

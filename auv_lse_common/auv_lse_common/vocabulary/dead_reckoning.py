@@ -34,6 +34,17 @@ class DeadReckoning:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CorrectedPlace(DeadReckoning):
+    """The position of a vehicle as its map corrects it, with the raw heading.
+
+    Attributes:
+        covariance: Rows and columns: heading (not corrected: 0), north, east (m2); all zeros if unknown.
+    """
+
+    covariance: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fix:
     """A GPS position, taken at the surface under way.
 

@@ -75,6 +75,14 @@ class Correction:
         measured = place @ self.covariance @ place.T + self.model.config.fix_std_m**2 * np.eye(2)
         return np.asarray(np.linalg.solve(np.linalg.cholesky(measured), place))
 
+    def place_covariance_m2(self, vehicle: int, stamp_s: float, raw_place_m: Array) -> Array:
+        """Covariance (2, 2) of one of `places`, north and east (m2); zeros for an unknown vehicle."""
+        row = self.own_jacobian(vehicle, np.array([stamp_s]), np.asarray(raw_place_m, dtype=float).reshape(1, 2))
+        if row is None:
+            return np.zeros((2, 2))
+        block = self.model.vehicles[vehicle].block
+        return np.asarray(row[0] @ self.covariance[block, block] @ row[0].T)
+
     def place_std_m(self, vehicle: int, stamps_s: Array, raw_places_m: Array) -> Array:
         """Standard deviations (n, 2) of `places`, north and east (m); NaN for an unknown vehicle."""
         if vehicle not in self.model.vehicles:

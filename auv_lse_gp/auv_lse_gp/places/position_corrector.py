@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.places import PlacesConfig
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.corrected_map import CorrectedMap
@@ -82,14 +82,22 @@ class PositionCorrector:
         return self.corrected_map.log
 
     @property
-    def place(self) -> DeadReckoning | None:
+    def place(self) -> CorrectedPlace | None:
         """The vehicle's corrected position at its last raw position, with the raw heading; None before a correction."""
         if self._raw is None or self.correction is None:
             return None
         stamp_s = self.smoother.clock.monotonic_s(self._raw.stamp_s)
         raw_m = np.array([[self._raw.north_m, self._raw.east_m]])
         north_m, east_m = self.correction.places(self.vehicle, np.array([stamp_s]), raw_m)[0].tolist()
-        return dataclasses.replace(self._raw, north_m=north_m, east_m=east_m)
+        (north, north_east), (_, east) = self.correction.place_covariance_m2(self.vehicle, stamp_s, raw_m).tolist()
+        return CorrectedPlace(
+            stamp_s=self._raw.stamp_s,
+            heading_rad=self._raw.heading_rad,
+            north_m=north_m,
+            east_m=east_m,
+            depth_m=self._raw.depth_m,
+            covariance=((0.0, 0.0, 0.0), (0.0, north, north_east), (0.0, north_east, east)),
+        )
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
         """Takes the vehicle's raw position."""

@@ -139,6 +139,7 @@ def test_unknown_vehicle_keeps_its_raw_positions():
     assert correction.places(7, np.zeros(2), np.ones((2, 2))).tolist() == np.ones((2, 2)).tolist()
     assert not correction.jacobian(7, np.zeros(2), np.ones((2, 2))).any()
     assert np.isnan(correction.place_std_m(7, np.zeros(2), np.ones((2, 2)))).all()
+    assert not correction.place_covariance_m2(7, 0.0, np.ones(2)).any()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -184,6 +185,8 @@ def test_smoother_agrees_with_a_batch_solution_with_all_tracks(seed: int):
     for k, sailed in enumerate(team):
         ours = correction.places(k + 1, sailed.times, sailed.raw)
         std = correction.place_std_m(k + 1, sailed.times, sailed.raw)
+        last = correction.place_covariance_m2(k + 1, float(sailed.times[-1]), sailed.raw[-1])
+        assert np.sqrt(np.diag(last)) == pytest.approx(std[-1])
         apart = np.abs(ours - places(k, batch.x))
         # What differs is a mate's way between its packets: a part of what the answer itself leaves uncertain.
         assert np.sqrt((apart**2).mean()) < 0.5 * np.sqrt((std**2).mean())

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -28,6 +28,7 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.place_margin import PlaceMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Constant, Value, Weighting
 from auv_lse_planner.reward.fix import gain_of_fix
@@ -161,6 +162,7 @@ class Situation:
         state: Heading (rad), north, east (m), shape (3,).
         last: The last plan and its path from this step on; None before the first.
         off_plan: Whether `state` comes from odometry, so that the last plan cannot be continued from it.
+        margin: Margin from the border for the present uncertainty of the place.
         deadline: Returns whether to stop searching; None: no deadline.
     """
 
@@ -170,6 +172,7 @@ class Situation:
     state: Array
     last: Followed | None = None
     off_plan: bool = False
+    margin: PlaceMargin = field(default_factory=PlaceMargin)
     deadline: Callable[[], bool] | None = None
 
     @property

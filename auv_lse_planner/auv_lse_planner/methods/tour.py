@@ -15,6 +15,9 @@ telescopes, so the mission's expected end is never below that of the best naive 
 current makes void stays the reference, so its loss is charged to the budget. If no plan is left that the budget allows,
 the one with the largest expected end is chosen, and the bound falls by the rest; the bound record gives the reason.
 
+A vehicle whose place is uncertain keeps farther from the border (`place_margin.py`): plans that come too near do not
+count where others keep clear. What an incumbent loses by that is charged to the budget, and beyond it to the bound.
+
 A vehicle alone among shores, on ground that it cannot cover (`coverage.py`), follows the isobath: it tries heads at
 every leg, and the plan with the largest path reward of its next legs wins among those that the budget allows. The
 reference at the start is then the covering strip, which leaves a larger budget.
@@ -35,9 +38,12 @@ from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.stages import INTERVALS, Stages
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
+from auv_lse_planner.paths.place_margin import LEGS, TOLERATED_M2
+from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
 from auv_lse_planner.search.path_search import search_path
+from auv_lse_planner.search.tour import ROOM_WEIGHT
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
@@ -97,8 +103,7 @@ class Tour(Method):
         if last is None:
             reference = floor = found.floor
         every = found.plans if incumbent is None else [incumbent, *found.plans]
-        sound = [c for c in every if c.value.expected_end >= floor]
-        chosen = self._best(s, sound or [max(every, key=lambda c: c.value.expected_end)], mates_m)
+        chosen = self._chosen(s, every, floor, mates_m)
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
         void_value = reference if void and reference is not None else math.nan
@@ -183,6 +188,24 @@ class Tour(Method):
             return ""
         in_area = space.path_feasible(s.state, actions, LOOK_AHEAD, static=True)
         return "shallow ground" if in_area else "border of the area"
+
+    def _lack(self, s: Situation, path: PlannedPath) -> float:
+        """Sum of the squared clearances (m^2) that a path's next legs lack for the present uncertainty of the place."""
+        if not s.margin.is_wider(self.context.space):
+            return 0.0
+        return s.margin.lack(self.context.space, self.context.map_places(path)[:LEGS].reshape(-1, 2))[0]
+
+    def _chosen(self, s: Situation, candidates: list[Candidate], floor: float, mates_m: Array) -> Candidate:
+        """The best candidate that the budget and the place's margin allow.
+
+        If there is none, the one with the largest expected end, less a penalty for what it lacks of the margin.
+        """
+        lack = np.array([self._lack(s, c.path) for c in candidates])
+        end = np.array([c.value.expected_end for c in candidates])
+        allowed = np.flatnonzero((end >= floor) & (lack <= TOLERATED_M2))
+        if len(allowed):
+            return self._best(s, [candidates[i] for i in allowed], mates_m)
+        return candidates[int(np.argmax(end - ROOM_WEIGHT * np.abs(end).max() * lack))]
 
     def _interval_is_over(self, step: int, planner: PlannerConfig) -> bool:
         every = planner.tour_interval * (1 if self._stages is None else INTERVALS)

@@ -281,7 +281,7 @@ class TourCandidates:
         else:
             found = Found(waypoints, 0.0, 0, False)
             if s.planner.tour_interval:
-                found = self._search.improve(waypoints, legs, problem.reward, ITERATIONS, s.deadline)
+                found = self._search.improve(waypoints, legs, problem.reward, ITERATIONS, s.deadline, s.margin)
                 waypoints = found.waypoints_m
             result.add(self._through(problem, waypoints), found)
         self._add_headed(problem, heads, waypoints, result)
@@ -351,10 +351,10 @@ class TourCandidates:
         line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
         spacing = length_m(line) / legs
         staged = problem.stages is not None and not problem.stages.is_last
-        deadline = problem.situation.deadline
-        found = search.bend(line, legs, reward.weighing(share), iterations, deadline, fixed_end=staged)
+        s, aim = problem.situation, reward.weighing(share)
+        found = search.bend(line, legs, aim, iterations, s.deadline, fixed_end=staged, margin=s.margin)
         actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
-        if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):
+        if not self._space.path_feasible(s.state, actions, DETOUR_LEGS):
             actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs, around_shallows=True)
         candidate = self._candidate(problem.plan(actions), reward)
         if problem.stages is not None and staged:

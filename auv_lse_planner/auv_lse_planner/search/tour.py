@@ -27,7 +27,8 @@ from scipy.optimize import minimize
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour, length_m
-from auv_lse_planner.paths.free_space import FreeSpace, bilinear
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.place_margin import EXACT, LEGS, PlaceMargin, lack_of_room
 from auv_lse_planner.paths.polyline import SHORTEST_M, places_along, pull_back
 from auv_lse_planner.reward.anytime import AnytimeReward
 
@@ -49,27 +50,6 @@ MIN_GAIN, MIN_BEND_GAIN = 1e-6, 1e-7
 MAX_CORNER_RATIO = 1.25
 #: Largest number of segments of an optimized tour; a packet with it and preceding actions also holds 15 samples.
 MAX_OPTIMIZED_SEGMENTS = 50
-
-
-@compiled
-def lack_of_room(space, room, places):
-    """Sum of the squared missing clearances (m^2) at places (P, 2), bilinear on the raster, and its gradient (P, 2)."""
-    raster, cell = space.raster, space.cell
-    total = 0.0
-    gradient = np.zeros(places.shape)
-    rows, columns = raster.shape
-    for p in range(places.shape[0]):
-        x = min(max((places[p, 0] - space.north0) / cell, 0.0), rows - 1.001)
-        y = min(max((places[p, 1] - space.east0) / cell, 0.0), columns - 1.001)
-        i, j, u, _, low, high = bilinear(raster, x, y)
-        lack = room - (low * (1.0 - u) + high * u)
-        if lack > 0.0:
-            total += lack * lack
-            left = raster[i, j] * (1.0 - u) + raster[i + 1, j] * u
-            right = raster[i, j + 1] * (1.0 - u) + raster[i + 1, j + 1] * u
-            gradient[p, 0] = -2.0 * lack * (high - low) / cell
-            gradient[p, 1] = -2.0 * lack * (right - left) / cell
-    return total, gradient
 
 
 @compiled
@@ -237,8 +217,13 @@ class TourSearch:
         reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None = None,
+        margin: PlaceMargin | None = None,
     ) -> Found:
-        """Optimizes the waypoints of a polyline, except its start, with at most `iterations` iterations."""
+        """Optimizes the waypoints of a polyline, except its start, with at most `iterations` iterations.
+
+        Args:
+            margin: Margin of the next legs; None: `area.margin_m`.
+        """
         start = np.array(waypoints_m[0], dtype=float)
         shape = (len(waypoints_m) - 1, 2)
         length, unit = self.segment_legs(legs) * self._leg_m, self._leg_m
@@ -253,7 +238,7 @@ class TourSearch:
         first = np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
         deformation = Deformation(first, corners, penalized, MIN_GAIN, bounds)
-        return self._maximize(deformation, self._leg_m, legs, reward, iterations, deadline)
+        return self._maximize(deformation, self._leg_m, legs, reward, iterations, deadline, margin)
 
     def bend(
         self,
@@ -264,6 +249,7 @@ class TourSearch:
         deadline: Callable[[], bool] | None = None,
         *,
         fixed_end: bool = False,
+        margin: PlaceMargin | None = None,
     ) -> Found:
         """Bends a path: displaces it at equally spaced knots, with linear interpolation in between.
 
@@ -273,6 +259,7 @@ class TourSearch:
             line_m: The path as a fine polyline with the same number of segments on each leg, shape (n + 1, 2).
             legs: Length of the path, in legs.
             fixed_end: Whether the path's end stays where it is.
+            margin: Margin of the next legs; None: `area.margin_m`.
         """
         line = np.ascontiguousarray(line_m, dtype=float)
         each, every = (len(line) - 1) // legs, self.segment_legs(legs)
@@ -301,7 +288,7 @@ class TourSearch:
             return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1 : free + 1].ravel()
 
         deformation = Deformation(np.zeros(2 * free), corners, penalized, MIN_BEND_GAIN, None)
-        return self._maximize(deformation, length_m(line) / legs, legs, reward, iterations, deadline)
+        return self._maximize(deformation, length_m(line) / legs, legs, reward, iterations, deadline, margin)
 
     def _maximize(
         self,
@@ -311,11 +298,13 @@ class TourSearch:
         reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None,
+        margin: PlaceMargin | None,
     ) -> Found:
         """The best polyline that L-BFGS-B evaluates; a leg covers `leg_m` of its arc."""
         d = deformation
         spacing, count = leg_m / self._samples, legs * self._samples
         room = self._space.arguments()
+        near = LEGS * self._samples if margin is not None and margin.is_wider(self._space) else 0
         best, best_m = -math.inf, d.corners_of(d.first)
         scale, calls = 0.0, 0
 
@@ -329,7 +318,11 @@ class TourSearch:
             value, gradient = reward.value_and_gradient(places)
             if not scale:
                 scale = max(abs(value), 1e-9)
-            lack, push = lack_of_room(room, ROOM_M, places)
+            lack, push = lack_of_room(room, ROOM_M, places, self._space.margin_m, EXACT)
+            if near and margin is not None:
+                more, there = margin.lack(self._space, places[:near], ROOM_M)
+                lack += more
+                push[:near] += there
             up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)
             penalty, slope = d.penalized(x, up)
             value = value / scale - ROOM_WEIGHT * lack - penalty

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
@@ -41,7 +44,7 @@ class PlannerIntake:
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
         self._recent_odometry: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east
-        self._corrected: tuple[float, float, float] | None = None
+        self._corrected: CorrectedPlace | None = None
         self._run_status: RunStatus | None = None
         self._state: RunState | None = None  # the mission's last reported state
 
@@ -63,9 +66,9 @@ class PlannerIntake:
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
         self._recent_odometry.append((stamp_s, north_m, east_m))
 
-    def set_corrected(self, stamp_s: float, north_m: float, east_m: float) -> None:
+    def set_corrected(self, place: CorrectedPlace) -> None:
         """Queues the vehicle's corrected place in the map; its offset is computed from odometry of the same time."""
-        self._corrected = (stamp_s, north_m, east_m)
+        self._corrected = place
 
     def set_run_status(self, status: RunStatus) -> None:
         """Queues the mission's state; replaces a queued one."""
@@ -103,11 +106,12 @@ class PlannerIntake:
 
         `take` calls this too. Call it directly if the corrected place is computed after `take`.
         """
-        if self._corrected is None:
+        place = self._corrected
+        if place is None:
             return
-        stamp_s, north_m, east_m = self._corrected
         for odometry_s, own_north_m, own_east_m in reversed(self._recent_odometry):
-            if abs(odometry_s - stamp_s) < STAMP_TOLERANCE_S:
-                self.planner.set_map_offset(north_m - own_north_m, east_m - own_east_m)
+            if abs(odometry_s - place.stamp_s) < STAMP_TOLERANCE_S:
+                covariance_m2 = np.array(place.covariance)[1:, 1:]
+                self.planner.set_map_offset(place.north_m - own_north_m, place.east_m - own_east_m, covariance_m2)
                 self._corrected = None
                 return

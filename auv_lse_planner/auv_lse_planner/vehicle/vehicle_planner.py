@@ -47,6 +47,7 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.place_margin import PlaceMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.vehicle import problems
@@ -119,7 +120,9 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()  # before the last decision
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
-        self._shallow_ground = self._ground_to_avoid(area)
+        limit_m = settings.vehicle.depth_m + settings.vehicle.min_water_m
+        grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
+        self._shallow_ground = ShallowGround(self.space, self._context.window, grid, limit_m)
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
@@ -127,17 +130,11 @@ class VehiclePlanner:
         self._recent = Recent()
         self._map_offset_m = np.zeros(3)  # of the map from odometry: heading (always 0), north, east
         self._leg_map_offset_m = self._map_offset_m  # when the last leg was decided
-
-    def _ground_to_avoid(self, area: OperatingArea) -> ShallowGround:
-        """Ground that the map shows as too shallow."""
-        v, grid = self.settings.vehicle, area.grid(max(10.0, 2.0 * self.settings.area.raster_m))
-        return ShallowGround(self.space, self._context.window, grid, v.depth_m + v.min_water_m)
+        self._place_margin = PlaceMargin()
 
     def _most_surfacings(self) -> int:
-        wanted = self.settings.vehicle.surfacings
-        if wanted is not None:
-            return wanted
-        return 0 if self.planner.entry.of_paper else MAX_SURFACINGS
+        wanted, usual = self.settings.vehicle.surfacings, 0 if self.planner.entry.of_paper else MAX_SURFACINGS
+        return usual if wanted is None else wanted
 
     def set_planner(self, config: PlannerConfig) -> None:
         """Sets new planner parameters; they take effect at the next decision.
@@ -170,10 +167,12 @@ class VehiclePlanner:
         """Takes the vehicle's estimated state at `now_s`; an impossible state is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
-    def set_map_offset(self, north_m: float, east_m: float) -> None:
-        """Sets the offset from odometry to map coordinates (m)."""
+    def set_map_offset(self, north_m: float, east_m: float, covariance_m2: Array | None = None) -> None:
+        """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the place in the map."""
         if math.isfinite(north_m) and math.isfinite(east_m):
             self._map_offset_m = np.array([0.0, north_m, east_m])
+            if covariance_m2 is not None and np.isfinite(covariance_m2).all():
+                self._place_margin = PlaceMargin(covariance_m2)
 
     def in_odometry_frame(self, leg: Leg) -> Leg:
         """Converts a leg from map to odometry coordinates."""
@@ -265,6 +264,7 @@ class VehiclePlanner:
             state=state,
             last=last,
             off_plan=reanchored,
+            margin=self._place_margin,
             deadline=deadline,
         )
         choice = method.decide(situation)
@@ -327,6 +327,7 @@ class VehiclePlanner:
             "surfacings": self._surfacings.snapshot(),
             "until": self.until.snapshot(),
             "displaced": [self._map_offset_m.tolist(), self._leg_map_offset_m.tolist()],
+            "place_covariance_m2": self._place_margin.covariance_m2.tolist(),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -343,6 +344,7 @@ class VehiclePlanner:
         self._surfacings.restore(values["surfacings"])
         self.until.restore(values["until"])
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
+        self._place_margin = PlaceMargin(np.array(values["place_covariance_m2"]))
 
     def judge_map(self) -> bool:
         """Judges the map for `mission.until`, if that is due; returns whether it was.

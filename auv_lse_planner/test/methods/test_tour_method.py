@@ -22,6 +22,7 @@ from auv_lse_planner.methods.tour_candidates import (
     TourCandidates,
     TourProblem,
 )
+from auv_lse_planner.paths.place_margin import LEGS, TOLERATED_M2, PlaceMargin
 from auv_lse_planner.paths.steering import DETOUR_LEGS
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -204,6 +205,42 @@ def test_a_void_plan_at_the_areas_border_is_not_called_shallow():
     planner._followed = Followed(beyond, planner.rollout.follow(beyond))
     s = Situation(planner=planner.planner, now_s=1.0, step=1, state=np.array([0.0, 1e4, 0.0]), last=planner._followed)
     assert planner._method_of("tour")._void(s) == "border of the area"
+
+
+def _along_the_border(deviation_m):
+    """Decisions of a vehicle that follows the eastern border 12 m away, with a place uncertain eastwards."""
+    planner = _planner(steps=40, vehicle_section={"start_north_m": 20.0, "start_east_m": 468.0})
+    _travel(planner, 1, _growing())
+    straight = Plan.at(0, np.array([0.0, 20.0, 468.0]), (), 0xF8)
+    planner._followed = Followed(straight, planner.rollout.follow(straight))
+    decisions = []
+    for i in range(1, 9):
+        planner.set_map_offset(0.0, 0.0, np.diag([1.0, deviation_m**2]))
+        planner.set_centers(_growing()(i), 15.7 * i)
+        decisions.append(planner.decide(15.7 * i))
+        planner.odometry(15.7 * (i + 1), *(float(x) for x in decisions[-1].leg.end_state))
+    return planner, decisions
+
+
+def test_a_vehicle_with_an_uncertain_place_returns_from_the_border_without_a_void_plan():
+    planner, decisions = _along_the_border(20.0)
+    assert not any(d.bound.void or d.statistics.escape for d in decisions)
+    path = planner.path
+    assert path is not None
+    margin = PlaceMargin(np.diag([1.0, 400.0]))
+    places_m = planner.rollout.leg_places(path.states[:-1], path.actions, 2)[:LEGS]
+    assert margin.lack(planner.space, places_m.reshape(-1, 2))[0] <= TOLERATED_M2
+    sent = planner.rollout.follow(decisions[-1].plan).from_step(path.step)
+    assert np.array_equal(sent.states, path.states), "team mates rebuild the path"
+    for before, after in itertools.pairwise(decisions):
+        lost = before.bound.lower_bound - after.bound.lower_bound
+        assert lost <= 1e-9 or after.bound.budget == 0.0, "a loss is charged to the budget first"
+
+
+def test_an_uncertainty_within_the_areas_margin_changes_nothing():
+    (_, exact), (_, known) = _along_the_border(0.0), _along_the_border(9.9)
+    assert [d.plan for d in exact] == [d.plan for d in known]
+    assert [d.bound for d in exact] == [d.bound for d in known]
 
 
 def test_mates_without_a_plan_are_assumed_to_mow_until_expiry():

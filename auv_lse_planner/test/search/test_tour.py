@@ -6,9 +6,10 @@ from planner_helpers import rollout, world
 
 from auv_lse_common.support.compiled import plain
 from auv_lse_common.vocabulary.plan import length_m
+from auv_lse_planner.paths.place_margin import EXACT, PlaceMargin, lack_of_room
 from auv_lse_planner.paths.polyline import places_along, pull_back
 from auv_lse_planner.paths.steering import Steering
-from auv_lse_planner.search.tour import ROOM_M, TourSearch, lack_of_room
+from auv_lse_planner.search.tour import ROOM_M, TourSearch
 
 LEG = 15.0 * math.pi / 2.0
 
@@ -71,21 +72,24 @@ def test_compiled_equals_plain():
     _, _, space, _ = world()
     own = space.arguments()
     places = rng.uniform(-30, 400, (40, 2))
-    fast, slow = lack_of_room(own, 20.0, places), plain(lack_of_room)(own, 20.0, places)
-    assert fast[0] == pytest.approx(slow[0], rel=1e-12)
-    assert fast[1] == pytest.approx(slow[1], rel=1e-12)
+    for covariance in (EXACT, np.array([[900.0, 200.0], [200.0, 400.0]])):
+        arguments = (own, 20.0, places, space.margin_m, covariance)
+        fast, slow = lack_of_room(*arguments), plain(lack_of_room)(*arguments)
+        assert fast[0] == pytest.approx(slow[0], rel=1e-12)
+        assert fast[1] == pytest.approx(slow[1], rel=1e-12)
 
 
-def test_lack_of_room_gradient_agrees_with_finite_differences():
+@pytest.mark.parametrize("std_m", [0.0, 20.0])
+def test_lack_of_room_gradient_agrees_with_finite_differences(std_m: float):
     _, _, space, _ = world()
-    own = space.arguments()
+    margin = PlaceMargin(np.diag([std_m**2, 0.0]))
     place = np.array([[-13.3, 101.1]])
-    total, gradient = lack_of_room(own, 20.0, place)
-    assert total > 0.0
+    total, gradient = margin.lack(space, place, 20.0)
+    assert total > (0.0 if std_m == 0.0 else 40.0**2)
     for axis in (0, 1):
         step = np.zeros((1, 2))
         step[0, axis] = 1e-5
-        slope = (lack_of_room(own, 20.0, place + step)[0] - lack_of_room(own, 20.0, place - step)[0]) / 2e-5
+        slope = (margin.lack(space, place + step, 20.0)[0] - margin.lack(space, place - step, 20.0)[0]) / 2e-5
         assert gradient[0, axis] == pytest.approx(slope, abs=1e-5)
 
 

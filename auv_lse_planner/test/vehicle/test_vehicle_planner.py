@@ -465,11 +465,12 @@ def test_plans_use_the_map_frame_and_legs_the_odometry_frame():
 
 def test_restarted_planner_keeps_the_map_offset():
     planners = [VehiclePlanner(1, settings(steps=20), np.random.default_rng(1)) for _ in range(2)]
-    planners[0].set_map_offset(5.0, 6.0)
+    planners[0].set_map_offset(5.0, 6.0, np.diag([9.0, 4.0]))
     planners[0].odometry(0.0, 0.0, 0.0, 0.0)
     leg = planners[0].decide(0.0).leg
     planners[1].restore(planners[0].snapshot())
     assert planners[1].in_odometry_frame(leg) == planners[0].in_odometry_frame(leg) != leg
+    assert np.array_equal(planners[1]._place_margin.covariance_m2, np.diag([9.0, 4.0]))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -90,7 +90,7 @@ class VehicleInputs:
 
     vehicle: int
     odometry: list[tuple[float, Odometry]] = field(default_factory=list)
-    corrected: list[tuple[float, DeadReckoning]] = field(default_factory=list)
+    corrected: list[tuple[float, CorrectedPlace]] = field(default_factory=list)
     soundings: list[tuple[float, Sounding]] = field(default_factory=list)
     navigation: list[tuple[float, DeadReckoning | Fix | MateNavigation]] = field(default_factory=list)
     samples: list[tuple[float, Soundings]] = field(default_factory=list)

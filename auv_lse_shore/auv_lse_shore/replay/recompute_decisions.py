@@ -146,7 +146,7 @@ class _Recomputer:
         for report in self._plans.take(is_due if taken is None else lambda *_: self._plans.taken < taken.plans):
             self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
         for place in self._corrected.take(is_stamped):
-            self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
+            self._intake.set_corrected(place)
         # Without lockstep: the first decision had an odometry, whenever the recorder received it.
         for odometry in self._odometry.take(
             lambda received_s, o: is_stamped(received_s, o) or not (self._lockstep or self._odometry.taken)
@@ -169,7 +169,7 @@ class _Recomputer:
             self._revision = own.map.revision
             self._intake.set_centers(own.map.centers, self._revision)
         if own.place is not None and not self._inputs.corrected:
-            self._intake.set_corrected(own.place.stamp_s, own.place.north_m, own.place.east_m)
+            self._intake.set_corrected(own.place)
 
     def _tune(self, changed: dict[str, Any]) -> None:
         """A parameter that was changed by hand while the planner ran."""

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.topics.map_codecs import steps_of
 from auv_lse_common.topics.records import CentersReport, FieldReport
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import corrector_for
@@ -92,7 +92,7 @@ class RecomputedMap:
         self._navigation = Pending(inputs.navigation)
 
     @property
-    def place(self) -> DeadReckoning | None:
+    def place(self) -> CorrectedPlace | None:
         """The vehicle's corrected place; None while places are not corrected."""
         return None if self._intake.corrector is None else self._intake.corrector.place
 

@@ -36,7 +36,7 @@ from auv_lse_common.topics.records import (
     Waypoint,
 )
 from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.mission_run import Action, Command, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan, Tour
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -71,6 +71,14 @@ MATE = MateNavigation(
     travel_s=0.25,
 )
 PLACE = DeadReckoning(stamp_s=12.5, heading_rad=0.5, north_m=10.25, east_m=-3.5, depth_m=2.0)
+CORRECTED = CorrectedPlace(
+    stamp_s=12.5,
+    heading_rad=0.5,
+    north_m=10.25,
+    east_m=-3.5,
+    depth_m=2.0,
+    covariance=((0.0, 0.0, 0.0), (0.0, 400.0, -12.5), (0.0, -12.5, 16.0)),
+)
 ODOMETRY = Odometry(
     stamp_s=2.0,
     heading_rad=math.radians(30),
@@ -89,7 +97,7 @@ VALUES: dict[str, Any] = {
     "odometry": ODOMETRY,
     "truth/odometry": ODOMETRY,
     "dead_reckoning": PLACE,
-    "corrected": PLACE,
+    "corrected": CORRECTED,
     "fix": Fix(stamp_s=600.0, north_m=101.0, east_m=52.0, raw_north_m=104.5, raw_east_m=50.25, std_m=0.8),
     "altitude": Altitude(stamp_s=1.0, altitude_m=12.5, min_m=0.25, max_m=128.0),
     "pressure": Pressure(stamp_s=1.0, pressure_pa=201325.0),

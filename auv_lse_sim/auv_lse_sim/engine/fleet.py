@@ -173,7 +173,7 @@ class VehicleCores:
             return None
         place = None if self.corrector is None else self.corrector.place  # only decisions read it
         if place is not None:
-            self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
+            self._to_planner.set_corrected(place)
             self._to_planner.apply_correction()
         if self.map.revision != self._revision:  # reading settles merged centers, so not earlier
             self._revision = self.map.revision
