@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erfc
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_gp.inference.banks import depths, width_factor
+from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near
-from auv_lse_gp.map.certainty import FOUND, classify, found_within_m, length_of, lines_of
+from auv_lse_gp.map.certainty import FOUND, MAX_STD_M, MIN_INFORMED, classify, found_within_m, length_of, lines_of
 from auv_lse_gp.map.depth_map import MANY_CELLS, DepthField, contours
-from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
+from auv_lse_gp.map.undiscovered import KERNEL, coarse_grid, undiscovered
 
 Array = NDArray[np.float64]
 
@@ -103,3 +106,33 @@ class QualityJudge:
             variance_scale=float(scales.mean()),
             revision=0,
         )
+
+
+#: Half the number of lanes of `lanes_share`, and half their length in length scales.
+LANES, LENGTH_SCALES = 4, 3.0
+
+
+def lanes_share(config: GpConfig, apart_m: float, leg_m: float) -> float:
+    """Share of the isobath that is found by parallel lanes, expected by the prior alone.
+
+    A place is found if the deviation s that the lanes leave there, divided by the slope g, is at most
+    `MAX_STD_M[FOUND]`. On the isobath, g is distributed as the length of a normal vector in the plane, weighted by
+    itself: P(g > t) = erfc(t / sqrt(2) b) + sqrt(2 / pi) t / b exp(-t^2 / 2 b^2), b the standard deviation per axis.
+
+    Args:
+        apart_m: Distance between the lanes.
+        leg_m: Distance between two soundings on a lane; half of it is enough for any kernel as long as it.
+    """
+    prior = dataclasses.replace(config, kernel=KERNEL, support_m=0.0, local=False)
+    lanes = Posterior(prior)
+    reach_m = LENGTH_SCALES * max(config.length_scale_m, config.length_scale_2_m)
+    at = np.meshgrid(np.arange(-reach_m, reach_m, 0.5 * leg_m), (np.arange(2 * LANES) - LANES + 0.5) * apart_m)
+    count = at[0].size
+    slope = lanes.depth_and_slope(np.zeros((1, 2))).slope_covariance[0]
+    lanes.extend(Centers(np.column_stack([a.ravel() for a in at]), np.zeros(count), np.full(count, config.noise_std_m)))
+    across = np.linspace(0.0, 0.5 * apart_m, 21)
+    _, variance = lanes.moments(np.column_stack([np.zeros(len(across)), across]))
+    limit = np.sqrt(variance / np.trace(slope) * 2.0) / MAX_STD_M[FOUND]
+    share = erfc(limit / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * limit * np.exp(-0.5 * limit * limit)
+    informed = 1.0 - variance / config.signal_std_m**2 >= MIN_INFORMED[FOUND]
+    return float(np.mean(np.where(informed, share, 0.0)))

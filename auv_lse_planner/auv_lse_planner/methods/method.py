@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
-from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.ground_window import GroundWindow
+from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.place_margin import PlaceMargin
@@ -61,6 +62,7 @@ class PlanningContext:
 
     Attributes:
         vehicle: Number of the vehicle, from 1.
+        horizon: The step that paths are planned to.
         posterior: The map. A method that needs planned places copies it (`with_planned`).
         map_grid: Places over which the map's risk is summed.
         coarse_grid: Places over which it is summed for its gradient.
@@ -72,6 +74,7 @@ class PlanningContext:
     rollout: Rollout
     posterior: Posterior
     team: Team
+    horizon: Horizon
     map_grid: Grid
     coarse_grid: Grid
     rng: np.random.Generator
@@ -98,7 +101,7 @@ class PlanningContext:
         Args:
             rest: What follows the legs that are planned in detail; None: nothing.
         """
-        planner, steps = situation.planner, self.settings.mission.steps
+        planner, steps = situation.planner, self.horizon.end
         mates, end, constant = self.mates_ahead(situation), steps, Constant()
         if rest is not None:
             end, constant = rest.begin, Constant(self.window.elsewhere_risk, rest.drop)
@@ -124,7 +127,7 @@ class PlanningContext:
 
     def search_problem(self, situation: Situation, seeds: list[Actions]) -> SearchProblem:
         """The problem of a tree search that tries `seeds` first."""
-        planner, left = situation.planner, self.settings.mission.steps - situation.step
+        planner, left = situation.planner, self.horizon.end - situation.step
         continued = planner.augmented and left > planner.horizon
         return SearchProblem(
             planner=planner,
@@ -137,6 +140,14 @@ class PlanningContext:
             seeds=seeds,
             grid=self.map_grid,
         )
+
+    def naive_plan(self, step: int, state: Array, naive_path: int) -> Plan:
+        """A naive path from `state` (3,) to the horizon; as actions unless that is the mission's last step."""
+        plan = Plan.at(step, state, (), naive_path)
+        if self.horizon.is_whole:
+            return plan
+        actions = self.rollout.naive.actions(plan.state, naive_path, self.horizon.end - step)
+        return Plan.at(step, state, tuple(int(a) for a in actions), NONE)
 
     def map_places(self, path: PlannedPath) -> Array:
         """Places (L, n, 2) at which the map's reward evaluates a path: `MAP_PLACES_PER_LEG`, or more."""

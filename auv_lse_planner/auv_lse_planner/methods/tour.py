@@ -69,6 +69,7 @@ class Tour(Method):
         self._candidates = TourCandidates(context)
         self._optimized_at = -1
         self._seeds: list[Actions] = []
+        self._planned_to = context.horizon.end
         self._stages = Stages(context) if Stages.needed(context) else None
         self._value: Value | None = None  # of the last plan, when it was evaluated; None after a shift
         self._follows = follows_isobath(context.settings)
@@ -80,33 +81,37 @@ class Tour(Method):
         if last is not None and self._value is not None and not void and not self.evaluates(s.step, s.planner):
             return self._continued(last, self._value)
         context.assume_plans(s)
+        renewed = self._takes_horizon() and last is not None
+        if last is not None and not context.horizon.is_whole:
+            last = Followed(last.plan, last.path.to_step(context.horizon.end))
         if self._stages is not None:
             s = replace(s, last=self._stages.last_plan(s))
             last = s.last
         reward = self.map_reward(s)
         mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in context.mates_ahead(s))])
-        due = situation.last is None or bool(void) or self._interval_is_over(s.step, s.planner)
+        due = situation.last is None or bool(void) or renewed or self._interval_is_over(s.step, s.planner)
         heads = self._heads(s, mates_m) if (due or self._follows) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None:
             followed = self._candidates.evaluated(last.plan, last.path, reward)
             reference = followed.value.expected_end
-            incumbent = None if void else followed
+            incumbent = None if void or renewed else followed
+        void_value = reference if void and reference is not None else math.nan
         found = Candidates(deadline_hit=due and incumbent is not None and s.out_of_time)
-        floor = NO_FLOOR if reference is None else reference - self.budget
+        floor = NO_FLOOR if reference is None or renewed else reference - self.budget
         problem = TourProblem(s, reward, floor, self._stages)
         if due and not found.deadline_hit:
-            found = self._search(problem, last, heads)
+            found = self._search(problem, last, heads, renewed)
             self._optimized_at = s.step
         elif last is not None:
             self._candidates.headed(problem, last.path, heads, found)
-        if last is None:
+        if last is None or renewed:
             reference = floor = found.floor
+            self.budget = 0.0
         every = found.plans if incumbent is None else [incumbent, *found.plans]
         chosen = self._chosen(s, every, floor, mates_m)
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
-        void_value = reference if void and reference is not None else math.nan
         self._value = chosen.value
         if chosen is not incumbent:
             self._candidates.follow(chosen, s.step)
@@ -164,6 +169,7 @@ class Tour(Method):
         return {
             "budget": self.budget,
             "optimized_at": self._optimized_at,
+            "planned_to": self._planned_to,
             "seeds": [[int(a) for a in actions] for actions in self._seeds],
             "candidates": self._candidates.snapshot(),
             "stages": None if self._stages is None else self._stages.snapshot(),
@@ -172,6 +178,7 @@ class Tour(Method):
     def restore(self, values: Mapping[str, Any]) -> None:
         """See `Method`."""
         self.budget, self._optimized_at = values["budget"], values["optimized_at"]
+        self._planned_to = values["planned_to"]
         self._seeds = [tuple(actions) for actions in values["seeds"]]
         self._candidates.restore(values["candidates"])
         if self._stages is not None and values.get("stages") is not None:
@@ -211,14 +218,20 @@ class Tour(Method):
         every = planner.tour_interval * (1 if self._stages is None else INTERVALS)
         return bool(every and step - self._optimized_at >= every)
 
-    def _search(self, problem: TourProblem, last: Followed | None, heads: list[Actions]) -> Candidates:
-        if last is None:
-            return self._candidates.at_start(problem)
+    def _takes_horizon(self) -> bool:
+        """Whether the horizon has changed since the last decision."""
+        end = self.context.horizon.end
+        changed, self._planned_to = end != self._planned_to, end
+        return changed
+
+    def _search(self, problem: TourProblem, last: Followed | None, heads: list[Actions], renewed: bool) -> Candidates:
+        if last is None or renewed:
+            return self._candidates.at_start(problem, None if last is None else last.path)
         return self._candidates.under_way(problem, last.path, heads)
 
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
         """The best sequences of a tree search for the path reward, given the mates' places."""
-        early = s.step < HEADS_FROM_SHARE * self.context.settings.mission.steps and not self._follows
+        early = s.step < HEADS_FROM_SHARE * self.context.horizon.end and not self._follows
         early = early or (self._stages is not None and not self._stages.is_last)
         if early or not s.planner.tour_interval or s.out_of_time:
             return []

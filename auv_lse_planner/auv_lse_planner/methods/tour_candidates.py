@@ -153,8 +153,12 @@ class TourCandidates:
 
     # ------------------------------------------------------------------ at the mission's start
 
-    def at_start(self, problem: TourProblem) -> Candidates:
-        """Candidates for the mission's start, and their floor."""
+    def at_start(self, problem: TourProblem, last: PlannedPath | None = None) -> Candidates:
+        """Candidates for the mission's start, or for a new horizon, and their floor.
+
+        Args:
+            last: The last path; None at the start.
+        """
         s, reward = problem.situation, problem.reward
         naive = self._naive(problem)
         result = Candidates(naive, self._floor(problem, naive), 0, s.out_of_time)
@@ -162,6 +166,7 @@ class TourCandidates:
             return result
         starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
         starts.insert(0, self._finer.resampled(self._polyline(problem, naive[0].path), reward.legs))
+        starts += self._continued(problem, last)
         for found in self._optimized(starts, reward.weighing(0.0), s):
             result.add(self._through(problem, found.waypoints_m), found)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
@@ -171,6 +176,17 @@ class TourCandidates:
             limited = replace(problem, floor=result.floor)
             self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(WEIGHT_SHARES), result)
         return result
+
+    def _continued(self, problem: TourProblem, last: PlannedPath | None) -> list[Array]:
+        """The last path, cut at the horizon or followed by lanes."""
+        if last is None or not len(last):
+            return []
+        legs, line_m = problem.reward.legs, self._polyline(problem, last)
+        more = legs - len(last)
+        if more <= 0:
+            return [self._finer.resampled(line_m[: legs + 1], legs)]
+        lanes = self._finer.starts(line_m[-1], more, self._context.vehicle, self._vehicles)
+        return [self._finer.resampled(np.concatenate([line_m, lane_m[1:]]), legs) for lane_m in lanes]
 
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
@@ -218,7 +234,7 @@ class TourCandidates:
         """Expected end of the best naive path, or of this vehicle's covering strip if it follows the isobath."""
         if not self._strips_floor:
             return max(c.value.expected_end for c in naive)
-        strip = problem.plan((), STRIPS[(self._context.vehicle - 1) % len(STRIPS)])
+        strip = self._naive_plan(problem, STRIPS[(self._context.vehicle - 1) % len(STRIPS)])
         known = [c for c in naive if c.plan == strip]
         return (known or [self._candidate(strip, problem.reward)])[0].value.expected_end
 
@@ -233,16 +249,20 @@ class TourCandidates:
         leave only the first ones.
         """
         number, reward = self._context.vehicle - 1, problem.reward
-        plans = [problem.plan((), i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
+        plans = [self._naive_plan(problem, i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
         paths = [(plan, self._rollout.follow(plan)) for plan in plans]
         paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE_PLACES]))
-        fitted = problem.plan((), FITTED[number % len(FITTED)])
+        fitted = self._naive_plan(problem, FITTED[number % len(FITTED)])
         naive = [self.evaluated(fitted, self._rollout.follow(fitted), reward)]
         for plan, path in paths:
             naive.append(self.evaluated(plan, path, reward))
             if problem.situation.out_of_time:
                 break
         return naive
+
+    def _naive_plan(self, problem: TourProblem, naive_path: int) -> Plan:
+        s = problem.situation
+        return self._context.naive_plan(s.step, s.state, naive_path)
 
     def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
         """Tours optimized from the best of several starts, and the best one after more iterations.

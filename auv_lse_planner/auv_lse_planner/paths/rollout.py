@@ -55,6 +55,15 @@ class PlannedPath:
             self.leg_places_m[skipped:],
         )
 
+    def to_step(self, step: int) -> PlannedPath:
+        """The same path, ended at mission step `step` if it goes on."""
+        legs = max(step - self.step, 0)
+        if legs >= len(self):
+            return self
+        return PlannedPath(
+            self.step, self.states[: legs + 1], self.actions[:legs], min(self.own, legs), self.leg_places_m[:legs]
+        )
+
     @property
     def places_m(self) -> Array:
         """All measurement places, shape (L * n, 2)."""

@@ -109,6 +109,7 @@ class VehiclePlanner:
             rollout=self.rollout,
             posterior=self.posterior,
             team=self.team,
+            horizon=self.until.horizon,
             map_grid=area.grid(self.planner.map_spacing_m, "planner.map_spacing_m"),
             coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m)),
             rng=rng,
@@ -252,6 +253,7 @@ class VehiclePlanner:
             raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
+        self.until.horizon.extend(step)
         method = self._method  # before it takes the map, whose size it may bound
         evaluates = method.evaluates(step, self.planner)
         self._take_centers(evaluates)
@@ -469,7 +471,7 @@ class VehiclePlanner:
         """The plan assumed for a team mate until its first plan arrives: lanes over its strip."""
         v = self.settings.vehicle
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
-        return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
+        return self._context.naive_plan(0, start, FITTED[(mate - 1) % len(FITTED)])
 
     def _take_centers(self, evaluates: bool) -> None:
         window = self._context.window

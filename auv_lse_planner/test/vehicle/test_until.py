@@ -15,7 +15,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import Quality
-from auv_lse_planner.vehicle.until import IN_A_ROW, JUDGE_LEGS, Until
+from auv_lse_planner.vehicle.until import CLOSE_LEGS, IN_A_ROW, JUDGE_LEGS, Until
 
 SILENCE_S = 600.0
 
@@ -98,11 +98,12 @@ def test_a_map_is_judged_every_few_legs_and_the_state_survives_a_restart() -> No
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
     assert not own.judge(JUDGE_LEGS, lambda: posterior), "no sounding"
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    assert not own.judge(JUDGE_LEGS + 1, lambda: posterior), "not due"
     assert not own.judge(JUDGE_LEGS, refused), "centers that cannot be factorized"
-    assert own.judge(JUDGE_LEGS, lambda: posterior)
+    assert not own.judge(JUDGE_LEGS - 1, lambda: posterior), "not due"
+    assert own.judge(JUDGE_LEGS + 1, lambda: posterior)
     assert not own.reached, "found once only"
-    assert own.judge(JUDGE_LEGS, lambda: posterior)
+    assert not own.judge(JUDGE_LEGS + CLOSE_LEGS, lambda: posterior), "not due"
+    assert own.judge(JUDGE_LEGS + CLOSE_LEGS + 1, lambda: posterior)
     assert own.reached
     assert 100.0 < own.quality.undiscovered_m < 1e5
     assert not own.agreed(7.0, SILENCE_S)
@@ -118,12 +119,12 @@ def test_a_quality_that_is_lost_again_is_no_longer_announced() -> None:
     own = until(reached=False, undiscovered_m=1e5)
     posterior = Posterior(PlannerSettings.from_parameters({}, "test", 1).gp)
     posterior.extend(Centers(np.array([[10.0, 10.0]]), np.array([9.0]), np.array([0.2])))
-    for _ in range(2):
-        own.judge(JUDGE_LEGS, lambda: posterior)
+    for step in (5, 10):
+        own.judge(step, lambda: posterior)
     assert own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=0.1)  # no map has that
-    own.judge(JUDGE_LEGS, lambda: posterior)
+    own.judge(15, lambda: posterior)
     assert not own.reached
     own.asked = dataclasses.replace(own.asked, undiscovered_m=1e5)
-    own.judge(JUDGE_LEGS, lambda: posterior)
+    own.judge(20, lambda: posterior)
     assert not own.reached, "the count begins anew"

@@ -23,6 +23,7 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
+from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
 from auv_lse_shore.judge import figures_of_merit as merit
 from auv_lse_shore.judge import isobath
@@ -225,7 +226,7 @@ def _summary(e: Evaluation) -> Summary:
         "flown_risk": curves.flown_risk,
         "alone_risk": e.alone_risk,
         "void_plans": _void_plans(run) if first.planner.family.bound_of == "map" else None,
-        "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run),
+        "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run, first),
     }
     if run.steps < e.planned_steps:  # the bounds are those of a complete mission
         found |= {"bound_kept": None, "path_bound_kept": None, "map_bound_kept": None, "map_bound_promised": False}
@@ -250,8 +251,13 @@ def _ideal(run: RunData, settings: PlannerSettings, area: OperatingArea) -> Dept
     return map_of(settings, area, Soundings.join(true_positions(v) for v in run.vehicles)).field()
 
 
-def _promises(run: RunData) -> bool:
-    """Whether every first decision has a lower bound above its reward so far; later decisions keep this bound."""
+def _promises(run: RunData, settings: PlannerSettings) -> bool:
+    """Whether every first decision has a lower bound above its reward so far; later decisions keep this bound.
+
+    A mission that is planned for a share found promises none.
+    """
+    if plans_to_horizon(settings):
+        return False
     first = [v.decisions[0] for v in run.vehicles if v.decisions]
     return bool(first) and all(d.lower_bound > d.reward_so_far for d in first)
 

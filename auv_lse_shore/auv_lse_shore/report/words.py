@@ -11,6 +11,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_gp.map.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_planner.methods.coverage import follows_isobath
+from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_PLACE, EXPECTED_LOSS, MAP_RISK
@@ -264,7 +265,8 @@ def _bound(e: Evaluation) -> str:
     lanes = " with lanes that just cover the area" if follows_isobath(first) else ""
     bound = f"A lawnmower mission of the same length{lanes} was expected to reach {_three(s.mowing_risk)}"
     if not s.map_bound_promised:
-        return f"{text} {bound}; this mission ended {beside} that. The method {s.method} guarantees no such bound."
+        who = "A mission that is planned for a share found" if plans_to_horizon(first) else f"The method {s.method}"
+        return f"{text} {bound}; this mission ended {beside} that. {who} guarantees no such bound."
     if s.map_bound_kept:
         return f"{text} {bound}. This bound was met: the mission ended {beside} it."
     text = f"{text} {bound}. This bound was not met: the mission ended {beside} it."

@@ -19,10 +19,11 @@ from auv_lse_shore.report.words import findings, headlines, paper_paragraphs, pa
 PAPER = re.compile(r"team reward|path reward|lower bound|stepwise|the paper's", re.IGNORECASE)
 
 
-def judged(synthetic_run, method="straddle", **changes):
+def judged(synthetic_run, method="straddle", until=None, **changes):
     """A mission; the synthetic run's planners promise a bound, as those of `tour` do, unless it is `straddle`."""
     run = synthetic_run(steps=30)
     run.parameters["/**"]["planner"] = {"method": method}
+    run.parameters["/**"]["mission"]["until"] = until or {}
     if method == "straddle":
         for vehicle in run.vehicles:
             vehicle.decisions = [dataclasses.replace(d, lower_bound=d.reward_so_far) for d in vehicle.decisions]
@@ -187,6 +188,14 @@ def test_the_papers_method_promises_a_bound_of_its_reward_not_of_the_map(synthet
     assert not paper.summary.map_bound_promised
     assert "not met" not in " ".join(headlines(paper.summary, 30))
     assert "The method augmented guarantees no such bound." in text_of(paper)
+
+
+def test_a_mission_that_is_planned_for_a_share_found_promises_no_bound(synthetic_run):
+    figures = {"risk_after": 2.0, "mowing_risk": 1.6, "map_bound_kept": False}
+    share = judged(synthetic_run, "tour", {"found": 0.5}, **figures)
+    assert not share.summary.map_bound_promised
+    assert "A mission that is planned for a share found guarantees no such bound." in text_of(share)
+    assert judged(synthetic_run, "tour", {"deviation_m": 0.1}, **figures).summary.map_bound_promised
 
 
 @pytest.mark.parametrize(
