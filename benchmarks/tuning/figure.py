@@ -21,6 +21,7 @@ from auv_lse_shore.report.figures import (
     draw_tracks,
     legend_in,
     map_extent,
+    map_handles,
     map_legend,
     new_figure,
     outer_labels,
@@ -40,7 +41,8 @@ def tuning_figure(knob: Knob, missions: Sequence[Evaluation], means: Sequence[Ma
     """
     first, amounts = missions[0], ("low", "default", "high")
     panel_in = (WIDTH_IN - 1.4) / len(missions) * map_extent(first)[1] + 0.8
-    figure = new_figure(WIDTH_IN, panel_in + 0.45 + legend_in(first, 5))
+    handles = map_handles(first, truth=bool(first.truth), estimate=True)
+    figure = new_figure(WIDTH_IN, panel_in + 0.45 + legend_in(handles))
     axes = figure.subplots(1, len(missions), sharex=True, sharey=True)
     top = max(float(np.nanmax(first.prior.risk)), 1e-9)
     image: Any = None
@@ -59,5 +61,5 @@ def tuning_figure(knob: Knob, missions: Sequence[Evaluation], means: Sequence[Ma
     outer_labels(axes, len(missions))
     whose = "auv1's own map" if knob.own_map else "all soundings"
     add_color_bar(figure, image, list(axes), f"Bayes risk per place\n({whose})", shrink=0.8, aspect=26)
-    map_legend(figure, first, truth=bool(first.truth), estimate=True)
+    map_legend(figure, handles)
     return figure

@@ -128,7 +128,8 @@ def risk_maps(e: Evaluation) -> Figure:
     """Prior and posterior Bayes risk with the paths, and the true and the estimated isobath."""
     panel_in, side_by_side = panel_size(map_extent(e)[1], 2)
     columns = 2 if side_by_side else 1
-    figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(e, 5))
+    handles = map_handles(e, truth=bool(e.truth), estimate=True)
+    figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(handles))
     axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     top = max(float(np.nanmax(e.prior.risk)), 1e-9)
     titles = (
@@ -143,7 +144,7 @@ def risk_maps(e: Evaluation) -> Figure:
     draw_pieces(axes[1], e.pieces)
     outer_labels(axes, columns, e.run.origin)
     add_color_bar(figure, image, axes.tolist(), f"{MAP_RISK} ({COST_PER_PLACE})")
-    map_legend(figure, e, truth=bool(e.truth), estimate=True)
+    map_legend(figure, handles)
     return figure
 
 
@@ -155,7 +156,8 @@ def local_risk_error(e: Evaluation) -> Figure:
     rows = math.ceil(count / columns)
     width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
     panel_in = (width - 1.3) / columns * aspect + 0.45
-    figure = new_figure(width, rows * panel_in + 0.7 + legend_in(e, 2))
+    handles = map_handles(e, truth=False, estimate=False)
+    figure = new_figure(width, rows * panel_in + 0.7 + legend_in(handles))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     differences = [own.risk - e.team.risk for own in e.local]
     largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
@@ -169,7 +171,7 @@ def local_risk_error(e: Evaluation) -> Figure:
     outer_labels(axes[:count], columns, e.run.origin)
     label = f"own map's − team map's\n{MAP_RISK} ({COST_PER_PLACE})"
     add_color_bar(figure, image, axes[:count].tolist(), label, aspect=26 * rows)
-    map_legend(figure, e, truth=False, estimate=False)
+    map_legend(figure, handles)
     return figure
 
 
@@ -311,13 +313,13 @@ def isobath_handle(kind: str, label: str) -> Line2D:
     return Line2D([], [], label=label, **_isobath_style(kind, 1.2))
 
 
-def legend_in(e: Evaluation, others: int) -> float:
-    """Height (in) of the legend after its first line, with `others` entries beside the vehicles."""
-    return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
+def legend_in(handles: Sequence[Any]) -> float:
+    """Height (in) of a `map_legend` after its first line."""
+    return 0.17 * ((len(handles) - 1) // LEGEND_COLUMNS)
 
 
-def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> None:
-    """Adds the legend of vehicles and, where wanted, isobaths below a figure."""
+def map_handles(e: Evaluation, *, truth: bool, estimate: bool) -> list[Any]:
+    """Legend entries of the vehicles and, where wanted, of the isobaths."""
     level = e.settings[0].level_set.level_m
     handles: list[Any] = [
         Line2D([], [], lw=1.6, label=f"auv{v.vehicle}", **vehicle_style(i)) for i, v in enumerate(e.run.vehicles)
@@ -330,8 +332,13 @@ def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) ->
         handles += isobath_handles(e)
     if not e.scored.all():
         handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not evaluated"))
+    return handles
+
+
+def map_legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """Adds a legend with these entries below a figure, in lines of equal length."""
     figure.legend(
-        handles=handles,
+        handles=list(handles),
         loc="outside lower center",
         ncols=math.ceil(len(handles) / math.ceil(len(handles) / LEGEND_COLUMNS)),
         handlelength=2.2,

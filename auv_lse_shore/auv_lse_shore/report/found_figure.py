@@ -17,7 +17,8 @@ SIDES = LinearSegmentedColormap.from_list("sides", ["#e8d3a8", "#ffffff", "#a5c5
 def found(e: Evaluation) -> Figure:
     """The probability of being at least the level deep, the isobath by its certainty, and the tracks."""
     height = min((figures.WIDTH_IN - 1.6) * figures.map_extent(e)[1], 6.0)
-    figure = figures.new_figure(figures.WIDTH_IN, height + 0.65 + figures.legend_in(e, 7))
+    handles = figures.map_handles(e, truth=bool(e.truth), estimate=True)
+    figure = figures.new_figure(figures.WIDTH_IN, height + 0.65 + figures.legend_in(handles))
     axis = figure.subplots()
     image = figures.draw_map(axis, e, e.team.p_safe, "", cmap=SIDES, vmin=0.0, vmax=1.0)
     figures.draw_tracks(axis, e, width=0.7)
@@ -31,5 +32,5 @@ def found(e: Evaluation) -> Figure:
     label = f"Is the water at least {e.settings[0].level_set.level_m:g} m deep?"
     bar = figures.add_color_bar(figure, image, axis, label, ticks=[0.0, 0.5, 1.0])
     bar.ax.set_yticklabels(["surely\nshallower", "uncertain", "surely\ndeeper"])
-    figures.map_legend(figure, e, truth=bool(e.truth), estimate=True)
+    figures.map_legend(figure, handles)
     return figure

@@ -20,7 +20,9 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
     """Prior (top) and posterior (bottom) Bayes risk with the paths of one mission per method."""
     first = next(iter(missions.values()))
     width = (WIDTH_IN - 1.1 - 0.17 * len(missions)) / len(missions)
-    figure = new_figure(WIDTH_IN, 2.0 * (width * figures.map_extent(first)[1] + 0.2) + 0.75)
+    handles = figures.map_handles(first, truth=bool(first.truth), estimate=True)
+    height = 2.0 * (width * figures.map_extent(first)[1] + 0.2) + 0.75 + figures.legend_in(handles)
+    figure = new_figure(WIDTH_IN, height)
     axes = figure.subplots(2, len(missions), sharex=True, sharey=True, squeeze=False)
     top = max(float(np.nanmax(e.prior.risk)) for e in missions.values())
     image: Any = None
@@ -33,7 +35,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
     figures.outer_labels(axes.ravel(), len(missions))
     label = f"{MAP_RISK} ({COST_PER_PLACE})"
     figures.add_color_bar(figure, image, axes.ravel().tolist(), label, shrink=0.85, aspect=36)
-    figures.map_legend(figure, first, truth=bool(first.truth), estimate=True)
+    figures.map_legend(figure, handles)
     return figure
 
 

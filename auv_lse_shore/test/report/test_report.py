@@ -1,6 +1,7 @@
 """The run folder and its page."""
 
 import base64
+import dataclasses
 import html
 import json
 import re
@@ -12,6 +13,7 @@ from browser import CHROMIUM, Browser
 from jinja2 import UndefinedError
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from auv_lse_gp.map.certainty import CLASSES, FOUND
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.summary import table
 from auv_lse_shore.report.page import number, page_environment
@@ -153,8 +155,16 @@ def test_the_tables_are_whole_on_a_phone_on_a_wide_screen_and_in_at_most_6_print
     assert 1 < len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 6
 
 
-def test_nothing_of_a_figure_is_cut_off(synthetic_run):
-    e = evaluate(synthetic_run(steps=8))
+@pytest.mark.parametrize("kinds", [(), (FOUND,), CLASSES])
+def test_nothing_of_a_figure_is_cut_off(synthetic_run, kinds):
+    """In an area of the default shape; with all classes of the isobath, the legend has a second line."""
+    run = synthetic_run(steps=8)
+    run.parameters["/**"]["area"] = {"polygon_m": [-50, -50, 550, -50, 550, 650, -50, 650]}
+    run.ground = None
+    e = evaluate(run)
+    piece = e.pieces[0]
+    e.truth = [piece.line]
+    e.team_map = dataclasses.replace(e.team_map, pieces=[dataclasses.replace(piece, kind=kind) for kind in kinds])
     for name, _, draw in FIGURES:
         if (figure := draw(e)) is None:
             continue
