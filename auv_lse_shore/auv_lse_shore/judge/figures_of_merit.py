@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import (
@@ -158,7 +161,7 @@ def positions(run: RunData, settings: PlannerSettings) -> dict[str, Any]:
 
 def work(run: RunData) -> dict[str, Any]:
     """Counts of soundings, samples and packets, and the time that decisions took."""
-    possible = len(run.sent) * (len(run.vehicles) - 1)
+    lost = _receptions_lost(run)
     walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
     walls = walls[np.isfinite(walls)]
     return {
@@ -166,12 +169,22 @@ def work(run: RunData) -> dict[str, Any]:
         "samples_received": sum(len(v.received) for v in run.vehicles),
         "packets_sent": len(run.sent),
         "packets_received": len(run.received),
-        "delivery": len(run.received) / possible if possible else None,
+        "packets_lost": lost,
+        "delivery": len(run.received) / (len(run.received) + lost) if run.received or lost else None,
         "planning_median_s": float(np.median(walls)) if len(walls) else None,
         "planning_max_s": float(walls.max()) if len(walls) else None,
         "sim_s": run.sim_s,
         "wall_s": run.wall_s,
     }
+
+
+def _receptions_lost(run: RunData) -> int:
+    """Receptions that failed; packets that were still under way when the recording ended do not count."""
+    tdma = section(TdmaConfig, parameters_for(run.parameters, "/auv1/modem_node"), "tdma", "mission file")
+    ended_s = run.sim_s - tdma.send_duration_s - tdma.travel_s
+    late = [packet.payload for packet in run.sent if packet.stamp_s > ended_s]
+    arrived = sum(packet.payload not in late for packet in run.received)
+    return max((len(run.sent) - len(late)) * (len(run.vehicles) - 1) - arrived, 0)
 
 
 def paper_reward(curves: Curves, of_paper: bool) -> dict[str, Any]:

@@ -134,7 +134,8 @@ class Summary:
     samples_received: int = figure("", "samples received from other vehicles")
     packets_sent: int = figure("", "packets sent by all vehicles")
     packets_received: int = figure("", "receptions by all vehicles (each packet can be received by K - 1)")
-    delivery: float | None = figure("", "packets_received / (packets_sent (K - 1)); None for a single vehicle")
+    packets_lost: int = figure("", "receptions that failed; packets still under way at the end do not count")
+    delivery: float | None = figure("", "packets_received / (packets_received + packets_lost); None without packets")
     team_reward: float = figure("cost", "the paper's reward, stepwise: sum of each leg's drop of risk at its own place")
     lower_bound: float | None = figure(
         "cost",

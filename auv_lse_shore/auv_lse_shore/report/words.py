@@ -51,7 +51,7 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
             f"the paper's reward: stepwise {s.team_reward:.0f}{bound}; whole path {s.path_reward:.0f} "
             f"(lawnmower {s.lawnmower_value:.0f})"
         )
-    lost = s.packets_sent * (s.vehicles - 1) - s.packets_received
+    lost = s.packets_lost
     lines.append(
         f"packets: {s.packets_sent} sent, {s.packets_received} received"
         + (f", {lost} reception{'' if lost == 1 else 's'} lost" if s.vehicles > 1 else "")
@@ -253,7 +253,8 @@ def _bound(e: Evaluation) -> str:
     text = f"Map risk, the mean Bayes risk per place, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
     if s.mowing_risk is None:
         return text
-    share = _percent(abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0)
+    apart = abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0
+    share = _percent(apart) if apart >= 0.01 else "less than 1 %"
     beside = f"{share} {'below' if s.risk_after <= s.mowing_risk else 'above'}"
     if s.steps < e.planned_steps:
         flown = "" if s.flown_risk is None else f" The path flown was expected to reach {_three(s.flown_risk)}."
@@ -336,13 +337,13 @@ def _loss(s: Summary) -> str:
 def _link(s: Summary) -> str:
     if s.vehicles < 2:
         return ""
-    possible = s.packets_sent * (s.vehicles - 1)
-    if not possible:
+    if not s.packets_sent:
         return "No packet was sent, so each vehicle mapped alone."
-    lost = possible - s.packets_received
+    possible = s.packets_received + s.packets_lost
+    share = f" ({_percent(s.packets_lost / possible)})" if possible else ""
     return (
-        f"Acoustic link: {s.packets_sent} packets were sent, and {lost} of {possible} possible receptions were lost "
-        f"({_percent(lost / possible)}). The vehicles received {s.samples_received:,} samples from each other. They "
+        f"Acoustic link: {s.packets_sent} packets were sent, and {s.packets_lost} of {possible} possible receptions "
+        f"were lost{share}. The vehicles received {s.samples_received:,} samples from each other. They "
         f"cut the mean map risk of a vehicle's own map from {_three(float(np.mean(s.alone_risk)))} to "
         f"{_three(float(np.mean(s.local_risk)))}; the team's final map has {_three(s.risk_after)}."
     )
@@ -354,9 +355,12 @@ def _position(s: Summary) -> str:
     text = f"RMS position error of the vehicles: {number(s.navigation_error_m, 2)} m."
     if s.isobath_error_true_positions_m is None or s.isobath_error_m is None:
         return text
+    now, ideal = f"{s.isobath_error_m:.1f} m", f"{s.isobath_error_true_positions_m:.1f} m"
+    if now == ideal:
+        return f"{text} With every sounding at its true position, the error of the whole line would be the same, {now}."
     return text + (
         " With every sounding at its true position, the error of the whole line, guesses included, would be "
-        f"{s.isobath_error_true_positions_m:.1f} m instead of {s.isobath_error_m:.1f} m."
+        f"{ideal} instead of {now}."
     )
 
 

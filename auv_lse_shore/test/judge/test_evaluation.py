@@ -8,7 +8,7 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import FOUND, LIKELY, lines_of
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_planner.methods import coverage
-from auv_lse_record.run_data import GroundGrid, RunData, VehicleRun
+from auv_lse_record.run_data import GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_shore.judge.evaluation import evaluate, ground_grid, local_map
 from auv_lse_shore.judge.team_map import mission_settings
 
@@ -131,6 +131,19 @@ def test_a_mission_without_decisions_is_evaluated(synthetic_run):
     assert (s.steps, s.team_reward, s.soundings) == (0, 0.0, 0)
     assert s.risk_after == s.risk_before
     assert s.delivery is None
+
+
+def test_a_packet_under_way_at_the_end_is_not_lost(synthetic_run):
+    run = synthetic_run(steps=3)
+    run.sent, run.received = [], []
+    assert (evaluate(run).summary.packets_lost, evaluate(run).summary.delivery) == (0, None)
+    for stamp_s, payload in ((10.0, b"heard"), (20.0, b"lost"), (run.sim_s - 2.0, b"just heard"), (run.sim_s, b"last")):
+        run.sent.append(PacketSent(stamp_s=stamp_s, source=1, payload=payload))
+        if b"heard" in payload:
+            run.received.append(PacketReceived(stamp_s=stamp_s + 2.0, receiver=2, source=1, payload=payload))
+    s = evaluate(run).summary
+    assert (s.packets_sent, s.packets_received, s.packets_lost) == (4, 2, 1)
+    assert s.delivery == 2 / 3
 
 
 def test_navigation_error_costs_what_true_positions_would_save(synthetic_run):

@@ -92,8 +92,8 @@ def test_the_words_give_lengths_areas_reasons_and_losses_of_the_link(other):
     assert f"found {s.isobath_found_m:,.0f} m of the 15 m isobath" in text
     assert f"{s.deep_m2 / 1e4:.1f} ha is at least 15 m deep" in text
     assert "17 % below that. The method straddle guarantees no such bound." in text
-    possible = s.packets_sent
-    assert f"{possible - s.packets_received} of {possible} possible receptions were lost (31 %)" in text
+    possible = s.packets_received + s.packets_lost
+    assert f"{s.packets_lost} of {possible} possible receptions were lost (31 %)" in text
     assert f"{s.samples_received:,} samples from each other" in text
     assert "where no vehicle measured within 20 m" in text
 
