@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_gp.covariance.likelihood import Fit, fit
@@ -94,10 +95,21 @@ def _error(name: str, value: float, error: float) -> str:
 
 
 def _widened(result: Fit, level_m: float, places_m: Array) -> Fit:
-    """The fit with a standard deviation that does not exclude a level (m), and a warning; as it is if it suits."""
+    """The fit with a standard deviation that does not exclude a level (m), and a warning; as it is if it suits.
+
+    Raises:
+        ValueError: if no configuration allows so large a standard deviation.
+    """
     found = excluded_level(result.config, level_m, places_m)
     if found is None:
         return result
+    try:
+        config = dataclasses.replace(result.config, signal_std_m=found.wide_enough_m)
+    except ParameterError as error:
+        raise ValueError(
+            f"--level: got {level_m:g} m; expected a depth nearer to the prior mean of these soundings, "
+            f"{found.nearest_m:.3g} m"
+        ) from error
     warning = (
         f"signal_std_m: {found.signal_std_m:.3g} m fits the soundings best, but nearly excludes the {level_m:g} m "
         f"isobath, {found.sigmas:.1f} standard deviations from the prior mean, {found.nearest_m:.3g} m. Proposed: "
@@ -105,7 +117,7 @@ def _widened(result: Fit, level_m: float, places_m: Array) -> Fit:
     )
     return dataclasses.replace(
         result,
-        config=dataclasses.replace(result.config, signal_std_m=found.wide_enough_m),
+        config=config,
         standard_errors={name: error for name, error in result.standard_errors.items() if name != "signal_std_m"},
         warnings=[*result.warnings, warning],
     )
@@ -177,6 +189,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, low in (("points", 10), ("restarts", 1), ("seed", 0)):
         if getattr(options, name) < low:
             command_line.error(f"--{name}: got {getattr(options, name)}; expected at least {low}")
+    if options.level is not None and not math.isfinite(options.level):
+        command_line.error(f"--level: got {options.level}; expected a depth in metres")
     if options.out is not None and not options.out.resolve().parent.is_dir():
         command_line.error(f"--out {options.out}: there is no folder {options.out.parent}")
     try:
@@ -203,16 +217,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
             for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
         ]
+        result = max(results, key=lambda r: r.log_likelihood)
+        if options.level is not None:
+            result = _widened(result, options.level, soundings[:, :2])
     except OSError as error:
-        print(f"fit: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
+        print(f"error: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
         return 2
     except ValueError as error:
-        named = str(error).startswith(str(options.source))
-        print(f"fit: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
+        named = str(error).startswith((str(options.source), "--level"))
+        print(f"error: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
         return 2
-    result = max(results, key=lambda r: r.log_likelihood)
-    if options.level is not None:
-        result = _widened(result, options.level, soundings[:, :2])
     if len(results) > 1:
         for other in sorted(results, key=lambda r: -r.log_likelihood):
             print(f"{other.config.kernel:20} {other.log_likelihood:.3f}")
@@ -221,7 +235,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             write_whole(options.out, parameter_file(result, options.source.name, where))
         except OSError as error:
-            print(f"fit: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+            print(f"error: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
             return 2
         print(f"written: {options.out}")
     return 0

@@ -152,15 +152,18 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     ("arguments", "message"),
     [
         (["absent.csv"], "absent.csv"),
-        (["empty.npz"], "fit: empty.npz: got a file that is damaged or not npz"),
+        (["empty.npz"], "error: empty.npz: got a file that is damaged or not npz"),
         (["."], "holds no recording; expected a run folder"),
-        (["few.csv"], "fit: few.csv: soundings: got 3; expected at least 10"),
+        (["few.csv"], "error: few.csv: soundings: got 3; expected at least 10"),
+        (["line.csv", "--level", "1e9"], "error: --level: got 1e+09 m; expected a depth nearer to the prior mean"),
     ],
 )
 def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.npz").touch()
     write_csv(tmp_path / "few.csv", np.arange(6.0).reshape(3, 2), np.arange(3.0))
+    rng = np.random.default_rng(1)
+    write_csv(tmp_path / "line.csv", rng.uniform(0.0, 200.0, (20, 2)), rng.normal(15.0, 2.0, 20))
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
 
@@ -168,6 +171,7 @@ def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["x.csv", "--level", "nan"], "--level: got nan; expected a depth in metres"),
         (["x.csv", "--points", "3"], "--points: got 3; expected at least 10"),
         (["x.csv", "--out", "no/where/gp.yaml"], "there is no folder no/where"),
         (["x.csv", "--kernel", "cubic"], "invalid choice: 'cubic'"),

@@ -20,6 +20,8 @@ T = TypeVar("T")
 
 #: A number that YAML 1.1 reads as text, because it lacks the point or the exponent's sign (1e-3 for 1.0e-3).
 _EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+#: ROS 2 parameters hold whole numbers below this.
+_INTEGERS = 2**63
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -297,6 +299,8 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], refusal: s
             raise error from None
         if not math.isfinite(value):
             raise error
+    elif abs(value) >= _INTEGERS:
+        raise ParameterError(f"{key}: got {value!r}; expected a whole number that 64 bits can hold, as in ROS 2")
     low, high, above = (meta.get(name) for name in ("low", "high", "above"))
     if (low is not None and value < low) or (high is not None and value > high):
         raise error

@@ -32,6 +32,7 @@ class Inner:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outer:
     count: int = parameter(3, low=1, high=9, help="a count")
+    total: int = parameter(3, help="a count without limits")
     name: str = parameter("a", choices=("a", "b"), help="a name")
     on: bool = parameter(False, help="a switch")
     angles: tuple[float, ...] = parameter((0.0,), low=-1.0, high=1.0, help="angles")
@@ -62,8 +63,10 @@ def test_defaults_and_values() -> None:
     ("mapping", "message"),
     [
         ({"cuont": 5}, r"f: s\.cuont: unknown parameter \(value 5\); did you mean 'count'\?"),
-        ({"zebra": 5}, r"known: angles, count, inner, limit, name, on, zones"),
+        ({"zebra": 5}, r"known: angles, count, inner, limit, name, on, total, zones"),
         ({"count": 10}, r"f: s\.count: got 10; expected a whole number from 1 to 9"),
+        ({"total": 2**63}, r"f: s\.total: got 9223372036854775808; expected a whole number that 64 bits can hold"),
+        ({"total": -(10**23)}, r"f: s\.total: got -1"),
         ({"count": 2.0}, r"f: s\.count: got 2\.0"),
         ({"count": True}, r"f: s\.count: got True"),
         ({"name": "c"}, r"f: s\.name: got 'c'; expected one of 'a', 'b'"),
@@ -192,5 +195,5 @@ def test_yaml_merge_key_may_be_overridden(tmp_path: Path) -> None:
 
 def test_describe_lists_every_parameter() -> None:
     rows = {row[0]: row for row in describe(Outer, "s.")}
-    assert set(rows) == {"s.count", "s.name", "s.on", "s.angles", "s.zones", "s.limit", "s.inner.gain"}
+    assert set(rows) == {"s.count", "s.total", "s.name", "s.on", "s.angles", "s.zones", "s.limit", "s.inner.gain"}
     assert rows["s.inner.gain"] == ("s.inner.gain", 1.0, "m", "> 0", "a gain")

@@ -95,7 +95,8 @@ class CampaignSpec:
             ParameterError: naming the key, the value and what was expected.
         """
         if not isinstance(content, Mapping) or not content:
-            raise ParameterError(f"{where}: got {repr(content)[:60]}; expected a mapping with any of {', '.join(KEYS)}")
+            got = "an empty file" if content is None else repr(content)[:60]
+            raise ParameterError(f"{where}: got {got}; expected a mapping with any of {', '.join(KEYS)}")
         for key in content:
             if key not in KEYS:
                 raise ParameterError(f"{where}: {key}: unknown key; expected one of {', '.join(KEYS)}")

@@ -58,10 +58,10 @@ def add_survey_options(p: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--crs", default="", metavar="CRS", help="of chart.tif and chart.bag (default: the UTM zone)")
     group.add_argument("--contours", default="", metavar="M,M,...", help="depths of the lines in contours.geojson")
-    group.add_argument("--contour-interval", type=float, default=0.0, metavar="M", help="interval of further lines")
+    group.add_argument("--contour-interval", type=float, metavar="M", help="interval of further lines")
     group.add_argument(
-        "--provider", nargs=2, metavar=("NAME", "EMAIL"), help="who submits soundings_b12.geojson; without it, it is "
-        "not written",
+        "--provider", nargs=2, metavar=("NAME", "EMAIL"), help="who submits soundings_b12_auvN.geojson; without it, "
+        "they are not written",
     )  # fmt: skip
 
 
@@ -78,8 +78,9 @@ def survey_of(options: argparse.Namespace) -> Survey:
             sources[name] = "constant" if _number(given) is not None else Path(given).name
     if not 1000.0 <= options.sounder_speed <= 2000.0:
         raise SurveyError(f"--sounder-speed: got {options.sounder_speed:g}; expected 1000 to 2000 m/s")
-    if not (math.isfinite(options.contour_interval) and options.contour_interval >= 0.0):
-        raise SurveyError(f"--contour-interval: got {options.contour_interval:g}; expected more than 0 m")
+    interval = options.contour_interval
+    if interval is not None and not (math.isfinite(interval) and interval > 0.0):
+        raise SurveyError(f"--contour-interval: got {interval:g}; expected more than 0 m")
     return Survey(
         water_level=_water_level(options.water_level),
         datum=options.datum.strip(),
@@ -88,7 +89,7 @@ def survey_of(options: argparse.Namespace) -> Survey:
         std=_uncertainties(options.std),
         crs=options.crs.strip(),
         contour_levels_m=_levels(options.contours),
-        contour_interval_m=options.contour_interval,
+        contour_interval_m=interval or 0.0,
         provider=None if options.provider is None else (options.provider[0], options.provider[1]),
         sources=sources,
     )

@@ -13,7 +13,7 @@ from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.__main__ import main
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.export import write_export
-from auv_lse_shore.export.formats import crowdsourced
+from auv_lse_shore.export.formats import contours, crowdsourced
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
 from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
@@ -103,16 +103,23 @@ def team_crs(folder):
         return file.crs.to_wkt()
 
 
+def test_levels_beyond_the_largest_number_are_thinned_out_and_reported(lake, tmp_path):
+    _, team = lake
+    text = contours.write(Export(team=team, folder=tmp_path, survey=Survey(contour_interval_m=1e-4)))
+    assert "--contour-interval gives more than 1000, so one in " in text
+    assert len(json.loads((tmp_path / "contours.geojson").read_text())["features"]) <= contours.MAX_LEVELS
+
+
 def test_contours_lie_on_their_depth(lake):
     folder, team = lake
-    contours = json.loads((folder / "contours.geojson").read_text())
-    levels = [feature["properties"]["depth_m"] for feature in contours["features"]]
+    features = json.loads((folder / "contours.geojson").read_text())["features"]
+    levels = [feature["properties"]["depth_m"] for feature in features]
     assert {12.0, 10.0, 15.0} <= set(levels)
     assert 99.0 not in levels
     assert levels == sorted(levels)
     transformer = Transformer.from_crs("EPSG:4326", team_crs(folder), always_xy=True)
     grid = team.field.grid
-    for feature in contours["features"]:
+    for feature in features:
         for line in feature["geometry"]["coordinates"]:
             east, north = np.array(transformer.transform(*np.array(line).T))
             row = np.abs(grid.north_m[:, None] - north).argmin(axis=0)
@@ -186,6 +193,7 @@ def test_a_constant_sound_speed_scales_the_range():
         (["--contours", "5,deep"], "--contours: got 5,deep"),
         (["--crs", "EPSG:1"], "--crs: got EPSG:1; expected a projection"),
         (["--contour-interval", "-1"], "expected more than 0 m"),
+        (["--contour-interval", "0"], "--contour-interval: got 0; expected more than 0 m"),
     ],
 )
 def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, options, message):

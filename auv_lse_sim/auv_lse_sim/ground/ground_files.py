@@ -31,7 +31,8 @@ def load_ground(
     path = Path(path)
     config = config or BathymetryConfig()
     if not path.is_file():
-        raise GroundError(f"{path}: no such file; expected bathymetry as .csv, .npz, .asc or .tif")
+        what = "is not a file" if path.exists() else "no such file"
+        raise GroundError(f"{path}: {what}; expected bathymetry as .csv, .npz, .asc or .tif")
     kinds = {
         ".csv": read_soundings_ground,
         ".txt": read_soundings_ground,

@@ -69,7 +69,9 @@ def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match
         load_ground(path)
 
 
-def test_missing_file():
+def test_missing_file(tmp_path):
+    with pytest.raises(GroundError, match=r": is not a file; expected bathymetry as"):
+        load_ground(tmp_path)
     with pytest.raises(GroundError, match=r"nowhere\.csv: no such file"):
         load_ground("nowhere.csv")
 

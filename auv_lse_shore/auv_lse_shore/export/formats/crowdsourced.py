@@ -1,4 +1,4 @@
-"""soundings_b12.geojson: soundings for crowdsourced bathymetry (IHO B-12, GeoJSON CSB 3.1); needs --provider."""
+"""soundings_b12_auvN.geojson: soundings for crowdsourced bathymetry (IHO B-12, GeoJSON CSB 3.1); needs --provider."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write(export: Export) -> str:
         old.unlink()
     vehicles = [v for v in export.team.run.vehicles if len(v.soundings)]
     if missing := _missing(export, vehicles):
-        return f"soundings_b12.geojson: skipped, because {missing}"
+        return f"soundings_b12_auvN.geojson: skipped, because {missing}"
     numbers = sorted({v.vehicle for v in vehicles})
     for number in numbers:
         collection = _collection(export, [v for v in vehicles if v.vehicle == number])
