@@ -108,7 +108,7 @@ class ModemNode(VehicleNode):
         self._bridge.abort_calls.own = report.status.team_abort
 
     def _pass_on_abort(self, received: Received) -> None:
-        """Publishes a teammate's call to abort the mission, if it must be obeyed."""
+        """Publishes a team mate's call to abort the mission, if it must be obeyed."""
         if not self._bridge.must_abort(received):
             if received.packet.abort and not self._bridge.abort_calls.allowed:
                 self.get_logger().warning(

@@ -1,4 +1,4 @@
-"""Ranges to teammates: from the times at which their packets were sent and arrived, and from pings.
+"""Ranges to team mates: from the times at which their packets were sent and arrived, and from pings.
 
 Modems measure travel times in two ways (docs/reference/hardware.md). One-way: transmissions start on a full second of
 a PPS that all vehicles share, and the modem reports the travel time without its whole seconds. Two-way: a ping, which

@@ -63,7 +63,7 @@ _PLAIN = ModemFeatures()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Received:
-    """A packet of a teammate.
+    """A packet of a team mate.
 
     Attributes:
         source: Number of the sender.
@@ -217,7 +217,7 @@ class ModemBridge:
             if source == self.address:
                 self.quality.note_own_number(now_s)
             if source == self.address or not 1 <= source <= self.vehicles:
-                raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
+                raise PacketError("source", f"source {source}: expected a team mate, 1..{self.vehicles}")
             reserve = 0
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)

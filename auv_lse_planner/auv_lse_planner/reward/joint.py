@@ -182,9 +182,8 @@ class Joint:
         y_bar = np.take(later.astype(np.float32), first, axis=0, out=timetable.spare, mode="clip")
         y_bar *= y
         inverse_v = _inverse(lower)
-        phi = np.empty(
-            lower.shape, dtype=np.float32
-        )  # times -1/2 (and Ybar times 2) in the module's formula; symmetric
+        # Phi of the module's formula times -1/2, and Ybar without its factor 2; symmetric
+        phi = np.empty(lower.shape, dtype=np.float32)
         for begin in range(0, len(y), BLOCK):
             rows, end = slice(begin, begin + BLOCK), min(begin + BLOCK, len(y))
             np.matmul(y_bar[rows], y[:end].T, out=phi[rows, :end])

@@ -43,73 +43,73 @@ class PathReward:
         self.credit = credit
         self._noise = posterior.noise_var_m2
 
-    def before(self, columns: PointPosteriors) -> Array:
+    def before(self, points: PointPosteriors) -> Array:
         """Risk (P,) that the path may reduce: the current one, or with credit "beyond" that after the mates' plans."""
         if self.credit == "whole" or not self.posterior.planned_rows:
-            return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
-        return self._expected(columns, columns.planned_var_m2)
+            return self.level_set.risk(points.mean_m, np.sqrt(points.data_var_m2))
+        return self._expected(points, points.planned_var_m2)
 
-    def _gains(self, columns: PointPosteriors, var_after_m2: Array) -> Array:
+    def _gains(self, points: PointPosteriors, var_after_m2: Array) -> Array:
         """Credited benefit at each place (P,) for variances `var_after_m2` (P,) after the path."""
         if self.credit == "whole" or not self.posterior.planned_rows:
-            return self.before(columns) - self._expected(columns, var_after_m2)
+            return self.before(points) - self._expected(points, var_after_m2)
         # before and after in one call
-        data = columns.data_var_m2
-        after = np.minimum(np.stack([columns.planned_var_m2, var_after_m2]), data)
-        before, left = self.level_set.expected_risk(columns.mean_m, np.sqrt(data - after), np.sqrt(after))
+        data = points.data_var_m2
+        after = np.minimum(np.stack([points.planned_var_m2, var_after_m2]), data)
+        before, left = self.level_set.expected_risk(points.mean_m, np.sqrt(data - after), np.sqrt(after))
         return np.asarray(before - left)
 
-    def _expected(self, columns: PointPosteriors, var_after_m2: Array) -> Array:
-        after = np.clip(var_after_m2, 0.0, columns.data_var_m2)
-        return self.level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
+    def _expected(self, points: PointPosteriors, var_after_m2: Array) -> Array:
+        after = np.clip(var_after_m2, 0.0, points.data_var_m2)
+        return self.level_set.expected_risk(points.mean_m, np.sqrt(points.data_var_m2 - after), np.sqrt(after))
 
-    def contributions(self, columns: PointPosteriors) -> Array:
+    def contributions(self, points: PointPosteriors) -> Array:
         """Expected benefit (P,) at each place of a path with exactly these places."""
-        if not len(columns):
+        if not len(points):
             return np.empty(0)
-        return self._gains(columns, self.var_after_m2(columns))
+        return self._gains(points, self.var_after_m2(points))
 
-    def value(self, columns: PointPosteriors) -> float:
+    def value(self, points: PointPosteriors) -> float:
         """J of the path with these places."""
-        return float(self.contributions(columns).sum())
+        return float(self.contributions(points).sum())
 
-    def var_after_m2(self, columns: PointPosteriors) -> Array:
+    def var_after_m2(self, points: PointPosteriors) -> Array:
         """Variance (P,) of the depth at the path's places after all of them are measured."""
-        matrix = self.posterior.measured_covariance(columns)
-        floor = self._floor(columns, np.diagonal(matrix))
+        matrix = self.posterior.measured_covariance(points)
+        floor = self._floor(points, np.diagonal(matrix))
         return self._left(inverse_diagonal_of(matrix)) + floor
 
     def _left(self, inverse_diagonal: Array) -> Array:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
-    def _floor(self, columns: PointPosteriors, measured_var_m2: Array) -> Array | float:
+    def _floor(self, points: PointPosteriors, measured_var_m2: Array) -> Array | float:
         """Part of each variance (P,) due to uncertain places: the planned variance minus that of exact places."""
         if not self.posterior.places_uncertain:
             return 0.0
-        return np.maximum(columns.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
+        return np.maximum(points.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
 
-    def values_of_equal(self, columns: PointPosteriors, length: int) -> Array:
+    def values_of_equal(self, points: PointPosteriors, length: int) -> Array:
         """J of several paths of equal length, computed together.
 
         Args:
-            columns: Places of all paths, one path after the other, B * length in total.
+            points: Places of all paths, one path after the other, B * length in total.
             length: Number of places of each path.
 
         Returns:
             Values, shape (B,).
         """
-        batch = len(columns) // length
+        batch = len(points) // length
         if length <= MAX_SMALL_PATH:
-            matrices = self.posterior.measured_covariances(columns, batch)
-            floor = self._floor(columns, np.einsum("bii->bi", matrices).ravel())
+            matrices = self.posterior.measured_covariances(points, batch)
+            floor = self._floor(points, np.einsum("bii->bi", matrices).ravel())
             diagonal = np.empty((batch, length))
             if not small_inverse_diagonals(matrices, diagonal):
                 raise ValueError(not_positive_definite(length))
             after = self._left(diagonal.ravel()) + floor
         else:
-            parts = [columns.slice(i * length, (i + 1) * length) for i in range(batch)]
+            parts = [points.slice(i * length, (i + 1) * length) for i in range(batch)]
             after = np.concatenate([self.var_after_m2(part) for part in parts])
-        return np.asarray(self._gains(columns, after).reshape(batch, length).sum(axis=1))
+        return np.asarray(self._gains(points, after).reshape(batch, length).sum(axis=1))
 
 
 def not_positive_definite(places: int) -> str:

@@ -140,8 +140,7 @@ class VehiclePlanner:
     def set_planner(self, config: PlannerConfig) -> None:
         """Sets new planner parameters; they take effect at the next decision.
 
-        The lane spacing, the measurement places (which all receivers must share), the map's spacing and the team order
-        do not change.
+        The lane spacing, the measurement places (which all receivers must share) and the map's spacing do not change.
 
         Raises:
             ValueError: if they contradict each other; the current ones are then kept.
