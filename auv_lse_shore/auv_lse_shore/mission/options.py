@@ -79,7 +79,7 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
         "--area",
         action=_AreaAction,
         nargs="+",
-        metavar="FILE or SOUTH WEST NORTH EAST",
+        metavar=("FILE|SOUTH", "WEST NORTH EAST"),
         help="operating area: a GeoJSON, KML or QGroundControl .plan file, or four numbers (m, local north and east; "
         "default with --bathymetry: the file's extent)",
     )
