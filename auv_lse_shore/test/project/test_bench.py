@@ -300,6 +300,28 @@ def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
     assert table.count("| 1 vehicle: ") == 5
 
 
+def test_whole_lakes_are_continued_from_their_file_of_summaries(tmp_path, monkeypatch, capsys):
+    whole = importlib.import_module("benchmarks.planning.real_lake")
+    names = ("risk_third", "risk_after", "loss_after", "isobath_error_m", "loss_expected", "isobath_found")
+    flown = []
+
+    def fly(settings, *, open_ground):
+        flown.append(settings.sim.lake.seed)
+        found = 0.5 if settings.planner_settings(1).planner.method == "plain" else 0.75
+        return {**dict.fromkeys(names, 2.0), "mowing_risk": 3.0, "isobath_found": found}
+
+    monkeypatch.setattr(whole, "flown", fly)
+    (tmp_path / "lake.npz").touch()
+    rows = tmp_path / "rows.jsonl"
+    command = [str(tmp_path / "lake.npz"), "--whole", "--vehicles", "2", "--seeds", "1", "--out", str(rows)]
+    for lakes in (["7"], ["7", "8"]):
+        assert whole.main([*command, "--lakes", *lakes, "--methods", "tour", "plain"]) == 0
+    assert flown[2:] == [7, 7, 8, 8], "lake 7 and the file's lake are flown once"
+    assert len(rows.read_text().splitlines()) == len(flown) == 6
+    assert "| 2 vehicles: tour against plain | 3 |" in (table := capsys.readouterr().out)
+    assert "+0.25 (+0.25..+0.25; lower on 0) |" in table
+
+
 def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):
     reference = importlib.import_module("benchmarks.reference_missions")
     short = {"mission.vehicles": 1, "mission.steps": 2, "planner.iterations": 4, "gp.map_resolution_m": 20.0}
