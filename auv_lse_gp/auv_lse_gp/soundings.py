@@ -38,6 +38,9 @@ _LON = ("lon", "lng", "longitude", "lon_deg")
 _DEPTH = ("depth_m", "depth")
 _ELEVATION = ("elevation_m", "elevation", "z_m")
 
+#: Keys of columns whose fields may be empty.
+_UNCERTAINTIES = ("north_std", "east_std", "tvu")
+
 _EXPECTED_COLUMNS = (
     "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
     "are positive up)"
@@ -67,6 +70,9 @@ class SoundingsTable:
         lat_deg, lon_deg: Places (WGS84), if the table has them.
         time_s: Times (s), if the table has them.
         vehicles: Which vehicle took each sounding, if the table has a column `vehicle`.
+        place_std_m: Standard deviations of the places north and east (m), (n, 2), NaN where a field is empty, if the
+            table has north_std_m and east_std_m.
+        tvu_m: Total vertical uncertainty at 95 % (m), NaN where a field is empty, if the table has it.
     """
 
     path: Path
@@ -80,6 +86,8 @@ class SoundingsTable:
     lon_deg: Array | None
     time_s: Array | None = None
     vehicles: NDArray[np.str_] | None = None
+    place_std_m: Array | None = None
+    tvu_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -293,11 +301,13 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         lon_deg=arrays.get("lon"),
         time_s=arrays.get("time"),
         vehicles=None if vehicle is None else np.array(vehicles),
+        place_std_m=None if "north_std" not in arrays else np.column_stack([arrays["north_std"], arrays["east_std"]]),
+        tvu_m=arrays.get("tvu"),
     )
 
 
 def _columns(header: list[str], where: str) -> dict[str, int]:
-    """Numbers of the columns of places, depths or elevations, and times.
+    """Numbers of the columns of places, depths or elevations, times, and uncertainties.
 
     Raises:
         SoundingsError: if places or depths are missing.
@@ -307,7 +317,8 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
         return next((header.index(name) for name in names if name in header), None)
 
     wanted = {"north": column(_NORTH), "east": column(_EAST), "lat": column(_LAT), "lon": column(_LON)}
-    for a, b in (("north", "east"), ("lat", "lon")):
+    wanted |= {"north_std": column(("north_std_m",)), "east_std": column(("east_std_m",)), "tvu": column(("tvu_m",))}
+    for a, b in (("north", "east"), ("lat", "lon"), ("north_std", "east_std")):
         if wanted[a] is None or wanted[b] is None:
             del wanted[a], wanted[b]
     depth = column(_DEPTH)
@@ -329,6 +340,8 @@ def _fields(line: str, separator: str | None, where: str) -> list[str]:
 
 
 def _number(text: str, key: str, where: str) -> float:
+    if key in _UNCERTAINTIES:
+        return _uncertainty(text, where)
     try:
         value = float(text)
     except ValueError:
@@ -337,6 +350,17 @@ def _number(text: str, key: str, where: str) -> float:
         raise SoundingsError(f"{where} is {text!r}; expected a finite number")
     if (key == "lat" and abs(value) > 90.0) or (key == "lon" and abs(value) > 360.0):
         raise SoundingsError(f"{where} is {value:g}; expected degrees")
+    return value
+
+
+def _uncertainty(text: str, where: str) -> float:
+    """An uncertainty of at least 0; NaN if it is empty: unknown."""
+    try:
+        value = float(text or math.nan)
+    except ValueError:
+        value = -1.0
+    if value < 0.0 or math.isinf(value):
+        raise SoundingsError(f"{where} is {text!r}; expected a number of at least 0, or nothing")
     return value
 
 

@@ -127,3 +127,15 @@ def test_marks_for_missing_data_are_rejected_in_tables_and_ignored_in_grids(tmp_
         read_soundings(path)
     np.savez(tmp_path / "g.npz", north_m=[0.0, 10.0], east_m=[0.0], elevation_m=[[-9999.0], [-4.0]])
     assert read_soundings(tmp_path / "g.npz").tolist() == [[10.0, 0.0, 4.0]]
+
+
+def test_uncertainties_may_be_empty_but_not_wrong(tmp_path):
+    path = tmp_path / "soundings.csv"
+    path.write_text("east_m,north_m,depth_m,east_std_m,north_std_m,tvu_m\n0,0,5,2.0,1.5,0.6\n9,0,5,,,\n")
+    found = read_table(path)
+    assert found.place_std_m == pytest.approx(np.array([[1.5, 2.0], [np.nan, np.nan]]), nan_ok=True)
+    assert found.tvu_m == pytest.approx([0.6, np.nan], nan_ok=True)
+    for wrong in ("-1", "inf", "wide"):
+        path.write_text(f"east_m,north_m,depth_m,tvu_m\n0,0,5,{wrong}\n9,0,5,0.6\n")
+        with pytest.raises(SoundingsError, match=r"soundings.csv:2: tvu_m is .*; expected a number of at least 0"):
+            read_table(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import CLASSES, Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
+from auv_lse_gp.map.online import Outcome
 from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.isobath import write_geojson
@@ -97,10 +98,31 @@ def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
         return merged(adjustment.runs), partial(adjusted_map, adjustment, first)
 
     def as_recorded() -> TeamMap:
-        depth_map = map_of(first, area, Soundings.join(v.soundings for v in run.vehicles))
-        return _team_map(run, first, area, depth_map, depth_map.field())
+        soundings = Soundings.join(v.soundings for v in run.vehicles)
+        depth_map = DepthMap(first.gp, first.level_set, area)
+        outcomes = depth_map.add_soundings(soundings.rows)
+        places_known = depth_map.field()
+        if not any(len(v.dead_reckoning) for v in run.vehicles) and any(len(v.place_std_m) for v in run.vehicles):
+            depth_map.gp.set_place_effect(_common_shift(run, depth_map, soundings.stamp_s, outcomes))
+        return _team_map(run, first, area, depth_map, places_known)
 
     return run, as_recorded
+
+
+def _common_shift(run: RunData, depth_map: DepthMap, stamps_s: Array, outcomes: Sequence[Outcome | None]) -> Array:
+    """Depth change (n, 2 K) of the centers if each of K vehicles' places are one standard deviation north, or east.
+
+    For places that were estimated elsewhere: how their errors are related is unknown. One common shift of all of a
+    vehicle's places is the case in which more soundings help least.
+    """
+    order = np.argsort(stamps_s, kind="stable")
+    seeds = np.array([i for i in order.tolist() if outcomes[i] is Outcome.KEPT], dtype=np.int64)
+    vehicles = np.repeat(np.arange(len(run.vehicles)), [len(v.soundings) for v in run.vehicles])
+    std_m = np.nan_to_num(np.concatenate([v.place_std_at(v.soundings.stamp_s) for v in run.vehicles]))
+    by_std = depth_map.gp.slopes() * std_m[seeds]
+    effect = np.zeros((len(seeds), len(run.vehicles), 2))
+    effect[np.arange(len(seeds)), vehicles[seeds]] = by_std
+    return effect.reshape(len(seeds), -1)
 
 
 def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:

@@ -28,8 +28,9 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/import",
         description="Turns logs of an existing survey into a run folder that scripts/export, adjust, fit, replay and "
         "live read as they read a mission's: ArduPilot dataflash (.bin) and telemetry (.tlog), NMEA 0183 "
-        "(GGA or RMC with DPT, DBT, DBS or DBK), and tables (CSV) of soundings, with time_s if known. Prints what it "
-        "left out and why, and writes that to import.md.",
+        "(GGA or RMC with DPT, DBT, DBS or DBK), and tables (CSV) of soundings, with time_s if known. Uncertainties "
+        "in a table (north_std_m, east_std_m, tvu_m) are kept. Prints what it left out and why, and writes that to "
+        "import.md.",
         epilog="All logs become one vehicle's soundings, one log after the other. The mission file in the run folder "
         "has an area around the survey and a prior learned from it. "
         "Exit codes: 0 success; 2 a log cannot be imported, or wrong command line; 130 Ctrl-C, nothing is written.",
@@ -46,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
                    help="of the water, for a submarine's depth (%(default)g; sea 1025)")  # fmt: skip
     p.add_argument("--position-std", type=float, default=1.5, metavar="M",
-                   help="standard deviation of a position, each axis (%(default)g)")  # fmt: skip
+                   help="standard deviation of a position, each axis, if a table has none (%(default)g)")  # fmt: skip
     p.add_argument("--from", type=float, default=0.0, dest="start", metavar="S",
                    help="leave out what is earlier: seconds from a log's first position")  # fmt: skip
     p.add_argument("--to", type=float, default=float("inf"), dest="end", metavar="S", help="leave out what is later")
@@ -105,7 +106,8 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
     placed = [place(log, origin, how) for log in logs]
     summary = [line for log, found in zip(logs, placed, strict=True) for line in _described(log, found)]
     yield from summary
-    run = survey_run(vehicle_of(placed, options.position_std), origin, options.level)
+    depth_std_m = max(log.depth_std_m for log in logs)
+    run = survey_run(vehicle_of(placed, options.position_std), origin, options.level, depth_std_m)
     lines = _run_lines(run)
     yield from lines
     if options.dry_run:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_gp.soundings import read_table
+from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import import nmea
 from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
 
@@ -63,6 +64,12 @@ def _read_table(path: Path) -> list[SurveyLog]:
     order = np.argsort(stamps, kind="stable")
     vehicles = np.zeros(len(order)) if table.vehicles is None else table.vehicles
     names = np.unique(vehicles)
+    depth_std_m = 0.0 if table.tvu_m is None else float(np.nan_to_num(table.tvu_m).max()) / SIGMAS_95
+    notes = [f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"]
+    if table.place_std_m is not None:
+        notes.append("places as estimated before, with their standard deviations (north_std_m, east_std_m)")
+    if depth_std_m:
+        notes.append(f"depths with a standard deviation of at most {depth_std_m:.2f} m (tvu_m)")
     logs = []
     for name in names:
         own = order[vehicles[order] == name]
@@ -73,7 +80,9 @@ def _read_table(path: Path) -> list[SurveyLog]:
                 depths=pings[own],
                 is_geodetic=is_geodetic,
                 has_time=table.time_s is not None,
-                notes=[f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"],
+                place_std_m=None if table.place_std_m is None else table.place_std_m[own],
+                depth_std_m=depth_std_m,
+                notes=list(notes),
             )
         )
     return logs

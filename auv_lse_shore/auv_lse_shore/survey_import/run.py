@@ -39,13 +39,16 @@ _NO_DRIFT = {
 }
 
 
-def survey_run(vehicle: VehicleRun, origin: tuple[float, float] | None, level_m: float | None) -> RunData:
+def survey_run(
+    vehicle: VehicleRun, origin: tuple[float, float] | None, level_m: float | None, depth_std_m: float = 0.0
+) -> RunData:
     """The run of a survey, with a mission file for its area and a prior learned from it.
 
     Args:
         vehicle: Track and soundings.
         origin: Latitude and longitude (deg) of north = east = 0; None if unknown.
         level_m: Depth of the isobath (m); None: the median depth.
+        depth_std_m: Least standard deviation of a sounding that the logs allow (m).
 
     Raises:
         LogError: if there are too few soundings to learn from.
@@ -62,7 +65,7 @@ def survey_run(vehicle: VehicleRun, origin: tuple[float, float] | None, level_m:
             "mission": {"vehicles": 1, "steps": 1},
             "level_set": {"level_m": level_m},
             "area": area,
-            "gp": _gp(points, area_m2),
+            "gp": _gp(points, area_m2, max(depth_std_m, LEAST_NOISE_M)),
             "places": dict(_NO_DRIFT),
         }
     }
@@ -83,7 +86,7 @@ def _area(places_m: Array) -> tuple[dict[str, Any], float]:
     return {"polygon_m": corners, "raster_m": raster_m}, float(polygon.area)
 
 
-def _gp(points: Array, area_m2: float) -> dict[str, Any]:
+def _gp(points: Array, area_m2: float, least_noise_m: float) -> dict[str, Any]:
     """Section `gp`: learned from some of the soundings, with cells and centers that suit the survey's size."""
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
@@ -93,7 +96,7 @@ def _gp(points: Array, area_m2: float) -> dict[str, Any]:
         raise LogError(f"survey: no Gaussian process fits the soundings: {error}") from error
     names = ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
     learned = {name: float(f"{getattr(config, name):.5g}") for name in names}
-    learned["noise_std_m"] = max(learned["noise_std_m"], LEAST_NOISE_M)
+    learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)
     fine_m = max(learned["length_scale_m"] / 6.0, 1.0)
     spacing_m = min(GpConfig().min_spacing_m, fine_m)
     while len(np.unique(np.floor(points[:, :2] / spacing_m), axis=0)) > MAX_CENTERS:

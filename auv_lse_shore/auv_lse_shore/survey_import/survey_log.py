@@ -39,6 +39,9 @@ class SurveyLog:
         immersion: Rows (time s, depth of the vehicle m); no rows for a boat.
         is_geodetic: Whether positions are degrees.
         has_time: Whether the log has times; else they only number the soundings.
+        place_std_m: Standard deviations north and east (m) that the log states for its positions, (n, 2), NaN where
+            unknown; None if it states none. They are of estimated places, whose errors have much in common.
+        depth_std_m: Largest standard deviation (m) that it states for a depth; 0 if it states none.
         left_out: Number of positions and depths that were left out, by reason.
         notes: What the numbers were read from.
     """
@@ -49,6 +52,8 @@ class SurveyLog:
     immersion: Array = field(default_factory=lambda: np.empty((0, 2)))
     is_geodetic: bool = True
     has_time: bool = True
+    place_std_m: Array | None = None
+    depth_std_m: float = 0.0
     left_out: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 

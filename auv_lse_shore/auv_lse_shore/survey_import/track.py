@@ -67,6 +67,7 @@ class PlacedLog:
         soundings: Rows (time s, north m, east m, depth m).
         left_out: Number of positions and depths left out, by reason.
         has_time: Whether the log has times.
+        place_std_m: Standard deviations north and east (m) of the track's rows, (n, 2), if the log states them.
     """
 
     name: str
@@ -74,6 +75,7 @@ class PlacedLog:
     soundings: Array
     left_out: Counter[str]
     has_time: bool
+    place_std_m: Array | None = None
 
 
 def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
@@ -101,7 +103,7 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
         LogError: if no sounding remains.
     """
     left_out = Counter(log.left_out)
-    times, track = _track(log, origin, how, left_out)
+    chosen, times, track = _track(log, origin, how, left_out)
     pings = _pings(log, times, track, how, left_out)
     gate = SoundingGate()
     rows = gate.passed([tuple(sounding_of(group).tolist()) for group in by_period(pings, EVERY_S)])
@@ -110,12 +112,15 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
     if not rows:
         reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items()) or "there are none"
         raise LogError(f"{log.name}: got no usable sounding ({reasons}); expected depths at known positions")
+    stated = log.place_std_m is not None and log.has_time
+    rows_kept = np.arange(len(times)) if stated else _first_of_each(times, EVERY_S)
     return PlacedLog(
         name=log.name,
-        track=np.column_stack([times, track])[_first_of_each(times, EVERY_S)],
+        track=np.column_stack([times, track])[rows_kept],
         soundings=np.array(rows, dtype=float),
         left_out=left_out,
         has_time=log.has_time,
+        place_std_m=log.place_std_m[chosen] if log.place_std_m is not None and log.has_time else None,
     )
 
 
@@ -127,8 +132,8 @@ def _first_of_each(times: Array, period_s: float) -> NDArray[np.int64]:
 
 def _track(
     log: SurveyLog, origin: tuple[float, float] | None, how: Placement, left_out: Counter[str]
-) -> tuple[Array, Array]:
-    """Times (s), and rows (north m, east m, course rad, depth of the vehicle m)."""
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Which positions are used, their times (s), and rows (north m, east m, course rad, depth of the vehicle m)."""
     times, north, east = log.positions.T
     if origin is not None:
         north, east = local_from_geodetic(north, east, *origin)
@@ -144,7 +149,7 @@ def _track(
     immersion = np.zeros(len(times))
     if len(log.immersion):
         immersion = np.interp(times, log.immersion[:, 0], log.immersion[:, 1])
-    return times, np.column_stack([north, east, _course(north, east), immersion])
+    return chosen, times, np.column_stack([north, east, _course(north, east), immersion])
 
 
 def _steady(times: Array, north: Array, east: Array, has_time: bool) -> NDArray[np.bool_]:
@@ -191,29 +196,40 @@ def _pings(log: SurveyLog, times: Array, track: Array, how: Placement, left_out:
 def vehicle_of(logs: Sequence[PlacedLog], position_std_m: float) -> VehicleRun:
     """All logs as one vehicle's recording, one after the other, from time 0.
 
-    Positions are the raw track, and every `FIX_EVERY_S` a fix. Logs without times have soundings only.
+    Positions are the raw track, and every `FIX_EVERY_S` a fix. Positions with standard deviations of their own are
+    estimates: their errors have too much in common to count as fixes, and only the estimated track is kept. Logs
+    without times have soundings only.
+
+    Raises:
+        LogError: if only some logs state standard deviations.
     """
-    rows, tracks, fixes, start_s = [], [], [], 0.0
+    stated = [log.place_std_m is not None for log in logs]
+    if any(stated) and not all(stated):
+        names = ", ".join(log.name for log in logs if log.place_std_m is not None)
+        raise LogError(f"{names}: got north_std_m and east_std_m; expected them in all logs or none. Import it alone")
+    rows, tracks, stds, fixes, start_s = [], [], [], [], 0.0
     for log in sorted(logs, key=lambda log: float(log.track[0, 0])):
         shift_s = start_s - float(log.track[0, 0])
         soundings, track = log.soundings.copy(), log.track.copy()
         soundings[:, 0] += shift_s
         track[:, 0] += shift_s
-        raw = soundings[:, 1:3] if log.has_time else np.full((len(soundings), 2), np.nan)
+        is_raw = log.has_time and log.place_std_m is None
+        raw = soundings[:, 1:3] if is_raw else np.full((len(soundings), 2), np.nan)
         rows.append(np.column_stack([soundings, raw]))
         start_s = float(track[-1, 0]) + BETWEEN_LOGS_S
         if not log.has_time:
             continue
         tracks.append(track)
-        for stamp_s, north, east, _, _ in track[_first_of_each(track[:, 0], FIX_EVERY_S)].tolist():
+        stds.append(np.full((len(track), 2), position_std_m) if log.place_std_m is None else log.place_std_m)
+        for stamp_s, north, east, _, _ in track[_first_of_each(track[:, 0], FIX_EVERY_S)].tolist() if is_raw else ():
             place = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
             fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **place))
     track = np.concatenate(tracks) if tracks else np.empty((0, 5))
     return VehicleRun(
         vehicle=1,
         odometry=track[:, :4],
-        place_std_m=np.full((len(track), 2), position_std_m),
-        dead_reckoning=track,
+        place_std_m=np.concatenate(stds) if stds else np.empty((0, 2)),
+        dead_reckoning=np.empty((0, 5)) if any(stated) else track,
         soundings=Soundings.from_rows(np.concatenate(rows)),
         fixes=fixes,
     )

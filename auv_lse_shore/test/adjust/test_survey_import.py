@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from adjust.survey_logs import ORIGIN, START_S, Dataflash, dataflash, depth_m, nmea, survey, telemetry
+from adjust.survey_logs import ORIGIN, START_S, Dataflash, dataflash, depth_m, lanes, nmea, survey, telemetry
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
@@ -271,6 +273,75 @@ def test_vehicles_that_took_turns_in_a_table_are_logs_of_their_own(tmp_path, cap
     assert "two.csv, vehicle auv1: " in shown
     assert "jump" not in shown
     assert len(read_run(tmp_path / "run").vehicles[0].soundings) == len(turns)
+
+
+def columns_of(path, *names):
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    return [[row[name] for row in rows] for name in names]
+
+
+def exported_table(rows):
+    """Soundings as scripts/export writes them: places that were estimated to 1 to 6 m north, 2 to 3 m east."""
+    north, east = local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)
+    stds = np.column_stack([np.linspace(1.0, 6.0, len(rows)), np.linspace(3.0, 2.0, len(rows))])
+    header = "time_s,vehicle,east_m,north_m,depth_m,east_std_m,north_std_m,thu_m,tvu_m,s44_order"
+    lines = [
+        f"{t - START_S:.3f},1,{e:.3f},{n:.3f},{d:.3f},{std[1]:.3f},{std[0]:.3f},{1.96 * np.hypot(*std):.3f},0.611,2"
+        for t, e, n, d, std in zip(rows[:, 0], east, north, rows[:, 3], stds, strict=True)
+    ]
+    return "\n".join([header, *lines]) + "\n", stds
+
+
+def test_an_exported_table_comes_back_no_surer_than_it_was(tmp_path, capsys):
+    """Its places were estimated before: they are no independent fixes, however many there are."""
+    text, stds = exported_table(survey())
+    (tmp_path / "soundings.csv").write_text(text)
+    assert main([str(tmp_path / "soundings.csv"), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
+    assert "with their standard deviations (north_std_m, east_std_m)" in capsys.readouterr().out
+    run = read_run(tmp_path / "run")
+    assert run.vehicles[0].fixes == []
+    list(export(tmp_path / "run", tmp_path / "export"))
+    north, east, tvu, order = columns_of(
+        tmp_path / "export/soundings.csv", "north_std_m", "east_std_m", "tvu_m", "s44_order"
+    )
+    # the table's three decimals
+    assert np.column_stack([np.array(north, float), np.array(east, float)]) == pytest.approx(stds, abs=1.1e-3)
+    assert (np.array(tvu, float) >= 0.611).all()
+    assert set(order) <= {"none", "2"}
+    # The map keeps the places' common error: it adds slope times shift. Rescaling, which would use it, too, is off.
+    run.parameters["/**"]["gp"]["std_soundings"] = 0.0
+    team = team_map(run)
+    exact = dataclasses.replace(run.vehicles[0], place_std_m=np.empty((0, 2)))
+    sure = team_map(dataclasses.replace(run, vehicles=[exact]))
+    inside = np.isfinite(team.field.std_m)
+    assert (team.field.std_m[inside] >= sure.field.std_m[inside] - 1e-12).all()
+    grid, mean = team.field.grid, team.field.mean_m
+    row, column = (np.abs(axis - at).argmin() for axis, at in ((grid.north_m, 80.0), (grid.east_m, 80.0)))
+    slope = (mean[row + 1, column] - mean[row - 1, column]) / (2.0 * grid.resolution_m)  # the hump's side, north of it
+    nearest = np.hypot(*(lanes() - [80.0, 80.0]).T).argmin()
+    added = np.sqrt(team.field.std_m[row, column] ** 2 - sure.field.std_m[row, column] ** 2)
+    # 15 %: the error there is an average of the soundings' around it, whose standard deviations differ
+    assert added == pytest.approx(slope * stds[nearest, 0], rel=0.15)
+
+
+def test_unknown_uncertainties_stay_unknown(tmp_path):
+    text, _ = exported_table(survey())
+    lines = [",".join([*line.split(",")[:5], "", "", "", "", "none"]) for line in text.splitlines()[1:]]
+    (tmp_path / "soundings.csv").write_text("\n".join([text.splitlines()[0], *lines]) + "\n")
+    assert main([str(tmp_path / "soundings.csv"), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
+    list(export(tmp_path / "run", tmp_path / "export"))
+    north, order = columns_of(tmp_path / "export/soundings.csv", "north_std_m", "s44_order")
+    assert set(north) == {""}
+    assert set(order) == {"none"}
+
+
+def test_estimated_places_are_not_mixed_with_measured_ones(tmp_path, capsys):
+    (tmp_path / "soundings.csv").write_text(exported_table(survey())[0])
+    (tmp_path / "b.csv").write_text("time_s," + metres(survey()).replace("\n", "\n1,", 630)[:-2])
+    arguments = [str(tmp_path / name) for name in ("soundings.csv", "b.csv")]
+    assert main([*arguments, "--out", str(tmp_path / "run")]) == 2
+    assert "expected them in all logs or none. Import it alone" in capsys.readouterr().err
 
 
 def test_part_of_a_log_an_origin_and_the_transducers_place(tmp_path):
