@@ -107,16 +107,16 @@ def variance_scales(posterior: Posterior, config: GpConfig, at_m: Array, varianc
 def degrees_of_freedom(posterior: Posterior, config: GpConfig) -> float:
     """Number of independent errors that the factor of the whole map rests on, the prior's worth included.
 
-    Errors of centers that are left out together count as one; the prior's worth counts in the same proportion.
-    Infinite without rescaling.
+    Errors of two centers depend on each other if the centers left out overlap, within twice `LEFT_OUT`: they count as
+    one. The prior's worth counts in the same proportion. Infinite without rescaling.
     """
     places, worth = posterior.centers.places_m, config.std_soundings
     if worth <= 0.0:
         return math.inf
     if not len(places):
         return worth
-    together = cKDTree(places).query_ball_point(places, LEFT_OUT * config.length_scale_m, return_length=True)
-    return (worth + len(places)) * float(np.mean(1.0 / together))
+    overlapping = cKDTree(places).query_ball_point(places, 2.0 * LEFT_OUT * config.length_scale_m, return_length=True)
+    return (worth + len(places)) * float(np.mean(1.0 / overlapping))
 
 
 def steepness(posterior: Posterior, at_m: Array, variance_m2: Array | float) -> Array:

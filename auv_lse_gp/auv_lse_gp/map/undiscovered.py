@@ -34,7 +34,10 @@ Array = NDArray[np.float64]
 
 #: Kernel of all hypotheses, and their length scales / `gp.length_scale_m`.
 KERNEL = "matern52"
-FACTORS = tuple(2.0 ** (k / 3.0) for k in range(-6, 5))
+FACTORS = tuple(2.0 ** (k / 6.0) for k in range(-12, 9))
+#: Number of soundings that `gp.signal_std_m` counts as in the weights of hypotheses. Soundings along tracks hardly tell
+#: a long, rough scale from a short, smooth one: a surer standard deviation would decide, and could be wrong.
+STD_WORTH = 1.0
 #: Hypotheses of less weight are left out.
 LEAST_WEIGHT = 0.01
 #: Largest number of centers; of more, evenly many are left out.
@@ -110,7 +113,7 @@ def hypotheses(config: GpConfig, centers: Centers, banks: Banks | None = None) -
         posterior = Posterior(prior, banks=banks)
         posterior.extend(centers)
         posteriors.append(posterior)
-        logs.append(_log_likelihood(posterior, config.std_soundings))
+        logs.append(_log_likelihood(posterior, STD_WORTH))
     weights = np.exp(np.array(logs) - max(logs))
     kept = weights / weights.sum() >= LEAST_WEIGHT
     weights = np.where(kept, weights, 0.0) / weights[kept].sum()

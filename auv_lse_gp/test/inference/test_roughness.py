@@ -65,9 +65,12 @@ def test_without_soundings_the_scale_is_the_priors() -> None:
     assert_allclose(variance_scales(given(NO_CENTERS), CONFIG, np.zeros((3, 2)), np.full(3, 64.0)), np.ones(3))
 
 
-def test_errors_of_centers_that_are_left_out_together_count_as_one() -> None:
-    """Three centers within 25 m and one far away are two independent errors; the prior's 100 soundings count alike."""
-    places = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [300.0, 0.0]])
+def test_errors_of_centers_whose_left_out_centers_overlap_count_as_one() -> None:
+    """Three centers within 51 m and one far away are two independent errors; the prior's 100 soundings count alike.
+
+    Each error leaves out the centers within 25.5 m.
+    """
+    places = np.array([[0.0, 0.0], [25.0, 0.0], [50.0, 0.0], [300.0, 0.0]])
     posterior = given(Centers(places, np.full(4, 12.0), np.full(4, 0.3)))
     assert degrees_of_freedom(posterior, CONFIG) == pytest.approx((100.0 + 4.0) * 2.0 / 4.0)
     assert degrees_of_freedom(given(NO_CENTERS), CONFIG) == 100.0

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.map.undiscovered import coarse_grid, draws, hypotheses, undiscovered
+from auv_lse_gp.map.undiscovered import STD_WORTH, coarse_grid, draws, hypotheses, undiscovered
 
 AREA = OperatingArea(AreaConfig(polygon_m=[0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]))
 CONFIG = GpConfig()
@@ -41,9 +41,9 @@ def test_soundings_tell_the_length_scale(length_scale_m: float) -> None:
 
 
 def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
-    """Against dense algebra: the variance c^2 counts as w soundings of 1, and is integrated out."""
+    """Against dense algebra: the variance c^2 counts as one sounding of 1, and is integrated out."""
     data = surveyed(85.0, 60.0)
-    worth, logs = CONFIG.std_soundings, {}
+    worth, logs = STD_WORTH, {}
     for hypothesis in hypotheses(CONFIG, data):
         kernel = hypothesis.posterior.kernel
         covariance = kernel(data.places_m, data.places_m) + np.diag(data.noise_std_m**2)
@@ -58,7 +58,7 @@ def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
 
 def test_without_soundings_every_length_scale_counts_the_same() -> None:
     found = hypotheses(CONFIG, NO_CENTERS)
-    assert [h.weight for h in found] == pytest.approx([1.0 / 11.0] * 11)
+    assert [h.weight for h in found] == pytest.approx([1.0 / 21.0] * 21)
 
 
 def test_rough_ground_hides_more_than_smooth_ground() -> None:
