@@ -236,8 +236,7 @@ class VehiclePlanner:
         """Decides the next leg.
 
         The first call searches the whole mission, with up to 200 legs: 1 s of processor time for 100 legs, 2 s for 200.
-        For a single vehicle it takes 4 s and 20 s. Where numba's cache is empty, compiling adds up to a minute. Later
-        calls take 0.05 to 0.3 s.
+        For a single vehicle it takes 4 s and 20 s; compiling adds a minute. Later calls take 0.05 to 0.3 s.
 
         Args:
             deadline: Returns whether to stop searching, such as `lambda: time.monotonic() > end_s`; the decision then
