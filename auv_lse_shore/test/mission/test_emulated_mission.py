@@ -17,6 +17,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.events import PacketReceived, TransmitStarted
 from auv_lse_comms.micromodem.log import read_entries, replay_log
+from auv_lse_planner.vehicle.until import CLOSE_LEGS, JUDGE_LEGS
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_reader import read_run
 
@@ -106,7 +107,7 @@ def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_place(tmp_pa
     paced = ("--vehicle-link", "mavlink", "--real-time-factor", "20", "--set", "vehicle.at_end=go_to")
     run = fly(tmp_path / "run", *until, *place, *paced)
     for vehicle in run.vehicles:
-        assert 10 < len(vehicle.decisions) < 40
+        assert JUDGE_LEGS + CLOSE_LEGS < len(vehicle.decisions) < 40, "after two judgements"
         assert vehicle.decisions[-1].plan.quality_reached
         assert math.dist(vehicle.truth[-1, 1:3], (120.0, 60.0)) < 30.0, "it circles there"
     log = (tmp_path / "run" / "logs" / "auv1.planner_node.log").read_text()
