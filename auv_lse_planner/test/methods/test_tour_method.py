@@ -212,7 +212,9 @@ def _along_the_border(deviation_m):
     planner = _planner(steps=40, vehicle_section={"start_north_m": 20.0, "start_east_m": 468.0})
     _travel(planner, 1, _growing())
     straight = Plan.at(0, np.array([0.0, 20.0, 468.0]), (), 0xF8)
-    planner._followed = Followed(straight, planner.rollout.follow(straight))
+    path = planner.rollout.follow(straight)
+    planner.adopt(straight, planner.motion.leg(0, path.states[0], int(path.actions[0])))
+    planner.odometry(15.7, *(float(x) for x in path.states[1]))
     decisions = []
     for i in range(1, 9):
         planner.set_map_offset(0.0, 0.0, np.diag([1.0, deviation_m**2]))
