@@ -10,8 +10,12 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from auv_lse_common.topics.quality import EVERY
+
+#: Of /rosout: with what was logged before the subscription.
+LOGS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Spun:
@@ -25,9 +29,9 @@ class Spun:
         self.executor.add_node(self.node)
         self.executor.add_node(self.bench)
 
-    def collect(self, kind: type, topic: str) -> list[Any]:
+    def collect(self, kind: type, topic: str, quality: QoSProfile = EVERY) -> list[Any]:
         messages: list[Any] = []
-        self.bench.create_subscription(kind, topic, messages.append, EVERY)
+        self.bench.create_subscription(kind, topic, messages.append, quality)
         return messages
 
     def until(self, condition: Callable[[], Any], each: Callable[[], None] = lambda: None) -> None:
