@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -151,23 +151,15 @@ def decode_dead_reckoning(message: Any) -> DeadReckoning:
 
 def decode_corrected(message: Any) -> CorrectedPlace:
     """The position and its covariance in an Odometry."""
-    o = decode_odometry(message)
-    _, (_, north, north_east), (_, _, east) = o.covariance
-    return CorrectedPlace(
-        stamp_s=o.stamp_s,
-        heading_rad=o.heading_rad,
-        north_m=o.north_m,
-        east_m=o.east_m,
-        depth_m=o.depth_m,
-        covariance=((0.0, 0.0, 0.0), (0.0, north, north_east), (0.0, north_east, east)),
-    )
+    place = asdict(decode_dead_reckoning(message))
+    return CorrectedPlace(**place, covariance=decode_odometry(message).covariance)
 
 
 def decode_odometry(message: Any) -> Odometry:
     """Position, motion and covariance in an Odometry."""
     position, q, c = message.pose.pose.position, message.pose.pose.orientation, message.pose.covariance
     east, north, heading = float(c[0]), float(c[7]), float(c[35])
-    north_east, heading_north, heading_east = float(c[1]), -float(c[11]), -float(c[5])
+    north_east, heading_north, heading_east = float(c[1]), 0.0 - float(c[11]), 0.0 - float(c[5])
     return Odometry(
         stamp_s=seconds(message.header.stamp),
         heading_rad=heading_from_quaternion(q.x, q.y, q.z, q.w),

@@ -8,13 +8,14 @@ the field.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.vocabulary.dead_reckoning import UNKNOWN, Covariance
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunStatus, Stop
@@ -23,9 +24,6 @@ from auv_lse_common.vocabulary.plan import Plan
 Array = NDArray[np.float64]
 #: Time (s) in a message's own field, in addition to its header.
 Time = float
-#: Covariance of heading (rad), north and east (m).
-Covariance = Sequence[Sequence[float]] | Array
-_UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +42,7 @@ class Odometry:
     depth_m: float = 0.0
     speed_mps: float = 0.0
     yaw_rate_radps: float = 0.0
-    covariance: Covariance = _UNKNOWN
+    covariance: Covariance = UNKNOWN
 
     @property
     def place_std_m(self) -> tuple[float, float]:
@@ -73,7 +71,7 @@ class GeodeticPosition:
             origin_deg: Latitude and longitude (deg) of north = east = 0.
         """
         lat_deg, lon_deg = geodetic_from_local(place.north_m, place.east_m, *origin_deg)
-        _, (_, north, north_east), (_, _, east) = getattr(place, "covariance", _UNKNOWN)
+        _, (_, north, north_east), (_, _, east) = getattr(place, "covariance", UNKNOWN)
         return cls(
             stamp_s=place.stamp_s,
             lat_deg=float(lat_deg),

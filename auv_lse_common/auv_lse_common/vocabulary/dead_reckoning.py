@@ -9,7 +9,16 @@ the local tangent plane.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Covariance of heading (rad), north and east (m): rows and columns.
+Covariance = Sequence[Sequence[float]] | NDArray[np.float64]
+#: All zeros, as in nav_msgs.
+UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def raw_place(north_m: float, east_m: float) -> tuple[float, float]:
@@ -41,7 +50,7 @@ class CorrectedPlace(DeadReckoning):
         covariance: Rows and columns: heading (not corrected: 0), north, east (m2); all zeros if unknown.
     """
 
-    covariance: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    covariance: Covariance = UNKNOWN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
