@@ -1,4 +1,4 @@
-"""The tables of docs/design/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
+"""The tables of docs/evidence/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
 
     scripts/campaign config/campaigns/headline.yaml
     python -m benchmarks.planning.headline_table runs/campaigns/headline
@@ -27,7 +27,7 @@ COLUMNS = (
     ("place_error_m", "place error (m)", 1),
     ("error_over_std", "(error/std)^2", 2),
 )
-#: What is compared in pairs, in percent.
+#: What is compared in pairs: in percent, and as a difference.
 PAIRED = COLUMNS[:4]
 FOUND = "isobath_found"
 
