@@ -1,4 +1,4 @@
-"""The tables of docs/evidence/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
+"""The tables of docs/evidence/planner.md: methods compared lake by lake, from config/campaigns/headline.yaml's rows.
 
     scripts/campaign config/campaigns/headline.yaml
     python -m benchmarks.planning.headline_table runs/campaigns/headline
