@@ -24,7 +24,7 @@ from auv_lse_shore.certify.final_map import FinalMap, corrected_runs, final_map
 from auv_lse_shore.certify.recorded import Recorded, hashes, read_recordings, without_maps
 from auv_lse_shore.report.page import embed, number, render
 from auv_lse_shore.report.progress import Show, show_nothing
-from auv_lse_shore.report.words import MIN_STRETCH_M
+from auv_lse_shore.report.words import MIN_STRETCH_M, is_length, opening_lines
 
 #: Verdicts, and the exit code of each.
 SUPPORTED, CONTRADICTED, UNPUBLISHED = "supported", "contradicted", "nothing published"
@@ -111,6 +111,7 @@ def _values(
         "steps_flown": final.run.steps,
         "until": parameters_for(final.run.parameters, "/auv1/planner_node").get("mission", {}).get("until"),
         "prior": dataclasses.asdict(settings.gp),
+        "notes": list(dict.fromkeys(note for run in recorded.runs for note in run.notes)),
     }
     return {
         "certificate": 1,
@@ -215,17 +216,15 @@ def _where(place: Mapping[str, float]) -> str:
 def lines(certificate: Certificate) -> list[str]:
     """The certificate in brief, for the terminal and the top of the page."""
     v, promised = certificate.values, certificate.values["promised"]
-    missing, within_m = v["not_promised"], promised["found_within_m"]
-    exactly = (
-        "no line found" if within_m is None else f"95 % of the line found is expected within {within_m:.1f} m of it"
-    )
+    missing = v["not_promised"]
     return [
         _VERDICTS[certificate.verdict],
-        f"found: {promised['found_m']:,.0f} m of isobath; {promised['likely_m']:,.0f} m likely, "
-        f"{promised['guessed_m']:,.0f} m guessed",
-        f"how exactly: {exactly}",
-        f"may be missing: {missing['undiscovered_m']:,.0f} m of isobath expected, at most "
-        f"{missing['undiscovered_limit_m']:,.0f} m with 95 % probability",
+        *opening_lines(
+            {kind: promised[f"{kind}_m"] for kind in CLASSES},
+            promised["found_within_m"],
+            missing["undiscovered_m"],
+            missing["undiscovered_limit_m"],
+        ),
     ]
 
 
@@ -257,5 +256,6 @@ def write(certificate: Certificate, folder: Path) -> None:
                 v=certificate.values,
                 where=_where,
                 number=number,
+                is_length=is_length,
             )
         )

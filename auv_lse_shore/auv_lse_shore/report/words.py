@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.prior_mean import excluded_level
-from auv_lse_gp.map.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
+from auv_lse_gp.map.certainty import (
+    FLAT,
+    FOUND,
+    GUESSED,
+    LIKELY,
+    NOT_VISITED,
+    PLACES_UNCERTAIN,
+    VISITED_M,
+    Piece,
+)
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_shore.judge.evaluation import Evaluation
@@ -60,21 +69,43 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
 
 
 def opening(s: Summary) -> list[str]:
-    """What was found, how exactly, and what may be missing: one line each."""
-    share = "" if s.isobath_found is None else f" ({_percent(s.isobath_found)} of the true isobath)"
-    error = "" if s.isobath_found_error_p95_m is None else f" (actually {s.isobath_found_error_p95_m:.1f} m)"
-    exactly = "no line found"
-    if s.isobath_found_within_m is not None:
-        exactly = f"95 % of the line found is expected within {s.isobath_found_within_m:.1f} m of the isobath{error}"
-    missing = ""
-    if s.isobath_found is not None and s.isobath_true_m is not None:
-        missing = f" (actually {_m((1.0 - s.isobath_found) * s.isobath_true_m)})"
+    """What was found, how exactly, and what may be missing, beside the truth if it is known: one line each."""
+    found, exactly, missing = opening_lines(
+        {FOUND: s.isobath_found_m, LIKELY: s.isobath_likely_m, GUESSED: s.isobath_guessed_m},
+        s.isobath_found_within_m,
+        s.isobath_undiscovered_m,
+        s.isobath_undiscovered_limit_m,
+    )
+    if s.isobath_found is not None and s.isobath_true_m:
+        found = found.replace(" of isobath", f" of isobath ({_percent(s.isobath_found)} of the true isobath)")
+        missing += f" (actually {_m((1.0 - s.isobath_found) * s.isobath_true_m)})"
+    if s.isobath_found_within_m is not None and s.isobath_found_error_p95_m is not None:
+        exactly += f" (actually {s.isobath_found_error_p95_m:.1f} m)"
+    return [found, exactly, missing]
+
+
+def opening_lines(
+    length_m: Mapping[str, float], within_m: float | None, undiscovered_m: float, limit_m: float
+) -> list[str]:
+    """The same three lines for a report or a certificate.
+
+    Args:
+        length_m: Length of the isobath in each of `CLASSES`.
+        within_m: Distance within which 95 % of the line found is expected of the isobath; None if none is found.
+        undiscovered_m: Expected length of isobath that may be missing.
+        limit_m: Its upper limit with 95 % probability.
+    """
+    others = ", ".join(f"{_m(length_m[kind])} {kind}" for kind in (LIKELY, GUESSED) if is_length(length_m[kind]))
+    exactly = (
+        "no line found"
+        if within_m is None
+        else f"95 % of the line found is expected within {within_m:.1f} m of the isobath"
+    )
+    missing = f"{_m(undiscovered_m)} of isobath expected, at most {_m(limit_m)} with 95 % probability"
     return [
-        f"found: {_m(s.isobath_found_m)} of isobath{share}; {_m(s.isobath_likely_m)} likely, "
-        f"{_m(s.isobath_guessed_m)} guessed",
+        f"found: {_m(length_m[FOUND])} of isobath{'; ' if others else ''}{others}",
         f"how exactly: {exactly}",
-        f"may be missing: {_m(s.isobath_undiscovered_m)} of isobath expected, at most "
-        f"{_m(s.isobath_undiscovered_limit_m)} with 95 % probability{missing}",
+        f"may be missing: {missing if is_length(limit_m) else 'no isobath is expected elsewhere'}",
     ]
 
 
@@ -87,7 +118,8 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
     if s.quality_reached:
         return [
             f"The mission ended because the quality asked for was reached, at step {s.steps} of {planned_steps}: "
-            f"{s.quality_asked}. Each vehicle returned at least {planned_steps - s.steps} steps of its budget."
+            f"{s.quality_asked}. {'Each' if s.vehicles > 1 else 'The'} vehicle returned at least "
+            f"{_counted(planned_steps - s.steps, 'step')} of its budget."
         ]
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
@@ -166,17 +198,29 @@ def _found(e: Evaluation) -> str:
     s = e.summary
     if s.isobath_length_m == 0.0:
         true = "" if s.isobath_true_m is None else f" The true isobath is {_m(s.isobath_true_m)} long."
+        if s.isobath_true_m == 0.0:
+            true = " The true ground has none either."
         return f"The map shows no {_level(e)} isobath.{true}"
-    text = (
-        f"The vehicles found {_m(s.isobath_found_m)} of the {_level(e)} isobath. Another {_m(s.isobath_likely_m)} is "
-        f"likely, and {_m(s.isobath_guessed_m)} is a guess with little data behind it."
-    )
+    some = is_length(s.isobath_found_m)
+    text = f"{_team(s)} found {_m(s.isobath_found_m) if some else 'none'} of the {_level(e)} isobath."
+    other = " another" if some else ""
+    if is_length(s.isobath_likely_m) and is_length(s.isobath_guessed_m):
+        text += (
+            f"{other.title()} {_m(s.isobath_likely_m)} is likely, and {_m(s.isobath_guessed_m)} is a guess with little "
+            "data behind it."
+        )
+    elif is_length(s.isobath_likely_m):
+        text += f"{other.title()} {_m(s.isobath_likely_m)} is likely."
+    elif is_length(s.isobath_guessed_m):
+        text += f"{other.title()} {_m(s.isobath_guessed_m)} is a guess with little data behind it."
+    if not some:
+        return text
     if s.isobath_found_error_m is not None and s.isobath_found_error_p95_m is not None:
         text += (
             f" The mean error of the part found is {s.isobath_found_error_m:.1f} m, and 95 % of it is within "
             f"{s.isobath_found_error_p95_m:.1f} m of the true isobath."
         )
-    if s.isobath_found is not None and s.isobath_true_m is not None:
+    if s.isobath_found is not None and s.isobath_true_m:
         text += f" It covers {_percent(s.isobath_found)} of the true isobath, which is {_m(s.isobath_true_m)} long."
     return text
 
@@ -191,11 +235,11 @@ def _missing(e: Evaluation) -> str:
 
 def _sides(e: Evaluation) -> str:
     s = e.summary
-    return (
-        f"{_area(s.deep_m2)} is at least {_level(e)} deep and {_area(s.shallow_m2)} is shallower, each with at least "
-        f"{_percent(SURE)} probability. {_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains "
-        "uncertain."
-    )
+    known = {f"at least {_level(e)} deep": s.deep_m2, "shallower": s.shallow_m2}
+    sides = [f"{_area(size)} is {what}" for what, size in known.items() if _is_area(size)]
+    sure = f"{', and '.join(sides)}, with at least {_percent(SURE)} probability" if sides else "No place is classified"
+    rest = f"{_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains uncertain"
+    return f"{sure}. {rest if _is_area(s.unsure_m2) else 'No place remains uncertain'}."
 
 
 def _unreachable(s: Summary) -> str:
@@ -299,10 +343,9 @@ def _voids(s: Summary) -> str:
     count = sum(s.void_plans or ())
     if not count:
         return ""
-    plans = "1 plan was" if count == 1 else f"{count} plans were"
     return (
-        f"{plans} discarded on the way, because the map, the area's border or a current made the next legs impossible. "
-        "What that costs is charged to the bound."
+        f"{_counted(count, 'plan')} {'was' if count == 1 else 'were'} discarded on the way, because the map, the "
+        "area's border or a current made the next legs impossible. What that costs is charged to the bound."
     )
 
 
@@ -312,7 +355,8 @@ def _outside(e: Evaluation) -> str:
         return ""
     tracks = "true" if all(len(v.truth) for v in e.run.vehicles) else "estimated"
     return (
-        f"Vehicles were outside the area for up to {max(s.outside_s):.0f} s, by up to {max(s.outside_max_m):.1f} m "
+        f"{'Vehicles were' if s.vehicles > 1 else 'The vehicle was'} outside the area for up to "
+        f"{max(s.outside_s):.0f} s, by up to {max(s.outside_max_m):.1f} m "
         f"({tracks} tracks)."
     )
 
@@ -340,11 +384,17 @@ def _link(s: Summary) -> str:
     if not s.packets_sent:
         return "No packet was sent, so each vehicle mapped alone."
     possible = s.packets_received + s.packets_lost
-    share = f" ({_percent(s.packets_lost / possible)})" if possible else ""
+    text = f"Acoustic link: {_counted(s.packets_sent, 'packet')} sent"
+    if possible:
+        text += (
+            f"; {s.packets_lost} of {_counted(possible, 'possible reception')} lost "
+            f"({_percent(s.packets_lost / possible)})"
+        )
+    if not s.samples_received:
+        return f"{text}. No sample was received, so each vehicle mapped alone."
     return (
-        f"Acoustic link: {s.packets_sent} packets were sent, and {s.packets_lost} of {possible} possible receptions "
-        f"were lost{share}. The vehicles received {s.samples_received:,} samples from each other. They "
-        f"cut the mean map risk of a vehicle's own map from {_three(float(np.mean(s.alone_risk)))} to "
+        f"{text}. The vehicles received {_counted(s.samples_received, 'sample')} from each other, which cut the mean "
+        f"map risk of a vehicle's own map from {_three(float(np.mean(s.alone_risk)))} to "
         f"{_three(float(np.mean(s.local_risk)))}; the team's final map has {_three(s.risk_after)}."
     )
 
@@ -352,7 +402,7 @@ def _link(s: Summary) -> str:
 def _position(s: Summary) -> str:
     if s.navigation_error_m is None:
         return ""
-    text = f"RMS position error of the vehicles: {number(s.navigation_error_m, 2)} m."
+    text = f"RMS position error of the vehicle{'s' if s.vehicles > 1 else ''}: {number(s.navigation_error_m, 2)} m."
     if s.isobath_error_true_positions_m is None or s.isobath_error_m is None:
         return text
     now, ideal = f"{s.isobath_error_m:.1f} m", f"{s.isobath_error_true_positions_m:.1f} m"
@@ -390,12 +440,30 @@ def _level(e: Evaluation) -> str:
     return f"{e.settings[0].level_set.level_m:g} m"
 
 
+def _team(s: Summary) -> str:
+    return "The vehicles" if s.vehicles > 1 else "The vehicle"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
 def _m(length_m: float) -> str:
     return f"{length_m:,.0f} m"
 
 
+def is_length(length_m: float) -> bool:
+    """Whether a length is shown as more than 0 m."""
+    return length_m > 0.5
+
+
 def _area(area_m2: float) -> str:
     return f"{area_m2 / 1e4:.1f} ha"
+
+
+def _is_area(area_m2: float) -> bool:
+    """Whether an area is shown as more than 0.0 ha."""
+    return area_m2 > 500.0
 
 
 def _three(value: float) -> str:

@@ -13,7 +13,15 @@ from auv_lse_shore.report.found_figure import found
 from auv_lse_shore.report.page import number
 from auv_lse_shore.report.report import page
 from auv_lse_shore.report.report_figures import FIGURES
-from auv_lse_shore.report.words import findings, headlines, paper_paragraphs, paragraphs
+from auv_lse_shore.report.words import (
+    ended_early,
+    findings,
+    headlines,
+    opening_lines,
+    paper_paragraphs,
+    paragraphs,
+    subtitle,
+)
 
 #: What the paper's reward is called where a user sees it.
 PAPER = re.compile(r"team reward|path reward|lower bound|stepwise|the paper's", re.IGNORECASE)
@@ -93,7 +101,7 @@ def test_the_words_give_lengths_areas_reasons_and_losses_of_the_link(other):
     assert f"{s.deep_m2 / 1e4:.1f} ha is at least 15 m deep" in text
     assert "17 % below that. The method straddle guarantees no such bound." in text
     possible = s.packets_received + s.packets_lost
-    assert f"{s.packets_lost} of {possible} possible receptions were lost (31 %)" in text
+    assert f"{s.packets_lost} of {possible} possible receptions lost (31 %)" in text
     assert f"{s.samples_received:,} samples from each other" in text
     assert "where no vehicle measured within 20 m" in text
 
@@ -241,6 +249,82 @@ def test_a_map_without_any_isobath_is_reported(other):
         assert "not found" not in text_of(other)
     finally:
         other.summary = kept
+
+
+#: Numbers and texts that no sentence shows: an amount of nothing, a wrong plural, a value that is missing.
+NEVER = re.compile(r"(?<![\d.,])(?:0|0\.0) (?:m|ha|s|packets|samples|plans|steps)\b|(?<![\d.,])1 \w+s\b|None|nan|inf\b")
+
+#: Changes of a summary that leave nothing, or one, of what a sentence counts.
+NOTHING: dict[str, dict[str, object]] = {
+    "nothing likely": {"isobath_likely_m": 0.0, "isobath_guessed_m": 0.4},
+    "likely only": {"isobath_guessed_m": 0.0},
+    "guessed only": {"isobath_likely_m": 0.0},
+    "nothing found": {
+        "isobath_found_m": 0.0,
+        "isobath_found": 0.0,
+        "isobath_found_within_m": None,
+        "isobath_found_error_m": None,
+        "isobath_found_error_p95_m": None,
+    },
+    "no isobath": {
+        "isobath_length_m": 0.0,
+        "isobath_found_m": 0.0,
+        "isobath_likely_m": 0.0,
+        "isobath_guessed_m": 0.0,
+        "isobath_found": None,
+        "isobath_true_m": 0.0,
+        "isobath_found_within_m": None,
+        "isobath_undiscovered_m": 0.0,
+        "isobath_undiscovered_limit_m": 0.0,
+    },
+    "all uncertain": {"deep_m2": 0.0, "shallow_m2": 0.0},
+    "all shallow": {"deep_m2": 0.0, "unsure_m2": 0.0},
+    "one packet": {"packets_sent": 1, "packets_received": 1, "packets_lost": 0, "samples_received": 1},
+    "packets without samples": {"packets_sent": 3, "packets_received": 0, "packets_lost": 6, "samples_received": 0},
+    "packets under way": {"packets_sent": 1, "packets_received": 0, "packets_lost": 0, "samples_received": 0},
+    "one plan discarded": {"void_plans": (0, 1)},
+    "one step returned": {"steps": 29, "quality_reached": True, "quality_asked": "90 % found"},
+    "interrupted": {"steps": 12},
+}
+
+
+@pytest.mark.parametrize("changes", NOTHING.values(), ids=NOTHING)
+def test_no_sentence_has_an_amount_of_nothing_or_a_wrong_plural(other, changes):
+    kept = other.summary
+    other.summary = dataclasses.replace(kept, **changes)
+    try:
+        text = " ".join([text_of(other), *ended_early(other.summary, 30)])
+    finally:
+        other.summary = kept
+    assert not NEVER.search(text), NEVER.search(text)[0] + ": " + text
+
+
+@pytest.mark.parametrize("vehicles", [1, 3])
+def test_the_number_of_vehicles_is_that_of_the_words(other, vehicles):
+    kept = other.summary
+    outside = {"outside_s": (9.0,) * vehicles, "outside_max_m": (2.0,) * vehicles}
+    early = {"steps": 12, "quality_reached": True, "quality_asked": "90 % found"}
+    other.summary = dataclasses.replace(kept, vehicles=vehicles, **outside, **early)
+    try:
+        text = " ".join([text_of(other), *ended_early(other.summary, 30), subtitle(other)])
+    finally:
+        other.summary = kept
+    assert ("he vehicle " in text) == (vehicles == 1)
+    assert bool(re.search(r"\b[vV]ehicles\b", text)) == (vehicles > 1)
+
+
+def test_the_opening_names_only_what_there_is():
+    some = {"found": 812.0, "likely": 30.0, "guessed": 0.2}
+    assert opening_lines(some, 3.2, 40.0, 110.0) == [
+        "found: 812 m of isobath; 30 m likely",
+        "how exactly: 95 % of the line found is expected within 3.2 m of the isobath",
+        "may be missing: 40 m of isobath expected, at most 110 m with 95 % probability",
+    ]
+    assert opening_lines(dict.fromkeys(some, 0.0), None, 0.0, 0.0) == [
+        "found: 0 m of isobath",
+        "how exactly: no line found",
+        "may be missing: no isobath is expected elsewhere",
+    ]
 
 
 def test_a_lone_vehicle_without_truth_gets_no_word_of_mates_and_truth(synthetic_run):
