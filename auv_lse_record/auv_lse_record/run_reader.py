@@ -11,12 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.parameter_file import (
-    parameters_for,
-    parse_parameters,
-    read_parameter_file,
-    without_retired,
-)
+from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
 from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.sounding import Soundings
@@ -67,13 +63,13 @@ def read_run(
         RecordingError: naming the recording and the missing or damaged part.
         ParameterError: if the mission file is not a parameter file.
     """
-    return read_bag(recording_in(path), flown_parameters(path, mission), ground=ground, wall_s=wall_s)
+    return read_bag(recording_in(path), recorded_parameters(path, mission), ground=ground, wall_s=wall_s)
 
 
-def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
+def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
     """The mission file of a recording: `mission` if given, else the recording's own, else `mission.yaml` beside it.
 
-    Parameters of earlier versions are left out.
+    It may have parameters and values of earlier versions (`retired.py`).
 
     Args:
         mission: A mission file that replaces the recording's.
@@ -83,14 +79,14 @@ def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
         ParameterError: if it is not a parameter file.
     """
     if mission is not None:
-        return without_retired(read_parameter_file(mission))
+        return read_parameter_file(mission)
     with Recording(recording_in(path)) as recording:
         text = recording.text(MISSION_FILE)
     if text is not None:
-        return without_retired(parse_parameters(text, f"{path}: {MISSION_FILE}"))
+        return parse_parameters(text, f"{path}: {MISSION_FILE}")
     for folder in (path, path.parent):
         if (folder / "mission.yaml").is_file():
-            return without_retired(read_parameter_file(folder / "mission.yaml"))
+            return read_parameter_file(folder / "mission.yaml")
     raise RecordingError(
         f"{path}: got no mission file (topic {MISSION_FILE}), and no mission.yaml beside it; expected the mission's "
         f"file: --mission FILE"
@@ -107,11 +103,12 @@ def read_bag(
     """Reads a rosbag2 directory; other arguments as in `read_run`.
 
     Args:
-        parameters: The mission file, from `read_parameter_file`.
+        parameters: The mission file, from `recorded_parameters`.
 
     Raises:
         RecordingError: naming the bag and the error.
     """
+    notes, parameters = notes_on_retired(parameters), without_retired(parameters)
     logs: dict[int, dict[str, list[Any]]] = {}
     last_s = 0.0
     with Recording(recording_in(bag)) as recording:
@@ -136,6 +133,7 @@ def read_bag(
         sim_s=last_s,
         wall_s=wall_s,
         origin=origin_of(parameters),
+        notes=notes,
     )
 
 

@@ -9,13 +9,14 @@ from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import other_bag
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import run_writer
 from auv_lse_record.message_types import definitions, message_folder, types_of
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
-from auv_lse_record.run_reader import flown_parameters, read_bag, read_run
+from auv_lse_record.run_reader import read_bag, read_run, recorded_parameters
 from auv_lse_record.run_writer import write_run
 from auv_lse_record.software import version
 
@@ -151,7 +152,7 @@ def test_recording_contains_the_mission_file_and_the_software_version(tmp_path, 
     alone.parent.mkdir()
     alone.write_bytes(file.read_bytes())
     for path in (tmp_path, tmp_path / "bag", alone):
-        assert flown_parameters(path) == run.parameters, path
+        assert recorded_parameters(path) == run.parameters, path
         assert read_run(path).steps == 2
 
 
@@ -164,7 +165,11 @@ def test_recording_with_a_parameter_of_an_earlier_version_is_read(tmp_path, synt
     run.parameters["/auv1/**"]["planner.floor"] = "strips"
     write_run(run, tmp_path)
     for mission in (None, tmp_path / "mission.yaml"):
-        back = flown_parameters(tmp_path, mission)
+        read = read_run(tmp_path, mission=mission)
+        assert read.notes == [
+            "Recorded by an earlier version with parameters that this version leaves out: planner.floor."
+        ]
+        back = read.parameters
         assert "floor" not in str(back)
         assert back["/**"]["planner"] == flown["/**"].get("planner", {})
     kept = read_parameter_file(tmp_path / "mission.yaml")["/**"]["planner"]
@@ -183,7 +188,23 @@ def test_recording_of_the_last_version_is_read(tmp_path, synthetic_run):
     flown = run.parameters["/**"]
     run.parameters["/**"] = {**flown, **{name: {**flown.get(name, {}), **old} for name, old in gone.items()}}
     write_run(run, tmp_path)
-    assert Settings.from_patterns(flown_parameters(tmp_path), "it").mission.steps == 2
+    assert Settings.from_patterns(read_run(tmp_path).parameters, "it").mission.steps == 2
+
+
+def test_recording_with_a_value_of_an_earlier_version_is_read(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    flown = run.parameters["/**"]
+    run.parameters["/**"] = {**flown, "planner": {"method": "best"}, "motion": {"straight": "printed"}}
+    run.parameters["/auv2/**"] = {"planner.method": "best"}
+    write_run(run, tmp_path)
+    back = read_run(tmp_path)
+    assert Settings.from_patterns(back.parameters, "it").vehicle(2).planner.method == "tour"
+    assert back.notes == [
+        "Recorded by an earlier version with motion.straight 'printed'; this version reads it as 'growing'.",
+        "Recorded by an earlier version with planner.method 'best'; this version reads it as 'tour'.",
+    ]
+    with pytest.raises(ParameterError, match=r"got 'best'; expected one of .*\. 'best' was replaced by 'tour'"):
+        Settings.load(tmp_path / "mission.yaml")
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])

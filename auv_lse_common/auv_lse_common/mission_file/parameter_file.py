@@ -14,25 +14,6 @@ from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.mission_file.places_file import with_places
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
-#: Parameters of earlier versions. Recordings made with them remain readable; a new mission file must not set them.
-RETIRED = (
-    "gp.outlier_sigmas",
-    "motion.track_spacing_m",
-    "packet.check_limits",
-    "packet.expected_loss",
-    "packet.min_spacing_m",
-    "packet.selection",
-    "planner.batch",
-    "planner.coordination",
-    "planner.finalists",
-    "planner.floor",
-    "planner.lane_heading_deg",
-    "planner.map_share",
-    "planner.objective",
-    "planner.team_order",
-    "planner.team_routes",
-)
-
 
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
     """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; places are in metres.
@@ -59,20 +40,6 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
             raise ParameterError(f"{where}: under {pattern!r}: ros__parameters: got {values!r}; expected parameters")
         patterns[str(pattern)] = {str(name): value for name, value in (values or {}).items()}
     return patterns
-
-
-def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The mission file of a recording without the parameters that this version lacks (`RETIRED`)."""
-    return {pattern: _without_retired(values) for pattern, values in patterns.items()}
-
-
-def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    """As `without_retired`, for the parameters of one pattern, or of a section with its dot ("planner.")."""
-    return {
-        key: _without_retired(value, f"{section}{key}.") if isinstance(value, Mapping) else value
-        for key, value in values.items()
-        if f"{section}{key}" not in RETIRED
-    }
 
 
 def read_yaml(path: Path) -> Any:

@@ -16,6 +16,8 @@ import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
+from auv_lse_common.mission_file.retired import RETIRED, replacement
+
 T = TypeVar("T")
 
 #: A number that YAML 1.1 reads as text, because it lacks the point or the exponent's sign (1e-3 for 1.0e-3).
@@ -231,6 +233,8 @@ def _nearest(key: Any, known: Iterable[str]) -> str:
 def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> ParameterError:
     near = _nearest(key, known)
     hint = f"did you mean '{near}'?" if near else f"known: {', '.join(sorted(known))}"
+    if f"{where}.{key}".rpartition(": ")[2] in RETIRED:
+        hint = "it was removed. Delete it"
     return ParameterError(f"{where}.{key}: unknown parameter (value {value!r}); {hint}")
 
 
@@ -284,6 +288,8 @@ def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> 
 
 def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], refusal: str) -> Any:
     error = ParameterError(f"{key}: got {value!r}{refusal}")
+    if (new := replacement(key, value)) is not None:
+        raise ParameterError(f"{error}. {value!r} was replaced by {new!r}")
     if hint in (bool, str):
         if not isinstance(value, hint) or (meta.get("choices") and value not in meta["choices"]):
             raise error

@@ -1,17 +1,39 @@
-"""Recordings remain readable: no parameter disappears without becoming a retired one."""
+"""Recordings remain readable: no parameter or value disappears without becoming a retired one."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
+from typing import get_type_hints
 
-from auv_lse_common.mission_file.parameter_file import RETIRED, without_retired
-from auv_lse_common.mission_file.parameters import describe
+import pytest
+
+from auv_lse_common.mission_file.parameters import ParameterError, describe, from_mapping
+from auv_lse_common.mission_file.retired import RETIRED, RETIRED_VALUES, notes_on_retired, without_retired
 from auv_lse_common.mission_file.sections.table import SECTIONS
 
 #: Every parameter that a mission file could ever set, one dotted name a line. Names are added and never removed.
 SO_FAR = Path(__file__).with_name("parameters_so_far.txt").read_text().split()
 
 PRESENT = [row[0] for name, cls in SECTIONS.items() for row in describe(cls, f"{name}.")]
+
+#: Every value that a parameter with a choice could ever have, one a line: dotted name, value.
+VALUES_SO_FAR = [tuple(line.split()) for line in Path(__file__).with_name("values_so_far.txt").read_text().splitlines()]
+
+
+def choices(cls: type, prefix: str) -> Iterator[tuple[str, str]]:
+    """Dotted name and value of every choice of a section, nested ones included."""
+    hints = get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        if dataclasses.is_dataclass(hints[field.name]):
+            yield from choices(hints[field.name], f"{prefix}{field.name}.")
+        for value in field.metadata.get("choices") or ():
+            yield f"{prefix}{field.name}", value
+
+
+PRESENT_VALUES = [entry for name, cls in SECTIONS.items() for entry in choices(cls, f"{name}.")]
+GONE_VALUES = [(name, value) for name, values in RETIRED_VALUES.items() for value in values]
 
 
 def test_a_new_parameter_is_listed() -> None:
@@ -21,7 +43,7 @@ def test_a_new_parameter_is_listed() -> None:
 
 def test_a_removed_parameter_is_retired() -> None:
     gone = sorted(set(SO_FAR) - set(PRESENT) - set(RETIRED))
-    assert not gone, f"add to RETIRED in parameter_file.py, so that older recordings remain readable: {gone}"
+    assert not gone, f"add to RETIRED in retired.py, so that older recordings remain readable: {gone}"
 
 
 def test_only_removed_parameters_are_retired() -> None:
@@ -43,3 +65,39 @@ def test_retired_parameters_are_left_out_however_they_are_nested() -> None:
         nested.setdefault(section, {"kept": 2})[key] = 1
     cleaned = without_retired({"/**": {**flat, "mission.seed": 3}, "/auv2/**": nested})
     assert cleaned == {"/**": {"mission.seed": 3}, "/auv2/**": {section: {"kept": 2} for section in nested}}
+
+
+def test_a_new_value_is_listed_and_a_removed_one_is_retired() -> None:
+    missing = sorted(set(PRESENT_VALUES) - set(VALUES_SO_FAR))
+    assert not missing, f"add to values_so_far.txt, in alphabetical order: {missing}"
+    still_read = [entry for entry in VALUES_SO_FAR if entry[0] in PRESENT]
+    gone = sorted(set(still_read) - set(PRESENT_VALUES) - set(GONE_VALUES))
+    assert not gone, f"add to RETIRED_VALUES in retired.py, so that older recordings remain readable: {gone}"
+    assert sorted(set(VALUES_SO_FAR)) == VALUES_SO_FAR
+
+
+@pytest.mark.parametrize(("name", "value"), GONE_VALUES)
+def test_a_retired_value_is_replaced_in_recordings_and_refused_in_mission_files(name: str, value: str) -> None:
+    assert (name, value) in VALUES_SO_FAR
+    assert (name, value) not in PRESENT_VALUES
+    new = RETIRED_VALUES[name][value]
+    assert (name, new) in PRESENT_VALUES
+    section, key = name.split(".")
+    for given in ({name: value}, {section: {key: value}}):
+        assert without_retired({"/**": given}) == {"/**": {k: new if k == name else {key: new} for k in given}}
+        assert notes_on_retired({"/**": given}) == [
+            f"Recorded by an earlier version with {name} {value!r}; this version reads it as {new!r}."
+        ]
+    with pytest.raises(ParameterError, match=f"got {value!r}; expected one of .* {value!r} was replaced by {new!r}"):
+        from_mapping(SECTIONS[section], {key: value}, f"my.yaml (auv2): {section}")
+
+
+def test_a_file_of_this_version_stays_as_it_is() -> None:
+    patterns = {"/**": {"planner": {"method": "plain"}, "mission.seed": 3}, "/auv2/**": {"vehicle.depth_m": 2.0}}
+    assert without_retired(patterns) == patterns
+    assert notes_on_retired(patterns) == []
+
+
+def test_a_retired_parameter_is_named_as_removed_in_a_mission_file() -> None:
+    with pytest.raises(ParameterError, match=r"planner\.floor: unknown parameter .*; it was removed\. Delete it"):
+        from_mapping(SECTIONS["planner"], {"floor": "lanes"}, "my.yaml: planner")

@@ -84,6 +84,7 @@ def adjusted(
     for path in paths:
         yield f"reading {path}"
         recorded.append(read_run(path, mission=mission))
+        yield from (f"  {note}" for note in recorded[-1].notes)
         for vehicle in recorded[-1].vehicles:
             if missing := missing_in(vehicle):
                 yield f"  auv{vehicle.vehicle}: {missing}; its soundings are not moved"

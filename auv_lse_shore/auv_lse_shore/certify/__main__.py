@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nstopped; no certificate is written", file=sys.stderr)
         return 130
-    for line in [*lines(certificate), *certificate.values["cannot_certify"]]:
+    for line in [*certificate.values["asked"]["notes"], *lines(certificate), *certificate.values["cannot_certify"]]:
         print(line)
     for line in certificate.failures:
         print(f"not supported: {line}", file=sys.stderr)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file, without_retired
+from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, STORAGES, Recording, recording_in
@@ -87,7 +87,7 @@ def read_recordings(paths: Sequence[Path], mission: Path | None = None) -> Recor
         parameters = (
             read_parameter_file(mission) if mission is not None else parse_parameters(text or "", f"{path}: mission")
         )
-        runs.append(read_bag(bag, without_retired(parameters)))
+        runs.append(read_bag(bag, parameters))
     if mission is not None:
         files += hashes(mission)
     _check(paths, runs)

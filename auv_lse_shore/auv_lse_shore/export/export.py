@@ -26,6 +26,7 @@ def export(run_folder: Path, folder: Path, picture: bool = False, survey: Survey
     yield f"reading {run_folder}"
     survey = survey or Survey()
     run = survey.reduce(read_run(run_folder))
+    yield from run.notes
     yield f"mapping {sum(len(v.soundings) for v in run.vehicles)} soundings"
     yield from write_export(team_map(run), folder, survey)
     if picture:

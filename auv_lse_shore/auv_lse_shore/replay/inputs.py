@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
 from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
@@ -22,7 +23,7 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_planner.vehicle.intake import InputsUsed
 from auv_lse_record.recording import SOFTWARE, Recording, RecordingError, recording_in
-from auv_lse_record.run_reader import Patterns, flown_parameters
+from auv_lse_record.run_reader import Patterns, recorded_parameters
 
 #: Topics that inputs and outputs are read from.
 _TOPICS = {
@@ -108,12 +109,14 @@ class RecordedInputs:
 
     Attributes:
         parameters: The mission file as flown.
+        notes: What this version reads differently in it.
         software: Version of the software that recorded it; "" if not recorded.
         lockstep: Whether time waited for the nodes.
         vehicles: Each vehicle's inputs, by number.
     """
 
     parameters: Patterns
+    notes: list[str]
     software: str
     lockstep: bool
     vehicles: Mapping[int, VehicleInputs]
@@ -154,7 +157,8 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         RecordingError: naming the recording and what is wrong.
         ParameterError: if the mission file is not a parameter file.
     """
-    parameters = flown_parameters(path, mission)
+    as_recorded = recorded_parameters(path, mission)
+    parameters = without_retired(as_recorded)
     lockstep = bool(parameters_for(parameters, "/auv1/gp_node").get("sim", {}).get("lockstep", False))
     gathered: dict[int, _Gathered] = {}
     with Recording(recording_in(path)) as recording:
@@ -171,7 +175,13 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
     if not gathered:
         raise RecordingError(f"{path}: holds no topic /auvN/...; expected the recording of a mission")
     vehicles = {number: gathered[number].inputs() for number in sorted(gathered)}
-    return RecordedInputs(parameters=parameters, software=software, lockstep=lockstep, vehicles=vehicles)
+    return RecordedInputs(
+        parameters=parameters,
+        notes=notes_on_retired(as_recorded),
+        software=software,
+        lockstep=lockstep,
+        vehicles=vehicles,
+    )
 
 
 class _Gathered:

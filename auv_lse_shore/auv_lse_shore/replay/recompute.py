@@ -37,6 +37,8 @@ def recompute(options: Namespace) -> int:
     flown = Settings.from_patterns(inputs.parameters, str(options.run))
     settings = flown.with_overrides(overrides) if overrides else flown
     print(f"recorded by {inputs.software or 'unknown software'}, recomputed by {version()}")
+    for note in inputs.notes:
+        print(note)
     for name in overrides:
         print(f"changed: {name}: {_values(flown, name)} -> {_values(settings, name)}")
     if not inputs.lockstep:

@@ -13,7 +13,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file, without_retired
+from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError
 
 #: Whether a message of a topic, serialized (CDR), is wanted; None: every message.
@@ -174,7 +175,7 @@ def open_recording(path: Path) -> RecordingFile | WholeRecording:
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
     """The flown mission file and its source: inside the recording, else beside it or above it.
 
-    Parameters of earlier versions are left out.
+    Parameters and values of earlier versions are left out or replaced (`retired.py`).
 
     Raises:
         RecordingError: if there is none.

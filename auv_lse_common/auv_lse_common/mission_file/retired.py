@@ -1,0 +1,92 @@
+"""Parameters and values of earlier versions: recordings made with them remain readable, new mission files are refused.
+
+`without_retired` rewrites the mission file of a recording for this version; `notes_on_retired` reports what it changes.
+`parameters.py` takes from here what it answers when a mission file sets one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+#: Parameters of earlier versions.
+RETIRED = (
+    "gp.outlier_sigmas",
+    "motion.track_spacing_m",
+    "packet.check_limits",
+    "packet.expected_loss",
+    "packet.min_spacing_m",
+    "packet.receivers",
+    "packet.selection",
+    "planner.batch",
+    "planner.coordination",
+    "planner.finalists",
+    "planner.floor",
+    "planner.lane_heading_deg",
+    "planner.late_share",
+    "planner.map_share",
+    "planner.objective",
+    "planner.own_area_m2",
+    "planner.tail",
+    "planner.team_order",
+    "planner.team_routes",
+)
+
+#: Values of earlier versions, by the parameter that took them, each with the value that replaced it.
+RETIRED_VALUES: Mapping[str, Mapping[str, str]] = {
+    "motion.straight": {"printed": "growing"},
+    "planner.credit": {"printed": "whole"},
+    "planner.method": {"best": "tour", "bounded": "tour", "map": "tour"},
+    "planner.proposals": {"surrogate": "tour"},
+}
+
+
+def replacement(name: str, value: Any) -> str | None:
+    """The value that replaced a retired `value` of the parameter `name` ("planner.method"); None if it is not retired.
+
+    Args:
+        name: The dotted name; text before its section does not count ("my.yaml: planner.method").
+    """
+    known = RETIRED_VALUES.get(name.rpartition(": ")[2], {})
+    return known.get(value) if isinstance(value, str) else None
+
+
+def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """A recording's mission file as this version reads it: retired parameters left out, retired values replaced."""
+    return {pattern: _without_retired(values) for pattern, values in patterns.items()}
+
+
+def notes_on_retired(patterns: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """What `without_retired` changes, one sentence for each kind of change; none for a file of this version."""
+    found = [entry for values in patterns.values() for entry in _leaves(values)]
+    gone = sorted({name for name, _ in found if name in RETIRED})
+    replaced = sorted({(name, value) for name, value in found if replacement(name, value) is not None})
+    notes = [
+        f"Recorded by an earlier version with {name} {value!r}; this version reads it as {replacement(name, value)!r}."
+        for name, value in replaced
+    ]
+    if gone:
+        notes.append(f"Recorded by an earlier version with parameters that this version leaves out: {', '.join(gone)}.")
+    return notes
+
+
+def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, Any]:
+    """As `without_retired`, for the parameters of one pattern, or of a section with its dot ("planner.")."""
+    kept: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{section}{key}"
+        if isinstance(value, Mapping):
+            kept[key] = _without_retired(value, f"{name}.")
+        elif name not in RETIRED:
+            new = replacement(name, value)
+            kept[key] = value if new is None else new
+    return kept
+
+
+def _leaves(values: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted name and value of each parameter."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{section}{key}.")
+        else:
+            yield f"{section}{key}", value
