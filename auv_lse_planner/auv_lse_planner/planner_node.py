@@ -77,6 +77,7 @@ class PlannerNode(VehicleNode):
             apply=self._tune,
         )
         self._published = 0
+        self._finish_kept = False  # in the journal
         self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._planning_s = 0.0
         self._end_reports = Periodic(_END_PERIOD_S)
@@ -112,12 +113,14 @@ class PlannerNode(VehicleNode):
             elif kind == "heard":
                 stamp_s, vehicle, plan = values
                 self._planner.receive_plan(stamp_s, vehicle, Plan.from_mapping(plan))
+            elif kind == "finished":
+                self._finish_kept = True
         if decided is not None:
             self._planner.restore(decided[0])
         if judged is not None:
             self._planner.until.restore(judged)
         known = self._planner.decided
-        self._planner.resume_at(self.state.values.get("decided", 0))
+        self._planner.resume_at(self.state.values.get("decided", 0), self._finish_kept)
         if self.state.rebooted:
             self._planner.forget_clock()
         if self._planner.decided > known:
@@ -172,6 +175,9 @@ class PlannerNode(VehicleNode):
             self.state.write({"decided": self._planner.decided})  # before anyone learns of it
             self._publish(now_s, decision)
             self._judge()
+        if self._planner.finished and not self._finish_kept:
+            self._finish_kept = True
+            self.journal.write("finished")
         if self._intake.end_unreported and self._end_reports.is_due(now_s):
             self._end_reports.done(now_s)
             self._end.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))

@@ -357,14 +357,16 @@ class VehiclePlanner:
         """Whether a leg is the mission's last one."""
         return leg.step == self._travel.steps - 1
 
-    def resume_at(self, step: int) -> None:
+    def resume_at(self, step: int, finished: bool = False) -> None:
         """Continues at `step` after a restart: what was decided before it was published, and must not be repeated.
 
         Args:
             step: Number of steps decided. If `restore` knew fewer, the plan and legs of the others are lost.
+            finished: Whether the last leg was travelled, too.
         """
         if step > self._travel.decided:
             self._travel.skip_to(step)
+        self._travel.finished |= finished
 
     def forget_clock(self) -> None:
         """After a reboot the clock may be wrong: counts the current leg's time anew. Call it while blocked."""

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -251,6 +252,43 @@ def test_planner_node_plans_reports_missing_odometry_and_resumes_after_a_restart
         b.until(lambda: again, "the last waypoint, for a link that was started again, too")
         assert (again[0].header, again[0].step) == (waypoints[-1].header, waypoints[-1].step)
         assert again[0].end_north_m == waypoints[-1].end_north_m
+
+
+def test_planner_node_that_restarts_after_its_end_reports_the_end_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever the vehicle is then; without its journal it would wait until the last leg counts as timed out."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "journal"))
+    with bench(tmp_path) as b:
+        parameters = PARAMETERS.replace("steps: 20", "steps: 1")
+        b.start("auv_lse_planner", "planner_node", parameters)
+        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)
+        state = MissionState(revision=1, state=MissionState.RUNNING)
+        b.publisher(MissionState, "/auv1/mission/state", LATCHED).publish(state)
+        waypoints = b.collect(Waypoint, "/auv1/waypoint")
+        ends = b.collect(MissionCommand, "/auv1/mission/end")
+        message = Odometry(header=header(time.time()))
+        message.pose.pose.orientation.w = 1.0
+
+        def until(done: Callable[[], object], what: str) -> None:
+            def sent() -> object:
+                odometry.publish(message)  # again and again: best effort may lose one
+                return done()
+
+            b.until(sent, what, timeout_s=30.0)
+
+        until(lambda: waypoints, "the only leg")
+        message.header = header(time.time() + 60.0)  # no jump: it had the time to go there
+        leg = waypoints[0]
+        message.pose.pose.position.x = leg.end_east_m + 2.0 * math.sin(leg.end_heading_rad)
+        message.pose.pose.position.y = leg.end_north_m + 2.0 * math.cos(leg.end_heading_rad)
+        until(lambda: ends, "the end")
+        (process,) = b.keepers[-1].running.values()
+        os.kill(process, signal.SIGKILL)
+        b.start("auv_lse_planner", "planner_node", parameters)
+        again = b.collect(MissionCommand, "/auv1/mission/end")
+        message.pose.pose.position.x = message.pose.pose.position.y = 0.0  # back before the leg's end
+        until(lambda: again, "the end, reported by the new process")
 
 
 def test_nodes_whose_state_is_not_trusted_hold_and_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

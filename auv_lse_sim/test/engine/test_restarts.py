@@ -52,6 +52,7 @@ class Journalled(Fleet):
         judged = [values for kind, *values in planner.records if kind in ("decided", "judged")]
         if judged and "met" in judged[-1][0]:
             cores.planner.until.restore(judged[-1][0])
+        cores.planner.resume_at(0, any(kind == "finished" for kind, *_ in planner.records))
         hear, decide, judge = cores.planner.receive_plan, cores.planner.decide, cores.planner.judge_map
 
         def hear_and_write(now_s: float, vehicle: int, plan: Plan) -> None:
@@ -69,6 +70,7 @@ class Journalled(Fleet):
             planner.write("judged", cores.planner.until.snapshot())
             return True
 
+        self._write_finish = lambda: planner.write("finished")
         cores.planner.receive_plan, cores.planner.decide = hear_and_write, decide_and_write
         cores.planner.judge_map = judge_and_write
         cores.bridge.recall(modem.records)
@@ -87,6 +89,8 @@ class Journalled(Fleet):
 
     def restart(self) -> None:
         """The first vehicle's processes die between two ticks, and come back."""
+        if self.cores[0].planner.finished:
+            self._write_finish()
         log = self.cores[0].log
         self.cores[0] = self._build_cores(1)
         self.cores[0].log = log
@@ -110,8 +114,7 @@ def test_a_vehicle_started_again_flies_the_same_mission(tmp_path: Path, more: di
     while not fleet.finished:
         fleet.tick()
         ticks += 1
-        # in every part of a leg and of a cycle; one that has ended notices its end later
-        if ticks % 23 == 0 and not fleet.cores[0].planner.finished:
+        if ticks % 23 == 0:  # in every part of a leg and of a cycle, and after the vehicle's end
             fleet.restart()
     run = fleet.run_data()
     assert ticks > 100
