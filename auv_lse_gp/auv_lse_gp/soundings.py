@@ -33,8 +33,8 @@ NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 #: Accepted column names, in lower case.
 _NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
 _EAST = ("east_m", "e_m", "x_m", "easting_m", "easting")
-_LAT = ("lat", "latitude", "lat_deg")
-_LON = ("lon", "lng", "longitude", "lon_deg")
+_LAT = ("lat", "latitude", "lat_deg", "latitude_deg")
+_LON = ("lon", "lng", "longitude", "lon_deg", "longitude_deg")
 _DEPTH = ("depth_m", "depth")
 _ELEVATION = ("elevation_m", "elevation", "z_m")
 

@@ -325,6 +325,23 @@ def test_an_exported_table_comes_back_no_surer_than_it_was(tmp_path, capsys):
     assert added == pytest.approx(slope * stds[nearest, 0], rel=0.15)
 
 
+@pytest.mark.parametrize("origin", [None, (46.51, 6.58)])
+def test_an_exported_table_comes_back_to_the_same_places_on_earth(tmp_path, origin):
+    """Also under another origin than that of its metres."""
+    assert main([str(written(tmp_path, "a.csv")), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
+    list(export(tmp_path / "run", tmp_path / "export"))
+    table, again = tmp_path / "export/soundings.csv", tmp_path / "again"
+    more = [] if origin is None else ["--origin", *map(str, origin)]
+    assert main([str(table), "--out", str(again), "--level", "11", *more]) == 0
+    run = read_run(again)
+    assert origin in (None, run.origin)
+    soundings, columns = run.vehicles[0].soundings, columns_of(table, "latitude_deg", "longitude_deg", "depth_m")
+    latitude, longitude, depth = np.array(columns, float)
+    back = geodetic_from_local(soundings.north_m, soundings.east_m, *run.origin)
+    assert np.array(back) == pytest.approx(np.array([latitude, longitude]), abs=1e-9)
+    assert soundings.depth_m == pytest.approx(depth)
+
+
 def test_unknown_uncertainties_stay_unknown(tmp_path):
     text, _ = exported_table(survey())
     lines = [",".join([*line.split(",")[:5], "", "", "", "", "none"]) for line in text.splitlines()[1:]]
