@@ -256,6 +256,7 @@ def write(certificate: Certificate, folder: Path) -> None:
                 v=certificate.values,
                 where=_where,
                 number=number,
+                metres=lambda width_m: "–" if width_m is None else f"{width_m:.0f}",
                 is_length=is_length,
             )
         )

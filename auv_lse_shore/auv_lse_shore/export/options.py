@@ -151,7 +151,8 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
             reader = csv.DictReader(file)
             first = next((name for name in firsts if name in (reader.fieldnames or ())), None)
             if first is None or second not in (reader.fieldnames or ()):
-                raise SurveyError(f"{option} {path}: got columns {reader.fieldnames}; {expected}")
+                columns = ", ".join(reader.fieldnames or ()) or "none"
+                raise SurveyError(f"{option} {path}: got columns {columns}; {expected}")
             rows = []
             for row in reader:
                 value = _utc_s(row[first]) if first == "time_utc" else _number(row[first] or "")

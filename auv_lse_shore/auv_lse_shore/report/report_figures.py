@@ -43,7 +43,7 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     (
         "local_risk_error.png",
         "Map risk of each vehicle's own map minus that of the team's: the cost of lost, late and thinned samples.",
-        local_risk_error,
+        lambda e: local_risk_error(e) if len(e.local) > 1 else None,
     ),
     ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
     (

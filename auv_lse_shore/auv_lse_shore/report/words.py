@@ -39,7 +39,7 @@ NEGLIGIBLE_LOSS = 5e-4
 
 _REASONS = {
     NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m",
-    PLACES_UNCERTAIN: "the vehicles' own positions were uncertain",
+    PLACES_UNCERTAIN: "positions were uncertain",
     FLAT: "the ground is too flat to place the line",
 }
 
@@ -153,9 +153,10 @@ def subtitle(e: Evaluation) -> str:
 def cards(e: Evaluation) -> list[tuple[str, str]]:
     """The main results, for everyone, as pairs of a value and its meaning."""
     s, level = e.summary, _level(e)
+    unsure_m = s.isobath_likely_m + s.isobath_guessed_m
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
         (s.isobath_found_m, _m, "of isobath found"),
-        (s.isobath_likely_m + s.isobath_guessed_m, _m, "of isobath likely or guessed"),
+        (unsure_m if is_length(unsure_m) else None, _m, "of isobath likely or guessed"),
         (s.isobath_found, _percent, "of the true isobath found"),
         (s.isobath_found_error_m, "{:.1f} m".format, "mean error of the isobath found"),
         (s.deep_m2, _area, f"surely at least {level} deep"),

@@ -188,7 +188,7 @@ def test_a_constant_sound_speed_scales_the_range():
         (["--water-level", "0.3"], "--water-level: got no --datum"),
         (["--water-level", "LEVEL", "--datum", "D"], r"got times 0 to 10 s; expected to cover the soundings"),
         (["--sound-speed", "15"], "expected 1000 to 2000 m/s"),
-        (["--sound-speed", "LEVEL"], r"got columns \['time_s', 'level_m'\]; expected a CSV file with columns depth_m"),
+        (["--sound-speed", "LEVEL"], r"got columns time_s, level_m; expected a CSV file with columns depth_m"),
         (["--std", "sounder=x"], "--std: got sounder=x; expected NAME=VALUE"),
         (["--contours", "5,deep"], "--contours: got 5,deep"),
         (["--crs", "EPSG:1"], "--crs: got EPSG:1; expected a projection"),

@@ -11,8 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_record.recording import RecordingError, recording_in
@@ -226,11 +228,23 @@ def test_the_mission_file_inside_a_recording_is_the_one_that_was_flown(run_folde
     assert Settings.from_patterns(patterns, where).mission.steps != 999
 
 
+def test_a_mission_file_of_an_earlier_version_is_read(run_folder, tmp_path):
+    """Inside the recording or named: the values that went are replaced."""
+    patterns = read_parameter_file(run_folder / "mission.yaml")
+    patterns["/**"]["planner"] = {**patterns["/**"]["planner"], "method": "best", "floor": "lanes"}
+    old = tmp_path / "old.yaml"
+    old.write_text(yaml.safe_dump({pattern: {"ros__parameters": values} for pattern, values in patterns.items()}))
+    follower = RecordingFollower(recording_in(run_folder), Timeline(), old)
+    assert follower.settings.common.planner.method == "tour"
+
+
 def test_a_path_without_a_recording_is_named(tmp_path):
     text = tmp_path / "a.mcap"
     text.write_text("not a recording at all")
     with pytest.raises(RecordingError, match="expected an MCAP file"):
         list(RecordingFile(text).messages(frozenset()))
+    with pytest.raises(RecordingError, match="expected an MCAP file"):  # not that its mission file is missing
+        find_parameters(text)
     empty = tmp_path / "b.mcap"
     empty.write_bytes(b"")
     with pytest.raises(RecordingError, match="Name it: --mission FILE"):

@@ -93,6 +93,7 @@ def test_an_existing_mission_file_is_left_alone(tmp_path, synthetic_run):
     write_report(run, tmp_path)
     assert (tmp_path / "mission.yaml").read_text() == "# as flown\n"
     assert "true isobath" not in (tmp_path / "isobath.geojson").read_text()
+    assert not (tmp_path / "local_risk_error.png").exists(), "its own map is the team's"
 
 
 @pytest.mark.parametrize(

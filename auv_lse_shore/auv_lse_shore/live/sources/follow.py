@@ -5,6 +5,9 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import nest
+from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.recording import RecordingError
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
@@ -41,10 +44,9 @@ class RecordingFollower:
         """
         if mission is None:
             patterns, where = find_parameters(recording)
-            self.settings = Settings.from_patterns(patterns, where)
         else:
-            self.settings = Settings.load(mission)
-            patterns = self.settings.to_patterns() if "sim:" in mission.read_text() else {}
+            patterns, where = without_retired(read_parameter_file(mission)), str(mission)
+        self.settings = Settings.from_patterns(patterns, where)
         folder = recording if recording.is_dir() else recording.parent
         run = folder.parent if folder.name == "bag" else recording
         self.problem = ""
@@ -52,7 +54,7 @@ class RecordingFollower:
         self._events = MissionEvents(self.settings)
         self._topics = frozenset(topics_of(self.settings.mission.vehicles))
         self._timeline = timeline
-        simulated = any("sim" in values for values in patterns.values())
+        simulated = any("sim" in nest(values) for values in patterns.values())
         timeline.begin(mission_facts(self.settings, name=run.name, simulated=simulated))
         timeline.set_state(source="recording", growing=True, reading=True, problem="")
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -181,13 +180,18 @@ def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
     """
-    with suppress(RecordingError):  # a damaged recording is read with the mission file beside it
+    damaged: RecordingError | None = None
+    try:
         for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
             where = f"{recording} ({MISSION_FILE})"
             return without_retired(parse_parameters(str(message.data), where)), where
+    except RecordingError as error:  # it is read with the mission file beside it
+        damaged = error
     for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
             return without_retired(read_parameter_file(path)), str(path)
+    if damaged is not None:
+        raise damaged
     raise RecordingError(
         f"{recording}: got no mission file in it, beside it or above it; expected mission.yaml. Name it: --mission FILE"
     )
