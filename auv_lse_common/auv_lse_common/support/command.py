@@ -2,7 +2,7 @@
 
 `python -m auv_lse_common.support.command MODULE ARGUMENTS` prints "interrupted" on Ctrl-C and exits with code 130, even
 during imports. A command that has to end processes in order handles the signal itself. If a package of the stack is not
-installed (a vehicle has no simulator), the command names it and exits with code 2.
+installed (a vehicle has no simulator), or a Python package that it needs, the command names it and exits with code 2.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import runpy
 import signal
 import sys
 
-from auv_lse_common.support.missing_packages import is_installed
+from auv_lse_common.support.missing_packages import MissingPackageError, install_command, is_installed
 
 #: Packages that the commands of a package need, if not only that package.
 _NEEDS = {
@@ -20,6 +20,10 @@ _NEEDS = {
     "auv_lse_shore": ("auv_lse_sim", "auv_lse_shore"),
     "benchmarks": ("auv_lse_sim", "auv_lse_shore"),
 }
+
+
+def _script(module: str) -> str:
+    return os.environ.get("AUV_LSE_SCRIPT", module)
 
 
 def main() -> int:
@@ -30,7 +34,7 @@ def main() -> int:
     if missing:
         names = " and ".join(missing)
         print(
-            f"error: {os.environ.get('AUV_LSE_SCRIPT', module)} needs the package{'s' * (len(missing) > 1)} {names}; "
+            f"error: {_script(module)} needs the package{'s' * (len(missing) > 1)} {names}; "
             f"this workspace has not installed {'them' if len(missing) > 1 else 'it'}. Fix: link {names} into "
             "ros_ws/src, then scripts/setup",
             file=sys.stderr,
@@ -43,6 +47,16 @@ def main() -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    except MissingPackageError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        name = (error.name or "").split(".")[0]
+        if not name or is_installed(name) or name.startswith("auv_lse_"):  # a wrong import in the stack
+            raise
+        text = f"{_script(module)} needs the Python package {name}, which is not installed: {install_command(name)}"
+        print(f"error: {text}", file=sys.stderr)
+        return 2
     finally:
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
     return 0

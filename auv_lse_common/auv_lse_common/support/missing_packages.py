@@ -42,7 +42,11 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
         purpose: Subject of the sentence "... need the Python package": "figures".
     """
     name = (error.name or str(error)).split(".")[0]
-    command = COMMANDS.get(name, f"pip install {name}")
     return MissingPackageError(
-        f"{purpose} need the Python package {name}, which is not installed: {command}", name=name
+        f"{purpose} need the Python package {name}, which is not installed: {install_command(name)}", name=name
     )
+
+
+def install_command(package: str) -> str:
+    """What installs a Python package."""
+    return COMMANDS.get(package, f"pip install {package}")

@@ -61,6 +61,37 @@ def test_exit_code_and_arguments_belong_to_the_module(tmp_path: Path, end: str, 
     assert process.returncode == code
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "import tornado_of_nobody.web",
+            "slow needs the Python package tornado_of_nobody, which is not installed: pip",
+        ),
+        (
+            "from auv_lse_common.support.missing_packages import missing\n"
+            "raise missing(ImportError('gone', name='jinja2'), 'reports')",
+            "reports need the Python package jinja2, which is not installed: sudo apt install python3-jinja2",
+        ),
+    ],
+    ids=["imported", "reported"],
+)
+def test_a_missing_package_is_named_without_a_traceback(tmp_path: Path, text: str, expected: str) -> None:
+    with start(tmp_path, text) as process:
+        output, errors = process.communicate(timeout=30)
+    assert errors.startswith(f"error: {expected}")
+    assert "Traceback" not in errors
+    assert (process.returncode, output) == (2, "")
+
+
+@pytest.mark.parametrize("text", ["import auv_lse_common.nowhere", "from math import nothing"])
+def test_a_wrong_import_of_the_stack_itself_keeps_its_traceback(tmp_path: Path, text: str) -> None:
+    with start(tmp_path, text) as process:
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert "Traceback" in errors
+
+
 def test_a_caught_interrupt_within_an_evaluated_string_keeps_the_exit_code(tmp_path: Path) -> None:
     """Python would end by SIGINT instead; libraries evaluate strings, rosbags for one."""
     text = "import sys\ntry:\n    exec('raise KeyboardInterrupt')\nexcept KeyboardInterrupt:\n    sys.exit(7)\n"
