@@ -73,17 +73,9 @@ def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float,
 
 
 def recover(bed: DiveBed) -> bool:
-    """Gives the disk its space back, resets and resumes the mission; returns whether steps are decided again."""
-    from auv_lse_msgs.msg import MissionCommand, MissionState
-
-    water = bed.vehicles[1].witness
+    """Gives the disk its space back and resumes the mission; returns whether steps are decided again."""
     set_limit(bed.vehicles[1], resource.RLIM_INFINITY)
-    for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
-        if not water.is_in(MissionState.RUNNING):
-            water.order(command)
-            bed.wait(lambda wanted=state: water.is_in(wanted), 5.0)
-    step = water.ledger.last_step
-    return not math.isnan(bed.wait(lambda: water.ledger.last_step > step, 10.0))
+    return bed.resume()
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

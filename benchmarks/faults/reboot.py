@@ -98,17 +98,7 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
 
 def resume(bed: DiveBed) -> bool:
     """Resumes the mission, if its state is trusted; returns whether steps are decided again."""
-    from auv_lse_msgs.msg import MissionCommand, MissionState
-
-    water = bed.vehicles[1].witness
-    if "not trusted" in water.problems:
-        return False
-    for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
-        if not water.is_in(MissionState.RUNNING):
-            water.order(command)
-            bed.wait(lambda wanted=state: water.is_in(wanted), 5.0)
-    step = water.ledger.last_step
-    return not math.isnan(bed.wait(lambda: water.ledger.last_step > step, 10.0))
+    return "not trusted" not in bed.vehicles[1].witness.problems and bed.resume()
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

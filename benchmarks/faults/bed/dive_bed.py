@@ -241,6 +241,18 @@ class DiveBed:
         """Moves the vehicles for so long (s)."""
         self.wait(lambda: False, seconds)
 
+    def resume(self) -> bool:
+        """Resets and resumes the mission of vehicle 1; returns whether steps are decided again."""
+        from auv_lse_msgs.msg import MissionCommand, MissionState
+
+        water = self.vehicles[1].witness
+        for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
+            if not water.is_in(MissionState.RUNNING):
+                water.order(command)
+                self.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+        step = water.ledger.last_step
+        return not math.isnan(self.wait(lambda: water.ledger.last_step > step, 10.0))
+
     def end(self) -> None:
         """Ends the dive in an orderly way."""
         for vehicle in self.vehicles.values():
