@@ -11,6 +11,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
+from auv_lse_gp.places import position_corrector
 from auv_lse_gp.places.position_corrector import PositionCorrector
 from auv_lse_gp.places.smoother import PositionSmoother
 
@@ -83,6 +84,17 @@ def test_map_started_again_continues_from_its_last_checkpoint(monkeypatch, most_
     ended_s = [record[-1] for record in journal if record[0] == "step"][-1]
     checkpoint_s = journal[checkpoints[-1]][1]["now_s"]
     assert len(estimates) == 1 + (ended_s - checkpoint_s) // CONFIG.interval_s < 0.7 * ended_s // CONFIG.interval_s
+
+
+def test_a_restart_of_a_map_of_any_size_repeats_a_limited_number_of_corrections(monkeypatch):
+    monkeypatch.setattr(online, "MAX_DENSE", 20)
+    monkeypatch.setattr(position_corrector, "CENTERS_PER_REPEATED", 1)
+    monkeypatch.setattr(position_corrector, "MIN_REPEATED", 3)
+    monkeypatch.setattr(position_corrector, "MAX_REPEATED", 6)
+    intake, journal = _mission(legs=54)
+    assert len(intake.map.gp) > 40, "far more than corrections that a restart may repeat"
+    rebuilt_s = np.array([record[1]["now_s"] for record in journal if record[0] == "checkpoint"])
+    assert np.diff(rebuilt_s).max() <= 6 * CONFIG.interval_s
 
 
 def test_journal_that_ends_at_a_checkpoint_or_lacks_its_step_is_read(monkeypatch):

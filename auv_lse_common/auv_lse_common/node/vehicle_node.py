@@ -19,6 +19,7 @@ from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
+from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile
 from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.process.processes import vehicle_nodes
@@ -37,6 +38,8 @@ _STEP_PERIOD_S = 0.1
 #: earlier are in no recording, and a planner decides within 0.2 s of its start. The recorder is looked for on topics
 #: that nobody else reads: a vehicle's other nodes may be away for longer.
 _RECORDER_WAIT_S = 3.0
+#: Without lockstep, how often (s) a node returns freed memory; what it needs again costs it milliseconds.
+_MEMORY_PERIOD_S = 1.0
 #: Without lockstep, how often (s) a node reports what it waits for; it logs that once.
 _WAITING_PERIOD_S = 4.0
 
@@ -85,6 +88,7 @@ class VehicleNode(BaseNode):
         self._readers: dict[Publisher, int] = {}
         self._only_recorded: list[Publisher] = []  # publishers that only the recorder reads
         self._handlers: dict[str, _Handler] = {}
+        self._memory_returns = Periodic(_MEMORY_PERIOD_S)
         self._ticks: Ticks | None = None
         self._matched = self._greeted = self._is_ready = False
         self._phase_ends: dict[str, Outlet] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
@@ -390,6 +394,9 @@ class VehicleNode(BaseNode):
         for handler in self._handlers.values():
             handler.handle(now_s)
         self._check_storage(now_s)
+        if self._memory_returns.is_due(clock_s := time.monotonic()):
+            self._memory_returns.done(clock_s)
+            return_free_memory()
 
     def _on_matched(self) -> None:
         self._matched = True

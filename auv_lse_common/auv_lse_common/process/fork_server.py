@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.process.processes import LaunchError, Process, die_with_parent, end
+from auv_lse_common.support.free_memory import return_code_pages, return_free_memory
 
 #: Space (bytes) in the server's command line for that of a node.
 _COMMAND_ROOM = 4000
@@ -315,6 +316,8 @@ def _begin(request: Mapping[str, Any]) -> None:
     prepare([*request["modules"], _OF_ALL])
     gc.collect()
     gc.freeze()  # keeps pages shared: the collector leaves objects from before the fork alone
+    return_free_memory()
+    return_code_pages()  # the compiler's, mostly
 
 
 def prepare(modules: Sequence[str]) -> None:

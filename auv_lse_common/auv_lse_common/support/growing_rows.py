@@ -1,4 +1,4 @@
-"""A table of numbers that grows at its end; its memory doubles when it is full."""
+"""A table of numbers that grows at its end; its memory grows by a quarter when it is full."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class GrowingRows:
     def reserve(self, size: int) -> None:
         """Makes room for a total of `size` rows."""
         if size > len(self.buffer):
-            grown = np.zeros((max(size, 2 * len(self.buffer)), self.buffer.shape[1]))
+            grown = np.zeros((max(size, len(self.buffer) * 5 // 4), self.buffer.shape[1]))
             grown[: self._size] = self.rows
             self.buffer = grown
 

@@ -20,3 +20,10 @@ def test_rows_survive_growing_dropping_and_copying():
     other.resize(5)
     assert (len(other), len(table)) == (5, 45)
     assert np.array_equal(table.rows[0], expected[0])
+
+
+def test_little_of_the_memory_is_spare():
+    table = GrowingRows(3)
+    for number in range(1, 1001):
+        table.append(np.ones((1, 3)))
+        assert len(table.buffer) <= max(64, 1.25 * number)

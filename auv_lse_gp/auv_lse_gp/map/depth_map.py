@@ -106,13 +106,11 @@ class DepthMap:
     def __init__(self, gp_config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
         self.level_set = LevelSet.of(level_set)
         self.gp = OnlineGp(gp_config, banks=Banks.of(area.config, self.level_set.level_m))
-        self.area = area
         self.grid = area.grid(gp_config.map_resolution_m, "gp.map_resolution_m")
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._provisional = MERGE_WINDOW if gp_config.merge else 0
-        self._moments = CachedMoments(self.gp.posterior, self._places_m, self._provisional)
-        self._tiled: TiledMoments | None = None  # once the map is tiled
+        self._moments: CachedMoments | TiledMoments | None = None  # of the map as it is now, dense or tiled
         self._field: DepthField | None = None
 
     @property
@@ -251,11 +249,14 @@ class DepthMap:
         gp = self.gp
         if gp.is_tiled and not gp.config.local:
             tiled = gp.tiled  # up to date
-            self._tiled = self._tiled or TiledMoments(tiled, self._places_m, gp.config.length_scale_m)
-            moments = self._tiled.update(most_work)
-            return *moments, self._tiled.scales(gp.config.std_soundings)
+            if not isinstance(self._moments, TiledMoments):
+                self._moments = TiledMoments(tiled, self._places_m, gp.config.length_scale_m)
+            moments = self._moments.update(most_work)
+            return *moments, self._moments.scales(gp.config.std_soundings)
         posterior = gp.posterior  # updates it
         if not gp.config.local or gp.kernel.compact:
+            if not isinstance(self._moments, CachedMoments):
+                self._moments = CachedMoments(posterior, self._places_m, self._provisional)
             mean, variance, place_variance = self._moments.update()
         else:
             mean, total = gp.moments(self._places_m)

@@ -24,9 +24,10 @@ from auv_lse_gp.places.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
-#: A tiled map is rebuilt after this many corrections without a rebuild, or one for this many centers if that is more.
-#: So a restart repeats no more of them, and a rebuild, whose cost grows with the map, costs as much per correction.
-MAX_REPEATED, CENTERS_PER_REPEATED = 20, 40
+#: A tiled map is rebuilt after one correction for so many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
+#: a restart repeats those since the last rebuild, and a rebuild, whose cost grows with the map, is shared by them.
+CENTERS_PER_REPEATED = 40
+MIN_REPEATED, MAX_REPEATED = 20, 100
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +171,8 @@ class PositionCorrector:
         terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)
         self._repeated += 1
-        if rebuild or (gp.is_tiled and self._repeated >= max(MAX_REPEATED, len(gp) // CENTERS_PER_REPEATED)):
+        most = min(max(len(gp) // CENTERS_PER_REPEATED, MIN_REPEATED), MAX_REPEATED)
+        if rebuild or (gp.is_tiled and self._repeated >= most):
             self.corrected_map.rebuild(self.log.corrected_m(self.correction))
             rebuilt = True
         else:

@@ -48,6 +48,20 @@ def test_tiled_field_is_close_to_dense(monkeypatch):
     assert std == pytest.approx(np.sqrt(near[1]), rel=0.005)
 
 
+def test_field_is_right_whenever_the_map_becomes_dense_or_tiled(monkeypatch):
+    monkeypatch.setattr(online, "MAX_DENSE", 150)
+    depth_map, few = built(), soundings()[:200]
+    for rows in (few, soundings(), few):
+        depth_map.clear()
+        depth_map.add_soundings(rows)
+        fresh = DepthMap(GpConfig(**CONFIG), LevelSet(), AREA)
+        fresh.add_soundings(rows)
+        assert depth_map.gp.is_tiled == (len(rows) > 200)
+        for name in ("mean_m", "std_m", "risk"):
+            found, expected = getattr(depth_map.field(), name), getattr(fresh.field(), name)
+            assert np.array_equal(found, expected, equal_nan=True), "as a map that was never anything else"
+
+
 def test_samples_must_fit_a_tiled_map(monkeypatch):
     monkeypatch.setattr(online, "MAX_DENSE", 150)
     depth_map = built()
