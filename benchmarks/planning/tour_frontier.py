@@ -1,6 +1,6 @@
 """Expected risk of tours and of mowing at a third of the mission and at its end, before any measurement.
 
-    python -m benchmarks.planning.tour_frontier [--weights 0 1 2 4] [--bends 3]
+    python -m benchmarks.planning.tour_frontier [--weights 0 1 2 4]
 
 One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several
 starts with each anytime weight, steered along, and bent as long as that brings more. Risk is the mean over the map,
@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 PLACES = (1, 2, 4)
 #: Tours that are optimized for each weight, and iterations: of each, then whenever the best is bent.
 STARTS, ITERATIONS, MORE = 3, 100, 40
+#: How often a tour is bent at most.
+MOST_BENDS = 3
 
 
 class Frontier:
@@ -63,15 +65,15 @@ class Frontier:
         """A naive path from the start."""
         return Plan.at(0, self._start, (), naive_path)
 
-    def tour(self, weight: float, bends: int) -> Plan:
-        """The tour of one anytime weight, bent as long as that brings more, so many times at most."""
+    def tour(self, weight: float) -> Plan:
+        """The tour of one anytime weight, bent as long as that brings more, `MOST_BENDS` times at most."""
         reward, search, legs = self._reward(weight), self._search, self._legs
         lanes = self._rollout.follow(self.naive(FITTED[0])).states[:, 1:]
         starts = [search.resampled(lanes, legs), *search.starts(self._start[1:], legs, 1, 1)]
         starts.sort(key=lambda w: -reward.coarse_value(search.places(w, legs)))
         found = max((search.improve(w, legs, reward, ITERATIONS) for w in starts[:STARTS]), key=lambda f: f.value)
         best = Plan.at(0, self._start, (), NONE, search.tour(found.waypoints_m, legs))
-        for _ in range(bends):
+        for _ in range(MOST_BENDS):
             line = np.concatenate([self._start[None, 1:], self._places(best, LINE_PLACES).reshape(-1, 2)])
             bent = search.bend(line, legs, reward, MORE)
             actions = self._steering.along(self._start, bent.waypoints_m, length_m(line) / legs, legs)
@@ -103,7 +105,6 @@ def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = parser_of("benchmarks.planning.tour_frontier", __doc__)
     parser.add_argument("--weights", type=float, nargs="+", default=[0.0, 1.0, 2.0, 4.0], help="anytime weights")
-    parser.add_argument("--bends", type=int, default=3, help="how often a tour is bent (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=100, help="legs of the mission (default: %(default)s)")
     options = parser.parse_args(arguments)
     frontier = Frontier(options.steps)
@@ -113,7 +114,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name, plan in plans:
         print(_row(name, frontier.left(plan)), flush=True)
     for weight in options.weights:
-        row = _row(f"tour, anytime weight {weight:g}", frontier.left(frontier.tour(weight, options.bends)))
+        row = _row(f"tour, anytime weight {weight:g}", frontier.left(frontier.tour(weight)))
         print(row, flush=True)
 
 

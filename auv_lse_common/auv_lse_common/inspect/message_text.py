@@ -44,11 +44,11 @@ def plain(value: Any, truncate: int | None = TRUNCATE, arrays: bool = True) -> A
     return value
 
 
-def yaml_text(content: Any, flow: bool = False) -> str:
+def yaml_text(content: Any) -> str:
     """The result of `plain` as YAML; scalars are unchanged."""
     if not isinstance(content, Mapping | list):
         return f"{content}\n"
-    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=2**31)
+    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=False, allow_unicode=True, width=2**31)
     return text
 
 

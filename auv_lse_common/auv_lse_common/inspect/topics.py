@@ -35,7 +35,6 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("-t", "--show-types", action="store_true", help="with the message type")
     c.add_argument("-c", "--count-topics", action="store_true", help="only their number")
     c.add_argument("-v", "--verbose", action="store_true", help="with type and number of publishers and subscribers")
-    c.add_argument("--include-hidden-topics", action="store_true", help="also those with a leading underscore")
 
     c = command("echo", run_echo, "messages of a topic, as YAML")
     c.add_argument("topic", metavar="TOPIC")
@@ -44,7 +43,6 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("--field", metavar="NAME", help="print only this part: pose.pose.position, status[0].message")
     c.add_argument("--csv", action="store_true", help="one line of comma-separated values for each message")
     c.add_argument("--no-arr", action="store_true", help="print the length of arrays instead of their elements")
-    c.add_argument("--flow-style", action="store_true", help="YAML in flow style, one line for each message")
     c.add_argument(
         "-l", "--truncate-length", type=int, default=TRUNCATE, metavar="N", help="elements shown of an array"
     )
@@ -75,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 def run_list(options: argparse.Namespace, graph: Any) -> int:
     """`topics list`."""
     graph.require_nodes()
-    topics = graph.topics(options.include_hidden_topics)
+    topics = graph.topics()
     if options.count_topics:
         print(len(topics))
     elif options.verbose:
@@ -119,9 +117,7 @@ def run_echo(options: argparse.Namespace, graph: Any) -> int:
             return
         part = field_of(message, options.field) if options.field else message
         content = plain(part, truncate, arrays=not options.no_arr)
-        print(
-            csv_text(content) if options.csv else yaml_text(content, options.flow_style) + "---\n", end="", flush=True
-        )
+        print(csv_text(content) if options.csv else yaml_text(content) + "---\n", end="", flush=True)
         done.append(True)
 
     topic = _full(options.topic)

@@ -35,7 +35,6 @@ def test_messages_are_printed_as_by_ros2_topic_echo() -> None:
         "payload:\n- 0\n- 1\n- 2\n- 3\n- 4\ncovariance:\n- 0.0\n- 0.0\non: true\n".replace("on: true", "'on': true")
     )
     assert csv_text(plain(STATUS)) == "map,a,1.5,b,2.0,0,1,2,3,4,0.0,0.0,True\n"
-    assert yaml_text(plain(STATUS.header), flow=True) == "{frame_id: map}\n"
 
 
 def test_long_arrays_and_texts_are_cut_or_omitted() -> None:

@@ -99,7 +99,7 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
         f"slots: a packet needs {tdma.needed_s:.1f} s of its slot with guards and travel time ({spare:.1f} s spare)"
     )
     if longest_s is not None:
-        findings.note(f"slots: {int(longest_s // cycle_s)} packets per slot in the mission")
+        findings.note(f"slots: each vehicle can send {int(longest_s // cycle_s)} packets in the mission")
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
     if expiry < 2.0 * cycle_s and findings.usable("planner.plan_expiry_s"):
         findings.warning(
