@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
@@ -95,7 +96,8 @@ def adjusted(
     runs = [survey.reduce(run) for run in shifted]
     names = [path.resolve().name for path in paths]
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]
-    yield f"estimating positions: {sum(len(v.soundings) for v in vehicles)} soundings of {len(vehicles)} vehicles"
+    soundings = counted(sum(len(v.soundings) for v in vehicles), "sounding")
+    yield f"estimating positions: {soundings} of {counted(len(vehicles), 'vehicle')}"
     adjustment = adjust(runs)
     text = report(adjustment, runs, names)
     yield text.rstrip("\n")

@@ -12,6 +12,7 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 from auv_lse_gp.map.depth_map import BAND_SIGMAS
@@ -91,8 +92,8 @@ def check(
         findings.note(text)
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
-        team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
-        findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
+        team, legs = counted(settings.mission.vehicles, "vehicle"), counted(settings.mission.steps, "leg")
+        findings.note(f"mission: {team}, {legs} each, method {', '.join(methods)}")
         _check_until(settings.mission.until, findings)
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)
@@ -164,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if level != "note" or not options.quiet:
                 print(f"  {level:8} {text.removeprefix(f'{path}: ')}")
         errors, warnings = findings.count("error"), findings.count("warning")
-        print(f"  {errors} error{'' if errors == 1 else 's'}, {warnings} warning{'' if warnings == 1 else 's'}")
+        print(f"  {counted(errors, 'error')}, {counted(warnings, 'warning')}")
         if errors or (options.strict and warnings):
             code = max(code, 1)
     return code

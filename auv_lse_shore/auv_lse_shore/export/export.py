@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.export.content import Export, ExportError
 from auv_lse_shore.export.formats import formats
@@ -27,7 +28,7 @@ def export(run_folder: Path, folder: Path, picture: bool = False, survey: Survey
     survey = survey or Survey()
     run = survey.reduce(read_run(run_folder))
     yield from run.notes
-    yield f"mapping {sum(len(v.soundings) for v in run.vehicles)} soundings"
+    yield f"mapping {counted(sum(len(v.soundings) for v in run.vehicles), 'sounding')}"
     yield from write_export(team_map(run), folder, survey)
     if picture:
         from auv_lse_shore.export.picture import draw_export

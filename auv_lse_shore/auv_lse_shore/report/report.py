@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.atomic_files import written_whole
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
@@ -42,7 +43,7 @@ def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summa
     Raises:
         OSError: if the files cannot be written; the folder then has none of them.
     """
-    show(f"computing maps and bounds from {sum(len(v.soundings) for v in run.vehicles):,} soundings")
+    show(f"computing maps and bounds from {counted(sum(len(v.soundings) for v in run.vehicles), 'sounding')}")
     evaluation = evaluate(run)
     show("drawing figures")
     summary = write_outputs(evaluation, folder)
@@ -81,7 +82,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         opening=[line.split(": ", 1) for line in words.opening(s)],
         cards=words.cards(e),
         findings=words.findings(e),
-        setting=f"{s.vehicles} AUV{'s' if s.vehicles > 1 else ''}, {steps}, {s.method}, seed {s.seed}",
+        setting=f"{counted(s.vehicles, 'AUV')}, {steps}, {s.method}, seed {s.seed}",
         quality=words.quality_cards(s),
         notes=[*words.ended_early(s, planned), *e.run.notes],
         pictures=list(pictures.values()),

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_gp.map.certainty import (
@@ -63,7 +64,7 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
     lost = s.packets_lost
     lines.append(
         f"packets: {s.packets_sent} sent, {s.packets_received} received"
-        + (f", {lost} reception{'' if lost == 1 else 's'} lost" if s.vehicles > 1 else "")
+        + (f", {counted(lost, 'reception')} lost" if s.vehicles > 1 else "")
     )
     return lines
 
@@ -119,7 +120,7 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
         return [
             f"The mission ended because the quality asked for was reached, at step {s.steps} of {planned_steps}: "
             f"{s.quality_asked}. {'Each' if s.vehicles > 1 else 'The'} vehicle returned at least "
-            f"{_counted(planned_steps - s.steps, 'step')} of its budget."
+            f"{counted(planned_steps - s.steps, 'step')} of its budget."
         ]
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
@@ -139,7 +140,7 @@ def _bound_in_brief(s: Summary) -> str:
 def subtitle(e: Evaluation) -> str:
     """What was searched for, by whom, and how long it took."""
     s = e.summary
-    team = f"{s.vehicles} underwater vehicle{'s' if s.vehicles > 1 else ''}"
+    team = counted(s.vehicles, "underwater vehicle")
     wall = "" if s.wall_s is None else f", simulated in {s.wall_s:.1f} s of wall-clock time"
     early = f" Ended early: {s.steps} of {e.planned_steps} steps." if s.steps < e.planned_steps else ""
     if s.quality_reached:
@@ -345,7 +346,7 @@ def _voids(s: Summary) -> str:
     if not count:
         return ""
     return (
-        f"{_counted(count, 'plan')} {'was' if count == 1 else 'were'} discarded on the way, because the map, the "
+        f"{counted(count, 'plan')} {'was' if count == 1 else 'were'} discarded on the way, because the map, the "
         "area's border or a current made the next legs impossible. What that costs is charged to the bound."
     )
 
@@ -385,16 +386,16 @@ def _link(s: Summary) -> str:
     if not s.packets_sent:
         return "No packet was sent, so each vehicle mapped alone."
     possible = s.packets_received + s.packets_lost
-    text = f"Acoustic link: {_counted(s.packets_sent, 'packet')} sent"
+    text = f"Acoustic link: {counted(s.packets_sent, 'packet')} sent"
     if possible:
         text += (
-            f"; {s.packets_lost} of {_counted(possible, 'possible reception')} lost "
+            f"; {s.packets_lost} of {counted(possible, 'possible reception')} lost "
             f"({_percent(s.packets_lost / possible)})"
         )
     if not s.samples_received:
         return f"{text}. No sample was received, so each vehicle mapped alone."
     return (
-        f"{text}. The vehicles received {_counted(s.samples_received, 'sample')} from each other, which cut the mean "
+        f"{text}. The vehicles received {counted(s.samples_received, 'sample')} from each other, which cut the mean "
         f"map risk of a vehicle's own map from {_three(float(np.mean(s.alone_risk)))} to "
         f"{_three(float(np.mean(s.local_risk)))}; the team's final map has {_three(s.risk_after)}."
     )
@@ -443,10 +444,6 @@ def _level(e: Evaluation) -> str:
 
 def _team(s: Summary) -> str:
     return "The vehicles" if s.vehicles > 1 else "The vehicle"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
 def _m(length_m: float) -> str:

@@ -20,6 +20,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_planner.paths.motion import MotionTable
@@ -421,7 +422,7 @@ def _coverage(settings: Settings) -> str:
     # Within half a length scale of a path, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
     coverage = min(1.0, path_m * scale / area_m2)
     text = (
-        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps, {path_m / 1000.0:.1f} km "
+        f"{counted(vehicles, 'vehicle')} x {counted(settings.mission.steps, 'step')}, {path_m / 1000.0:.1f} km "
         f"of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most {100.0 * coverage:.0f} "
         f"% of the area is within half a length scale ({scale / 2.0:g} m) of a path"
     )

@@ -8,6 +8,7 @@ import re
 import uuid
 from typing import Any
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.run_data import VehicleRun
 from auv_lse_record.software import version
@@ -37,7 +38,7 @@ def write(export: Export) -> str:
         collection = _collection(export, [v for v in vehicles if v.vehicle == number])
         path = export.folder / f"soundings_b12_auv{number}.geojson"
         path.write_text(json.dumps(collection, allow_nan=False))
-    return f"soundings_b12_auvN.geojson ({len(numbers)} vehicles, {CONVENTION})"
+    return f"soundings_b12_auvN.geojson ({counted(len(numbers), 'vehicle')}, {CONVENTION})"
 
 
 def _missing(export: Export, vehicles: list[VehicleRun]) -> str:
