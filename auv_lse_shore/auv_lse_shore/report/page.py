@@ -59,7 +59,7 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        if value == 0.0:
+        if abs(value) < 0.5e-6:
             return "0"
         places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
         return f"{value:.{min(places, 6)}f}"

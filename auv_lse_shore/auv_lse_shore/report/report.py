@@ -72,7 +72,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         drawn: File name and caption of each figure.
     """
     s, planned = e.summary, e.planned_steps
-    steps = f"{s.steps} steps" if s.steps >= planned else f"{s.steps} of {planned} steps"
+    steps = counted(s.steps, "step") if s.steps >= planned else f"{s.steps} of {counted(planned, 'step')}"
     pictures = {name: embed(folder / name, caption) for name, caption in drawn}
     paper = pictures.pop(report_figures.PAPER, None)
     return render(

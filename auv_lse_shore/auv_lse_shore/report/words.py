@@ -237,7 +237,8 @@ def _missing(e: Evaluation) -> str:
 
 def _sides(e: Evaluation) -> str:
     s = e.summary
-    known = {f"at least {_level(e)} deep": s.deep_m2, "shallower": s.shallow_m2}
+    shallower = "shallower" if _is_area(s.deep_m2) else f"shallower than {_level(e)}"
+    known = {f"at least {_level(e)} deep": s.deep_m2, shallower: s.shallow_m2}
     sides = [f"{_area(size)} is {what}" for what, size in known.items() if _is_area(size)]
     sure = f"{', and '.join(sides)}, with at least {_percent(SURE)} probability" if sides else "No place is classified"
     rest = f"{_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains uncertain"
@@ -296,6 +297,8 @@ def _place(north: float, east: float, origin: tuple[float, float] | None) -> str
 
 def _bound(e: Evaluation) -> str:
     s, first = e.summary, e.settings[0]
+    if s.risk_before < NEGLIGIBLE_LOSS:
+        return "Map risk was negligible from the start: the prior leaves no doubt about any place."
     text = f"Map risk, the mean Bayes risk per place, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
     if s.mowing_risk is None:
         return text

@@ -98,7 +98,7 @@ def test_the_first_picture_is_the_map_and_comes_before_the_words(other, tmp_path
 def test_the_words_give_lengths_areas_reasons_and_losses_of_the_link(other):
     s, text = other.summary, text_of(other)
     assert f"found {s.isobath_found_m:,.0f} m of the 15 m isobath" in text
-    assert f"{s.deep_m2 / 1e4:.1f} ha is at least 15 m deep" in text
+    assert f"{s.deep_m2 / 1e4:.1f} ha is at least 15 m deep, and {s.shallow_m2 / 1e4:.1f} ha is shallower, with" in text
     assert "17 % below that. The method straddle guarantees no such bound." in text
     possible = s.packets_received + s.packets_lost
     assert f"{s.packets_lost} of {possible} possible receptions lost (31 %)" in text
@@ -311,6 +311,19 @@ def test_the_number_of_vehicles_is_that_of_the_words(other, vehicles):
         other.summary = kept
     assert ("he vehicle " in text) == (vehicles == 1)
     assert bool(re.search(r"\b[vV]ehicles\b", text)) == (vehicles > 1)
+
+
+def test_a_prior_without_doubt_leaves_no_bound_to_compare(other):
+    kept = other.summary
+    other.summary = dataclasses.replace(kept, risk_before=1e-9, risk_after=9e-10, mowing_risk=1e-9, deep_m2=0.0)
+    try:
+        text = text_of(other)
+    finally:
+        other.summary = kept
+    assert "Map risk was negligible from the start: the prior leaves no doubt about any place." in text
+    assert "below" not in text
+    assert "ha is shallower than 15 m, with" in text
+    assert number(1e-9) == "0"
 
 
 def test_the_opening_names_only_what_there_is():
