@@ -1,5 +1,6 @@
 """A map started again from its journal: the same state, without repeating all corrections."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -95,6 +96,29 @@ def test_a_restart_of_a_map_of_any_size_repeats_a_limited_number_of_corrections(
     assert len(intake.map.gp) > 40, "far more than corrections that a restart may repeat"
     rebuilt_s = np.array([record[1]["now_s"] for record in journal if record[0] == "checkpoint"])
     assert np.diff(rebuilt_s).max() <= 6 * CONFIG.interval_s
+
+
+def test_long_mission_is_corrected_at_every_second_interval_or_after_a_fix_also_after_a_restart(monkeypatch):
+    monkeypatch.setitem(globals(), "CONFIG", dataclasses.replace(CONFIG, knot_s=15.0))
+    monkeypatch.setattr(online, "MAX_DENSE", 20)
+    corrected_s, correct = [], PositionCorrector.correct
+
+    def noted(self, rebuild=False):
+        corrected_s.append(self._corrected_s)
+        correct(self, rebuild)
+
+    monkeypatch.setattr(PositionCorrector, "correct", noted)
+    intake, journal = _mission(legs=59)
+    long_s, fix_s, end_s = 24 * 15.0 + 30.0, 12 * 59.0, 24 * 59.0
+    expected = [*np.arange(30.0, long_s + 1.0, 30.0), *np.arange(long_s + 60.0, fix_s, 60.0)]
+    expected += np.arange(fix_s + 12.0, end_s + 1.0, 60.0).tolist()
+    assert corrected_s == expected
+    corrected_s.clear()
+    again = _intake()
+    again.restore(journal)
+    _assert_same(again, intake)
+    assert corrected_s == expected[-len(corrected_s) :]
+    assert 1 < len(corrected_s) < len(expected)
 
 
 def test_journal_that_ends_at_a_checkpoint_or_lacks_its_step_is_read(monkeypatch):

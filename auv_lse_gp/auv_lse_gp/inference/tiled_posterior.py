@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -211,12 +212,16 @@ class TiledPosterior:
 
     def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
         """As `tiles`, of places (P, 2) in the kernel's axes and lengths."""
+        if not len(scaled):
+            return
         corners = np.floor(scaled / (together * self._side)).astype(np.int64)
-        found, group = np.unique(corners, axis=0, return_inverse=True)
-        order = np.argsort(group.ravel(), kind="stable")
-        bounds = np.searchsorted(group.ravel()[order], np.arange(len(found) + 1))
-        for number, (north, east) in enumerate(found.tolist()):
-            yield (north, east), order[bounds[number] : bounds[number + 1]]
+        apart = corners - corners.min(axis=0)
+        number = apart[:, 0] * (apart[:, 1].max() + 1) + apart[:, 1]  # in the order of the corners
+        order = np.argsort(number, kind="stable")
+        bounds = [0, *(np.flatnonzero(np.diff(number[order])) + 1).tolist(), len(order)]
+        for begin, end in pairwise(bounds):
+            north, east = corners[order[begin]].tolist()
+            yield (north, east), order[begin:end]
 
     def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
         """Mean and variance, (P,) each, at places (P, 2)."""

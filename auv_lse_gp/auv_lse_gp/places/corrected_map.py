@@ -29,6 +29,7 @@ class CorrectedMap:
     Attributes:
         own: Vehicles whose soundings are the map's own; those of other vehicles are samples, which must fit.
         paused: Whether soundings are only logged. The map lacks them until `rebuild`.
+        seeds: Number in the log of the first sounding of each center (n,).
     """
 
     def __init__(self, depth_map: DepthMap, own: set[int]) -> None:
@@ -36,15 +37,10 @@ class CorrectedMap:
         self.log = SoundingLog()
         self.own = own
         self.paused = False
+        self.seeds = np.zeros(0, dtype=np.int64)
         self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
-        self._seeds: list[int] = []  # number in the log of the first sounding of each center
         self._drift_m = np.zeros((0, 2))  # how far the first centers were shifted since the last rebuild
         self._sensitivity = DepthSensitivity(self.log)
-
-    @property
-    def seeds(self) -> Numbers:
-        """Number in the log of the first sounding of each center (n,)."""
-        return np.array(self._seeds, dtype=np.int64)
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
         """Takes soundings of a vehicle in `own`."""
@@ -120,7 +116,7 @@ class CorrectedMap:
         """Rebuilds the map at positions (n, 2): own soundings by time, then each mate's samples in order of arrival."""
         self.paused = False
         self.log.set_mapped(places_m)
-        self._seeds.clear()
+        self.seeds = self.seeds[:0]
         self._sensitivity.forget()
         self._drift_m = np.zeros((0, 2))
         self.map.clear()
@@ -145,7 +141,9 @@ class CorrectedMap:
         self.map.gp.set_place_effect(self._effect(correction, vehicle))
 
     def _remember(self, outcomes: list[Outcome | None], numbers: NDArray[np.int64]) -> None:
-        self._seeds += [int(n) for n, outcome in zip(numbers, outcomes, strict=True) if outcome is Outcome.KEPT]
+        kept = numbers[[outcome is Outcome.KEPT for outcome in outcomes]]
+        if len(kept):
+            self.seeds = np.concatenate([self.seeds, kept])
 
     def _effect(self, correction: Correction, vehicle: int) -> Array | None:
         """Depth change (n, 2 + modes) of the centers per mode: two that a fix would remove, then the strongest."""

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.places.track import Track, TrackPoints
 
 Array = NDArray[np.float64]
@@ -70,28 +71,46 @@ class VehicleErrorModel:
         self.block = slice(begin, begin + STATIC + 3 * self.knots)
         self._earlier_distance_m = earlier_distance_m
         self._config = config
-        self._nodes = track.nodes[:, :3]
-        self._walk_m = self._walk_sums(older)
+        self._nodes = track.nodes[:, :3].copy()  # a track computes its last nodes anew
+        self._times_s = self._nodes[:, 0].copy()
+        self._sums: GrowingRows | None = self._summed(older)
 
-    def _walk_sums(self, older: VehicleErrorModel | None) -> Array:
+    @property
+    def is_long(self) -> bool:
+        """Whether the track has lasted so long that its knots are farther apart than `places.knot_s`."""
+        return self._span_s > self._config.knot_s
+
+    @property
+    def _walk_m(self) -> Array:
         """S_k at the track's nodes, (n, knots, 2)."""
-        nodes, kept = self._nodes, 1
-        sums = np.zeros((max(len(nodes), 1), self.knots, 2))
-        if not self.knots or len(nodes) < 2:
-            return sums
-        if older is not None and older.knots and self._continues(older):
+        if self._sums is None:
+            self._sums = self._summed(None)
+        return self._sums.rows.reshape(len(self._sums), self.knots, 2)
+
+    def _summed(self, older: VehicleErrorModel | None) -> GrowingRows:
+        """S_k at the track's nodes, a row each; those of an older model are taken over, which computes its own anew."""
+        nodes, kept, sums = self._nodes, 1, GrowingRows(2 * self.knots)
+        if older is not None and self._continues(older):
             common = min(len(older._nodes), len(nodes))
             same = (older._nodes[:common] == nodes[:common]).all(axis=1)
             kept = max(int(np.argmin(np.append(same, False))), 1)
-            sums[:kept, : older.knots] = older._walk_m[:kept, : self.knots]
+            if older.knots == self.knots and older._sums is not None:
+                sums, older._sums = older._sums, None
+            else:
+                sums.resize(kept)
+                sums.rows.reshape(kept, self.knots, 2)[:, : older.knots] = older._walk_m[:kept, : self.knots]
+        sums.resize(max(len(nodes), 1))
+        if not self.knots or len(nodes) < 2:
+            return sums
+        rows = sums.rows.reshape(len(nodes), self.knots, 2)
         way = np.diff(nodes[kept - 1 :, 1:], axis=0) @ _J.T
         ramps = self._ramps(0.5 * (nodes[kept:, 0] + nodes[kept - 1 : -1, 0]))
-        sums[kept:] = way[:, None, :] * ramps[:, :, None]
-        np.cumsum(sums[kept - 1 :], axis=0, out=sums[kept - 1 :])
+        rows[kept:] = way[:, None, :] * ramps[:, :, None]
+        np.cumsum(rows[kept - 1 :], axis=0, out=rows[kept - 1 :])
         return sums
 
     def _continues(self, older: VehicleErrorModel) -> bool:
-        """Whether the knots of an older model are the first ones of this one."""
+        """Whether the knots of an older model, if any, are the first ones of this one."""
         return older._span_s == self._span_s and older.knots_s[:1].tolist() == self.knots_s[:1].tolist()
 
     def prior_std(self) -> Array:
@@ -112,7 +131,7 @@ class VehicleErrorModel:
 
     def _walk_at(self, stamps_s: Array) -> Array:
         """S_k at times (n,), shape (n, knots, 2)."""
-        times, sums = self._nodes[:, 0], self._walk_m
+        times, sums = self._times_s, self._walk_m
         if len(times) < 2:
             return np.broadcast_to(sums[:1], (len(stamps_s), *sums.shape[1:]))
         right = np.clip(np.searchsorted(times, stamps_s), 1, len(times) - 1)
@@ -127,7 +146,18 @@ class VehicleErrorModel:
 
     def positions(self, along: TrackPoints) -> TrackPositions:
         """Positions of points on the track as a function of the unknowns."""
-        return TrackPositions(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
+        walk = self._walk_at(along.stamps_s)
+        if self.is_long:
+            self._extend(walk, along)
+        return TrackPositions(self, along, walk, self._ramps(along.stamps_s), self._start_m)
+
+    def _extend(self, walk: Array, along: TrackPoints) -> None:
+        """Adds to S_k (n, knots, 2) what points have covered since the track's last node when this model was made."""
+        late = along.stamps_s > self._times_s[-1]
+        if late.any():
+            way = (along.raw_m[late] - self._nodes[-1, 1:]) @ _J.T
+            ramps = self._ramps(0.5 * (along.stamps_s[late] + self._times_s[-1]))
+            walk[late] += way[:, None, :] * ramps[:, :, None]
 
     def warm_start(self, theta: Array, older: VehicleErrorModel) -> Array:
         """Initial unknowns (block,) of this vehicle, from an earlier model of it and the team's unknowns `theta`."""

@@ -123,6 +123,8 @@ def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, the
     other measurements alone give the residual (I - P)^-1 e with covariance P (I - P)^-1. If their cost is higher than
     expected, the instruments are worse than assumed, and the gate is widened in proportion.
     """
+    if not len(fixes):
+        return None
     information, cost = search.normal(theta, Huber())[1], search.cost(theta, Huber())
     rows, off = fixes.derivatives(theta).reshape(-1, 2, model.size), fixes.residuals(theta).reshape(-1, 2)
     factor, before = cho_factor(information, lower=True), model.prior_std() ** 2
@@ -146,6 +148,7 @@ class _Search:
     def __init__(self, precision: Array, fixes: Fixes, ranges: Ranges) -> None:
         self.precision, self._fixes, self._ranges = precision, fixes, ranges
         self._scale = precision**-0.5
+        self._last: tuple[Array, Loss, tuple[Array, Array]] | None = None
 
     def cost(self, theta: Array, loss: Loss) -> float:
         """Cost at `theta`: minus the log posterior, up to a constant."""
@@ -153,7 +156,12 @@ class _Search:
         return 0.5 * float(self.precision @ theta**2 + fixed @ fixed) + loss.costs(ranged)
 
     def normal(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
-        """Gradient (u,) of the log posterior, and the information (u, u)."""
+        """Gradient (u,) of the log posterior, and the information (u, u); the last result is kept."""
+        if self._last is None or self._last[1] is not loss or not np.array_equal(self._last[0], theta):
+            self._last = theta.copy(), loss, self._linearize(theta, loss)
+        return self._last[2]
+
+    def _linearize(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
         fixed, fixed_rows = self._fixes.residuals(theta), self._fixes.derivatives(theta)
         ranged, range_rows = self._ranges.residuals(theta), self._ranges.derivatives(theta)
         weighted = range_rows * loss.weights(ranged)[:, None]

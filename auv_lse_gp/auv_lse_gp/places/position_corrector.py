@@ -1,7 +1,8 @@
 """Adds a vehicle's soundings to its map at corrected positions.
 
 New soundings are placed by the latest correction. Every `places.interval_s` the smoother estimates all positions and
-their uncertainty. If one has moved by more than `places.moved_m`, the map is rebuilt.
+their uncertainty; in a long mission it waits for `LONG_INTERVALS`, unless a fix comes. If a position has moved by more
+than `places.moved_m`, the map is rebuilt.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 #: a restart repeats those since the last rebuild, and a rebuild, whose cost grows with the map, is shared by them.
 CENTERS_PER_REPEATED = 40
 MIN_REPEATED, MAX_REPEATED = 20, 100
+#: Number of intervals between corrections of a long track (`PositionSmoother.is_long`) without a new fix.
+LONG_INTERVALS = 2
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +78,8 @@ class PositionCorrector:
         self._corrected_s: float | None = None
         self._repeated = 0  # corrections since the last rebuild
         self._raw: DeadReckoning | None = None
-        self._period = 0
+        self._period = self._corrected_in = 0  # number of this interval, and of that with the last correction
+        self._fixes = 0  # number of fixes in the last correction
 
     @property
     def log(self) -> SoundingLog:
@@ -141,7 +145,7 @@ class PositionCorrector:
             self.rebuilds, self.corrected_map.map.gp.revision = checkpoint.rebuilds, checkpoint.revision
 
     def step(self, now_s: float) -> bool:
-        """Corrects positions if a new interval has begun; returns whether it did."""
+        """Corrects positions if it is time to; returns whether it did."""
         self.checkpoint = None
         period = math.floor(now_s / self.config.interval_s + 1e-9)
         if period == self._period:
@@ -152,6 +156,9 @@ class PositionCorrector:
             if skipped.theta is not None and now_s == skipped.before_s:
                 self.smoother.resume(skipped.theta)
             return True
+        if skipped is None and self._can_wait:
+            return False
+        self._corrected_in, self._fixes = period, self.smoother.fix_count
         before_s, theta, rebuilds = self._corrected_s, self.smoother.theta, self.rebuilds
         self._corrected_s = now_s
         if skipped is not None:
@@ -164,6 +171,12 @@ class PositionCorrector:
                 now_s=now_s, before_s=before_s, theta=theta, rebuilds=self.rebuilds, revision=revision
             )
         return True
+
+    @property
+    def _can_wait(self) -> bool:
+        """Whether the correction of this interval can be left out: see `LONG_INTERVALS`."""
+        is_early = 0 < self._period - self._corrected_in < LONG_INTERVALS
+        return is_early and self.smoother.is_long and self.smoother.fix_count == self._fixes
 
     def correct(self, rebuild: bool = False) -> None:
         """Estimates all positions and updates the map; `rebuild`: even if no sounding has moved far."""

@@ -43,6 +43,10 @@ class SurfacingFixes:
         self._vehicle = vehicle
         self._groups: list[list[tuple[float, ...]]] = []  # stamp, north, east, raw north, raw east, std
 
+    def __len__(self) -> int:
+        """Number of fixes."""
+        return sum(map(len, self._groups))
+
     def add(self, fix: Fix) -> bool:
         """Takes a fix; returns False if it is not finite."""
         row = (fix.stamp_s, fix.north_m, fix.east_m, fix.raw_north_m, fix.raw_east_m, fix.std_m)
@@ -106,6 +110,16 @@ class PositionSmoother:
         """The known surfacings of a vehicle."""
         found = self._surfacings.get(vehicle)
         return found.rows(self.config.fix_std_m) if found is not None else []
+
+    @property
+    def fix_count(self) -> int:
+        """Number of fixes of all vehicles."""
+        return sum(map(len, self._surfacings.values()))
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the vehicle's track is long (`VehicleErrorModel.is_long`) in the last estimate."""
+        return self._last is not None and self._last[0].vehicles[self.vehicle].is_long
 
     @property
     def earlier_distance_m(self) -> dict[int, float]:

@@ -23,6 +23,8 @@ NODE_M, NODE_S = 5.0, 10.0
 #: A sample can lie between two transmissions if the path through it is at most this factor times the distance covered
 #: in that time, plus this distance (m).
 DETOUR, DETOUR_M = 1.1, 2.0
+#: Usual distance (m) of a sample from the track, and number of segments whose distance from it is bounded together.
+USUAL_M, BOXED = 2.0, 16
 #: Columns of a node: time, raw north and east, sums with sin and cos (north, east each), distance covered.
 _TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
 
@@ -101,21 +103,12 @@ class OwnTrack(Track):
     def __init__(self) -> None:
         """Starts empty."""
         self._nodes = GrowingRows(8)
-        self._tip: Array | None = None  # the last position, if it is not a node
-        self._with_tip = self._nodes.rows  # nodes and tip, cached; empty if outdated
+        self._has_tip = False  # whether the last row is the last position, which the next one replaces
 
     @property
     def nodes(self) -> Array:
         """As `Track.nodes`."""
-        if self._tip is None:
-            return self._nodes.rows
-        if not len(self._with_tip):
-            self._with_tip = np.concatenate([self._nodes.rows, self._tip[None]])
-        return self._with_tip
-
-    def __len__(self) -> int:
-        """As `Track.__len__`."""
-        return len(self._nodes) + (self._tip is not None)
+        return self._nodes.rows
 
     def add(self, stamp_s: float, north_m: float, east_m: float, heading_rad: float = math.nan) -> bool:
         """Adds the next raw position.
@@ -131,8 +124,8 @@ class OwnTrack(Track):
         if not len(self._nodes):
             self._nodes.append([stamp_s, north_m, east_m, 0.0, 0.0, 0.0, 0.0, 0.0])
             return True
-        node = self._nodes.rows[-1]
-        last = self._tip if self._tip is not None else node
+        last = self._nodes.rows[-1]
+        node = self._nodes.rows[-2] if self._has_tip else last
         if not stamp_s > last[_TIME]:
             return False
         north, east = north_m - float(last[1]), east_m - float(last[2])
@@ -142,10 +135,12 @@ class OwnTrack(Track):
         s, c = math.sin(heading_rad), math.cos(heading_rad)
         tip = np.array([stamp_s, north_m, east_m, -east * s, north * s, -east * c, north * c, gone])
         tip[3:] += last[3:]
-        self._tip, self._with_tip = tip, self._nodes.rows[:0]
-        if tip[_GONE] - node[_GONE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S:
+        is_node = tip[_GONE] - node[_GONE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S
+        if self._has_tip:
+            last[:] = tip
+        else:
             self._nodes.append(tip)
-            self._tip = None
+        self._has_tip = not is_node
         return True
 
 
@@ -159,79 +154,75 @@ class MateTrack(Track):
 
     def __init__(self) -> None:
         """Starts empty."""
-        self._places = np.zeros((0, 3))  # time, raw north, east of the transmissions
-        self._samples = np.zeros((0, 3))  # the same of the samples
-        self._nodes: Array | None = np.zeros((0, 8))
+        self._places = GrowingRows(3)  # time, raw north, east of the transmissions
+        self._nodes = GrowingRows(8)
+        self._new: list[Array] = []  # time, raw north, east of what is not in the nodes yet, (n, 3) each
 
     @property
     def nodes(self) -> Array:
-        """As `Track.nodes`."""
-        if self._nodes is None:
-            rows = np.concatenate([self._places, self._samples])
+        """As `Track.nodes`. Only nodes from the first new one on are computed."""
+        if self._new:
+            new = np.concatenate(self._new)
+            self._new.clear()
+            begin = int(np.searchsorted(self._nodes.rows[:, _TIME], new[:, 0].min()))
+            rows = np.concatenate([self._nodes.rows[begin:, :3], new])
             rows = rows[np.argsort(rows[:, 0], kind="stable")]
             rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 0.0])]
-            way = np.diff(rows[:, 1:], axis=0)
-            gone = np.sqrt(np.einsum("nd,nd->n", way, way))
-            course = way / np.maximum(gone, 1e-9)[:, None]  # cos psi, sin psi
-            turned = np.column_stack([-way[:, 1], way[:, 0]])  # J d
-            self._nodes = np.zeros((len(rows), 8))
-            self._nodes[:, :3] = rows
-            self._nodes[1:, _SIN] = np.cumsum(turned * course[:, 1:], axis=0)
-            self._nodes[1:, _COS] = np.cumsum(turned * course[:, :1], axis=0)
-            self._nodes[1:, _GONE] = np.cumsum(gone)
-        return self._nodes
+            self._nodes.resize(begin)
+            self._append(rows)
+        return self._nodes.rows
+
+    def _append(self, rows: Array) -> None:
+        """Appends nodes: time, raw north and east (n, 3)."""
+        last = self._nodes.rows[-1] if len(self._nodes) else np.concatenate([rows[0], np.zeros(5)])
+        way = np.diff(np.concatenate([last[None, :3], rows]), axis=0)[:, 1:]
+        gone = np.sqrt(np.einsum("nd,nd->n", way, way))
+        course = way / np.maximum(gone, 1e-9)[:, None]  # cos psi, sin psi
+        turned = np.column_stack([-way[:, 1], way[:, 0]])  # J d
+        steps = np.column_stack([turned * course[:, 1:], turned * course[:, :1], gone])
+        sums = np.cumsum(np.concatenate([last[None, 3:], steps]), axis=0)[1:]
+        self._nodes.append(np.column_stack([rows, sums]))
 
     @property
     def last(self) -> Array | None:
         """Time, raw north and east of the last transmission (3,); None before the first."""
-        return self._places[-1] if len(self._places) else None
+        return self._places.rows[-1] if len(self._places) else None
 
     def add(self, stamp_s: float, north_m: float, east_m: float) -> bool:
         """Adds the raw position at a transmission; returns False if it is not finite, or not later than the last."""
         row = np.array([stamp_s, north_m, east_m])
-        if not np.isfinite(row).all() or (len(self._places) and not stamp_s > self._places[-1, 0]):
+        if not np.isfinite(row).all() or (len(self._places) and not stamp_s > self._places.rows[-1, 0]):
             return False
-        self._places = np.concatenate([self._places, row[None]])
-        self._nodes = None
+        self._places.append(row)
+        self._new.append(row[None])
         return True
 
     def begin(self, stamp_s: float, place_m: Array) -> None:
         """Adds the raw position (2,) at the start, before the first transmission."""
-        self._places = np.concatenate([[[stamp_s, *place_m]], self._places])
-        self._nodes = None
+        row, known = np.array([[stamp_s, *place_m]]), self._places.rows.copy()
+        self._places.resize(0)
+        self._places.append(np.concatenate([row, known]))
+        self._new.append(row)
 
     def times_of(self, raw_m: Array) -> Array:
         """Times (n,) at which the track is nearest to raw positions (n, 2), which are in order of time.
 
-        The assignment keeps that order and minimizes the sum of squared distances.
+        The assignment keeps that order and minimizes the sum of squared distances. Only segments that are near a
+        position are compared: a segment farther away than the square root of the least sum is in no such assignment.
         """
         nodes = self.nodes
         if len(nodes) < 2 or not len(raw_m):
             return np.full(len(raw_m), self.end_s)
-        begin, way = nodes[:-1, _RAW], np.diff(nodes[:, _RAW], axis=0)
-        length2 = np.maximum(np.einsum("sd,sd->s", way, way), 1e-12)
-        apart = raw_m[:, None, :] - begin[None]
-        share = np.clip(np.einsum("nsd,sd->ns", apart, way) / length2, 0.0, 1.0)
-        off = apart - share[..., None] * way[None]
-        distance2 = np.einsum("nsd,nsd->ns", off, off)
-        # total[s]: smallest sum with the last position on segment s; the position before it is on s or an earlier one
-        total, origins = distance2[0].copy(), []
-        for row in distance2[1:]:
-            best = np.minimum.accumulate(total)
-            first = np.concatenate([[True], best[1:] < best[:-1]])
-            origins.append(np.maximum.accumulate(np.where(first, np.arange(len(best)), 0)))
-            total = best + row
-        segment = np.empty(len(raw_m), dtype=np.int64)
-        segment[-1] = int(np.argmin(total))
-        for i in range(len(raw_m) - 2, -1, -1):
-            segment[i] = origins[i][segment[i + 1]]
-        times, spans = nodes[:-1, _TIME], np.diff(nodes[:, _TIME])
-        found = times[segment] + share[np.arange(len(raw_m)), segment] * spans[segment]
-        return np.asarray(np.maximum.accumulate(found))
+        reach2 = len(raw_m) * USUAL_M**2
+        near = _segments_near(nodes, raw_m, reach2)
+        least, times = _in_order(nodes, near, raw_m) if len(near) else (math.inf, raw_m[:, 0])
+        if least > reach2:
+            times = _in_order(nodes, _segments_near(nodes, raw_m, least), raw_m)[1]
+        return times
 
     def refine(self, stamps_s: Array, raw_m: Array) -> None:
         """Adds samples' raw positions (n, 2) at times (n,), if the mate can have been there at that time."""
-        places = self._places
+        places = self._places.rows
         if len(places) < 2:
             return
         right = np.clip(np.searchsorted(places[:, 0], stamps_s), 1, len(places) - 1)
@@ -243,5 +234,46 @@ class MateTrack(Track):
         inside = (stamps_s > a[:, 0]) & (stamps_s < b[:, 0])
         taken = np.column_stack([stamps_s, raw_m])[possible & inside]
         if len(taken):
-            self._samples = np.concatenate([self._samples, taken])
-            self._nodes = None
+            self._new.append(taken)
+
+
+def _in_order(nodes: Array, segments: NDArray[np.int64], raw_m: Array) -> tuple[float, Array]:
+    """Assigns raw positions (n, 2) to segments of a track in order of time.
+
+    Args:
+        segments: Numbers of the segments to choose from, ascending: that of each segment's first node.
+
+    Returns:
+        The least sum of squared distances, and the times (n,).
+    """
+    begin, way = nodes[segments, _RAW], nodes[segments + 1, _RAW] - nodes[segments, _RAW]
+    length2 = np.maximum(np.einsum("sd,sd->s", way, way), 1e-12)
+    apart = raw_m[:, None, :] - begin[None]
+    share = np.clip(np.einsum("nsd,sd->ns", apart, way) / length2, 0.0, 1.0)
+    off = apart - share[..., None] * way[None]
+    distance2 = np.einsum("nsd,nsd->ns", off, off)
+    # total[s]: smallest sum with the last position on segment s; the position before it is on s or an earlier one
+    total, origins = distance2[0].copy(), []
+    for row in distance2[1:]:
+        best = np.minimum.accumulate(total)
+        first = np.concatenate([[True], best[1:] < best[:-1]])
+        origins.append(np.maximum.accumulate(np.where(first, np.arange(len(best)), 0)))
+        total = best + row
+    chosen = np.empty(len(raw_m), dtype=np.int64)
+    chosen[-1] = int(np.argmin(total))
+    for i in range(len(raw_m) - 2, -1, -1):
+        chosen[i] = origins[i][chosen[i + 1]]
+    times, spans = nodes[segments, _TIME], nodes[segments + 1, _TIME] - nodes[segments, _TIME]
+    found = times[chosen] + share[np.arange(len(raw_m)), chosen] * spans[chosen]
+    return float(total.min()), np.asarray(np.maximum.accumulate(found))
+
+
+def _segments_near(nodes: Array, raw_m: Array, reach2: float) -> NDArray[np.int64]:
+    """Numbers of the segments within a squared distance of any raw position (n, 2), and of some beyond; ascending."""
+    places = nodes[:, _RAW]
+    begins = np.arange(0, len(nodes) - 1, BOXED)
+    low = np.minimum.reduceat(np.minimum(places[:-1], places[1:]), begins)
+    high = np.maximum.reduceat(np.maximum(places[:-1], places[1:]), begins)
+    gap = np.maximum(np.maximum(low - raw_m[:, None], raw_m[:, None] - high), 0.0)
+    is_near = (np.einsum("nbd,nbd->nb", gap, gap) <= reach2 * (1.0 + 1e-9) + 1e-9).any(axis=0)
+    return np.flatnonzero(np.repeat(is_near, BOXED)[: len(nodes) - 1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from places_helpers import Ground, played, sail, surface
@@ -12,11 +14,13 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
-from auv_lse_gp.places import smoother
+from auv_lse_gp.places import position_corrector, smoother
+from auv_lse_gp.places import track as track_module
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.depth_sensitivity import DepthSensitivity
 from auv_lse_gp.places.error_model import VehicleErrorModel
 from auv_lse_gp.places.measurements import RangeMeasurement
+from auv_lse_gp.places.position_corrector import PositionCorrector
 from auv_lse_gp.places.track import MateTrack, OwnTrack
 
 CONFIG = PlacesConfig(correct=True, heading_std_deg=1.0)
@@ -123,6 +127,83 @@ def test_sums_along_a_track_continue_those_of_an_older_model(of_mate: bool) -> N
         older = model
         spans.add(model._span_s)
     assert len(spans) == 2
+
+
+def test_model_of_a_long_track_places_later_points_as_a_later_model_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tolerance: .1 m after 40 s, with unknowns as large as their prior standard deviations."""
+    rng = np.random.default_rng(6)
+    config = dataclasses.replace(CONFIG, knot_s=15.0, heading_walk_deg_rth=5.0)
+    sailed, track = sail(rng, config, 60), OwnTrack()
+    for i in range(1091):
+        track.add(float(sailed.times[i]), *sailed.raw[i].tolist(), heading_rad=float(sailed.headings[i]))
+    older = VehicleErrorModel(track, 0, config)
+    assert older.is_long
+    for i in range(1091, 1131):
+        track.add(float(sailed.times[i]), *sailed.raw[i].tolist(), heading_rad=float(sailed.headings[i]))
+    newer = VehicleErrorModel(track, 0, config)
+    assert np.array_equal(newer.knots_s, older.knots_s)
+    theta, points = older.prior_std(), track.at(sailed.times[1080:1131], sailed.raw[1080:1131])
+    there = newer.positions(points).places(theta)
+    assert older.positions(points).places(theta) == pytest.approx(there, abs=0.1)
+    monkeypatch.setattr(VehicleErrorModel, "is_long", False)
+    assert np.abs(older.positions(points).places(theta) - there).max() > 0.3, "the heading's walk counts"
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_place_in_a_long_mission_is_as_accurate_with_half_the_corrections(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Tolerance: the error of the vehicle's place (root mean square) grows by a twentieth."""
+    config = dataclasses.replace(CONFIG, knot_s=20.0)
+    rng = np.random.default_rng(seed)
+    ground = Ground(rng, GpConfig())
+    team = [sail(rng, config, 70, box_m=400.0) for _ in range(2)]
+    for at_s in (300, 1100):
+        surface(rng, team[0], at_s)
+    step = PositionCorrector.step
+
+    def flown(intervals: int) -> tuple[int, float]:
+        corrected, off_m = [], []
+
+        def noted(self: PositionCorrector, now_s: float) -> bool:
+            corrected.append(step(self, now_s))
+            if self.smoother.is_long and self.place is not None:
+                off_m.append(np.array([self.place.north_m, self.place.east_m]) - team[0].true[round(now_s)])
+            return corrected[-1]
+
+        monkeypatch.setattr(PositionCorrector, "step", noted)
+        monkeypatch.setattr(position_corrector, "LONG_INTERVALS", intervals)
+        played(team, ground, config)
+        return sum(corrected), float(np.sqrt((np.array(off_m) ** 2).sum(axis=1).mean()))
+
+    (every, usual_m), (second, error_m) = flown(1), flown(2)
+    assert second < 0.75 * every
+    assert error_m < 1.05 * usual_m
+
+
+@pytest.mark.parametrize("off_m", [0.5, 30.0, 400.0])
+def test_samples_are_compared_with_segments_near_them_only_and_get_the_times_of_a_search_of_all(
+    monkeypatch: pytest.MonkeyPatch, off_m: float
+) -> None:
+    rng = np.random.default_rng(8)
+    sailed, track = sail(rng, CONFIG, 200, box_m=1000.0), MateTrack()
+    for at in range(0, len(sailed.times), 5):
+        track.add(float(at), *sailed.raw[at])
+    compared: list[int] = []
+    search = track_module._in_order
+
+    def counted(nodes: np.ndarray, segments: np.ndarray, raw_m: np.ndarray) -> tuple[float, np.ndarray]:
+        compared.append(len(segments))
+        return search(nodes, segments, raw_m)
+
+    monkeypatch.setattr(track_module, "_in_order", counted)
+    segments = len(track) - 1
+    for _ in range(20):
+        chosen = np.sort(rng.integers(0, len(sailed.times), 14))
+        samples = sailed.raw[chosen] + off_m * rng.uniform(-1.0, 1.0, (14, 2))
+        found = track.times_of(samples)
+        assert np.array_equal(found, search(track.nodes, np.arange(segments), samples)[1])
+    assert off_m > 1.0 or max(compared) < 0.5 * segments
 
 
 def test_each_further_range_leaves_out_one_more_and_every_sender_keeps_its_share() -> None:

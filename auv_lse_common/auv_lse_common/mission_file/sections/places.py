@@ -20,7 +20,13 @@ class PlacesConfig:
         "but not with the paper's methods.",
     )
     terrain: bool = parameter(True, help="Whether to use terrain matching: tracks that cross measured the same depth.")
-    interval_s: float = parameter(30.0, above=0.0, unit="s", help="Time between corrections.")
+    interval_s: float = parameter(
+        30.0,
+        above=0.0,
+        unit="s",
+        help="Time between corrections; twice as long once a mission has lasted 24 times `places.knot_s`, "
+        "unless a fix comes.",
+    )
     moved_m: float = parameter(
         1.0, low=0.0, unit="m", help="The map is rebuilt when a correction moves a sounding by more than this."
     )
