@@ -253,12 +253,13 @@ def test_recorded_node_waits_for_the_recorder_with_a_timeout(
 def test_node_returns_freed_memory_at_most_once_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock_s, returned_s = [100.0], []
     monkeypatch.setattr(vehicle_node, "return_free_memory", lambda: returned_s.append(clock_s[0]))
-    monkeypatch.setattr(vehicle_node.time, "monotonic", lambda: clock_s[0])
     rclpy.init(args=["--ros-args", "-r", "__ns:=/auv1"])
     node = VehicleNode("planner_node")
     try:
-        for clock_s[0] in (100.0, 100.5, 100.9, 101.1, 102.0, 102.2):
-            node._handle_all()
+        with monkeypatch.context() as patch:
+            patch.setattr(vehicle_node.time, "monotonic", lambda: clock_s[0])
+            for clock_s[0] in (100.0, 100.5, 100.9, 101.1, 102.0, 102.2):
+                node._handle_all()
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
