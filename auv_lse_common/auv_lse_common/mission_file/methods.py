@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_common.vocabulary.naive_ids import FITTED_OF_GROUP
 
 #: Least number of places on each leg for the map's reward. With one place, the remaining risk is overestimated twice as
 #: much for turning paths as for straight lanes (docs/design/planner.md).
@@ -79,7 +79,7 @@ METHODS: dict[str, MethodEntry] = {
     "exponential_quadratic": MethodEntry(of_paper=True, risk_integral="exponential_quadratic"),
     # Baselines: a tour that is never re-optimized, a single naive path, and one-leg scores.
     "fixed_tour": MethodEntry(parameters={**_TOUR, "tour_interval": 0}),
-    "lawnmower": MethodEntry(parameters={"proposals": "naive", "horizon": 1, "naive_paths": FITTED}),
+    "lawnmower": MethodEntry(parameters={"proposals": "naive", "horizon": 1, "naive_paths": FITTED_OF_GROUP}),
     "random": MethodEntry(parameters={**_PLAIN, "proposals": "random", "horizon": 1}),
     "myopic": MethodEntry(parameters={**_PLAIN, "proposals": "benefit", "horizon": 1}),
     "max_variance": MethodEntry(parameters={**_PLAIN, "proposals": "variance", "horizon": 1}),

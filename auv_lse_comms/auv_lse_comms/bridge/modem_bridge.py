@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.naive_ids import id_in_packet, id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.bridge.abort_calls import AbortCalls
@@ -167,6 +168,9 @@ class ModemBridge:
             PacketError: (a ValueError) if no packet can hold it; the previous plan stays.
         """
         reserve = self._config.reserve + (TRAILER_BYTES if self._tagger is not None else 0)
+        own, plan = plan.naive_path, dataclasses.replace(plan, naive_path=id_in_packet(plan.naive_path))
+        if id_in_plan(plan.naive_path, self.address) != own:
+            raise PacketError("naive_path", f"naive_path = {own}: lanes of a strip of another group of vehicles")
         check_plan(plan, self._limits, reserve, MAX_BYTES if self._config.navigation else 0)
         self._plan = plan
         self.remember("plan", dataclasses.asdict(plan))
@@ -222,7 +226,10 @@ class ModemBridge:
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)
                 reserve = self._tagger.accept(payload, source, near_s, self._other_slots(now_s, source))
-            packet = self._plausible(now_s, source, decode(payload, self._limits, reserve))
+            packet = decode(payload, self._limits, reserve)
+            naive_path = id_in_plan(packet.plan.naive_path, source)
+            packet = dataclasses.replace(packet, plan=dataclasses.replace(packet.plan, naive_path=naive_path))
+            packet = self._plausible(now_s, source, packet)
             if not self.quality.accept_arrival(now_s, source):
                 is_echo = self.tracks is None or payload == self._last_payload.get(source)
                 if is_echo or not self.quality.accept_candidate(now_s, source):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, ModemFeatures
 from auv_lse_comms.health import bridge_problems
@@ -53,6 +54,18 @@ def test_sends_plan_and_samples_once_in_each_own_slot() -> None:
     assert len(second.samples) == 0
     assert b.counts["slots.used"] == b.counts["sent"] == 2
     assert b.counts["samples.sent"] == 5
+
+
+def test_fitted_lanes_of_a_large_team_are_those_of_the_senders_group_of_five() -> None:
+    sender, receiver = bridge(12, vehicles=20), bridge(3, vehicles=20)
+    for number in range(10, 15):
+        sender.set_plan(dataclasses.replace(PLAN, naive_path=FITTED[number]))
+        payload = next(p for t in range(200) if (p := sender.poll(200.0 * number + t)) is not None)
+        received = receiver.receive(200.0 * number + 112.75, 12, payload)
+        assert received is not None
+        assert received.packet.plan.naive_path == FITTED[number]
+    with pytest.raises(PacketError, match="another group"):
+        sender.set_plan(dataclasses.replace(PLAN, naive_path=FITTED[4]))
 
 
 RAW = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=100.0, east_m=-50.0, depth_m=3.0)

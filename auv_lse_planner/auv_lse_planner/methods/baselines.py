@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from auv_lse_common.vocabulary.naive_ids import id_in_plan
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_planner.methods.method import Situation
 from auv_lse_planner.methods.path_method import PathMethod
@@ -28,7 +29,8 @@ class NaivePath(PathMethod):
         not have this map.
         """
         s, rollout, ids = situation, self.context.rollout, situation.planner.naive_paths
-        naive_path, left = ids[(self.context.vehicle - 1) % len(ids)], rollout.steps - s.step
+        vehicle, left = self.context.vehicle, rollout.steps - s.step
+        naive_path = id_in_plan(ids[(vehicle - 1) % len(ids)], vehicle)
         actions: Actions = ()
         if not self.context.space.path_feasible(s.state, rollout.naive.actions(s.state, naive_path, left), DETOUR_LEGS):
             around = rollout.naive.actions(s.state, naive_path, left, around_shallows=True)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.vocabulary.naive_ids import id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.ground_window import GroundWindow
@@ -39,6 +40,9 @@ from auv_lse_planner.search.path_search import SearchProblem
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
+
+#: Largest number of mates' planned places near the ground of a stage: more than three vehicles have.
+MAX_MATE_PLACES = 800
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +94,16 @@ class PlanningContext:
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def mates_ahead(self, situation: Situation) -> list[tuple[Array, Array]]:
-        """For each mate, times (P,) and places (P, 2) of the planned measurements near the window."""
+        """For each mate, times (P,) and places (P, 2) of the planned measurements near the window.
+
+        Near the ground of a stage, those of a large team are thinned out: every second, third... of each mate.
+        """
         ahead = self.team.in_time_order(situation.now_s + situation.planner.replan_lead_s)
         near = [self.window.near(places) for _, places in ahead]
-        return [(legs[mask], places[mask]) for (legs, places), mask in zip(ahead, near, strict=True)]
+        every = 1
+        if self.window.is_focused:
+            every = max(math.ceil(sum(int(mask.sum()) for mask in near) / MAX_MATE_PLACES), 1)
+        return [(legs[mask][::every], places[mask][::every]) for (legs, places), mask in zip(ahead, near, strict=True)]
 
     def map_reward(self, situation: Situation, rest: Rest | None = None) -> AnytimeReward:
         """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order.
@@ -129,12 +139,13 @@ class PlanningContext:
         """The problem of a tree search that tries `seeds` first."""
         planner, left = situation.planner, self.horizon.end - situation.step
         continued = planner.augmented and left > planner.horizon
+        naive_paths = tuple(id_in_plan(each, self.vehicle) for each in planner.naive_paths)
         return SearchProblem(
             planner=planner,
             step=situation.step,
             state=situation.state,
             horizon=min(planner.horizon, left),
-            naive_paths=self.rollout.naive.distinct(planner.naive_paths) if continued else (),
+            naive_paths=self.rollout.naive.distinct(naive_paths) if continued else (),
             rng=self.rng,
             deadline=situation.deadline,
             seeds=seeds,

@@ -58,8 +58,8 @@ Ints = NDArray[np.int64]
 
 #: Distance from the lane (m) that costs as much as a heading error of one radian.
 HEADING_WEIGHT_M = 20.0
-#: Number of cached fits: a decision requests the same fit several times, and a fit takes 2 ms.
-CACHED_FITS = 16
+#: Number of cached fits: a decision requests the same fit of each vehicle several times, and a fit takes 2 ms.
+CACHED_FITS = 32
 
 
 class Lanes(NamedTuple):
@@ -233,7 +233,7 @@ class NaivePaths:
     """The naive paths of one operating area."""
 
     def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
-        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for `vehicles` strips.
+        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for strips of `vehicles` vehicles.
 
         The main axis is the direction of the polygon's longest side.
         """
@@ -245,7 +245,8 @@ class NaivePaths:
         axis = math.atan2(longest[1], longest[0])
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
-        self._strip_places = [self._places_of_strip(number) for number in range(self._strips)]
+        fitted = min(vehicles, len(FITTED))
+        self._strip_places = [self._places_of_strip(number, fitted) for number in range(fitted)]
         self._fits: dict[tuple[int, float, float, int], Array] = {}  # the cached fits, oldest first
         self._steering = Steering(space)
         order = np.argsort(np.abs(space.motion.turns_rad), kind="stable")
@@ -327,7 +328,7 @@ class NaivePaths:
 
     def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
         """Points one leg apart along the lanes fitted to a strip and to `steps` legs from a state."""
-        strip = (naive_path - FITTED[0]) % self._strips
+        strip = FITTED.index(naive_path) % len(self._strip_places)
         key = strip, float(state[1]), float(state[2]), steps
         if key not in self._fits:
             if len(self._fits) >= CACHED_FITS:
@@ -337,8 +338,8 @@ class NaivePaths:
             self._fits[key] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
         return self._fits[key]
 
-    def _places_of_strip(self, number: int) -> tuple[Array, Array]:
-        """Places (M, 2) of a strip along and across the main axis, and their spacing (2,)."""
+    def _places_of_strip(self, number: int, strips: int) -> tuple[Array, Array]:
+        """Places (M, 2) of one of some strips along and across the main axis, and their spacing (2,)."""
         space, axis = self.space, self._frames[0].axis_rad
         c, s = math.cos(axis), math.sin(axis)
         outline_m = space.outline_m
@@ -346,7 +347,7 @@ class NaivePaths:
             [outline_m[:, 0] * c + outline_m[:, 1] * s, outline_m[:, 1] * c - outline_m[:, 0] * s]
         )
         low, high = corners.min(axis=0), corners.max(axis=0)
-        width = (high[1] - low[1]) / self._strips
+        width = (high[1] - low[1]) / strips
         low[1], high[1] = low[1] + number * width, low[1] + (number + 1) * width
         size = np.maximum(high - low, 1e-3)
         counts = np.maximum(np.floor(size / math.sqrt(size[0] * size[1] / PLACES)), 1.0)
@@ -374,7 +375,7 @@ class NaivePaths:
 
     def distinct(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
         """`naive_paths` without ids that stand for the same strip as an earlier one (with fewer strips than ids)."""
-        named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: self._strips])
+        named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: len(self._strip_places)])
         return tuple(h for h in naive_paths if h not in (*STRIPS, *FITTED) or h in named) or naive_paths[:1]
 
     def _freer_side(self, state: Array) -> int:

@@ -94,6 +94,15 @@ def test_fitted_lanes_leave_less_risk_than_covering_lanes(polygon, vehicles, sha
     assert left[1] < share * left[0]
 
 
+@pytest.mark.parametrize("vehicles", [3, 8, 20])
+def test_the_lanes_of_a_team_keep_apart(vehicles):
+    """In one strip of the area each: vehicles that share one would travel side by side from a common start."""
+    _, motion, _, naive = world(polygon=LARGE, vehicles=vehicles)
+    roll, start = Rollout(motion, naive, 60, 1), np.array([0.0, 250.0, 300.0])
+    middles = [np.median(roll.path(0, start, (), FITTED[number]).places_m[20:, 0]) for number in range(vehicles)]
+    assert np.diff(np.sort(middles)).min() > 0.5 * 600.0 / vehicles
+
+
 def test_lane_fits_are_cached():
     _, _, _, naive = world()
     first = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS
+from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING, STRIPS, id_in_packet
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -91,8 +91,9 @@ def lawnmower_map_risk(
     if follows_isobath(settings[0]):
         return expected(strips(STRIPS), map_m)
     in_turn: list[Array] = []
+    ids = [naive_path for naive_path in MOWING if id_in_packet(naive_path) == naive_path]
     for start in starts:
-        candidates = [[*in_turn, start.naive(naive_path)] for naive_path in MOWING]
+        candidates = [[*in_turn, start.naive(naive_path)] for naive_path in ids]
         in_turn = min(candidates, key=lambda planned: expected(planned, some))
     return min(expected(in_turn, map_m), expected(strips(FITTED), map_m))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
-from auv_lse_common.vocabulary.naive_ids import IDS
+from auv_lse_common.vocabulary.naive_ids import FITTED, IDS, id_in_packet, id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -34,9 +36,11 @@ ACTION_SETS = {
 
 def through_packet(plan: Plan, samples: Array) -> Plan:
     """The plan as a receiver has it: from the bytes and the source address alone."""
-    data = encode(Packet(plan, samples))
+    sender = 1 + FITTED.index(plan.naive_path) if plan.naive_path in FITTED else 1
+    data = encode(Packet(replace(plan, naive_path=id_in_packet(plan.naive_path)), samples))
     assert len(data) == 252
-    return decode(data).plan
+    heard = decode(data).plan
+    return replace(heard, naive_path=id_in_plan(heard.naive_path, sender))
 
 
 class Boat:
