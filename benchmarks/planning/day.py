@@ -51,7 +51,7 @@ def square(legs: int, vehicles: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _watched(fleet: Fleet) -> dict[str, list[list[float]]]:
+def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
     """Processor times of the calls of each part, one list for each function."""
     times_s: dict[str, list[list[float]]] = defaultdict(list)
 
@@ -74,7 +74,7 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
     """The rows of one mission, and its cost of a leg late in it (s)."""
     settings = Settings.load(None, square(legs, vehicles))
     fleet = Fleet(settings, ground_of(settings))
-    times_s = _watched(fleet)
+    times_s = watched(fleet)
     marks: list[dict[str, float]] = []
 
     def spent() -> dict[str, float]:

@@ -33,6 +33,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.command import end_with, parser_of
 from benchmarks.planning.day import FIRST_MS, LONGEST_MS, MEAN_MS, square
+from benchmarks.planning.planner_memory import private_mb
 from benchmarks.rows import Row, row
 
 #: Legs and vehicles of the mission.
@@ -89,21 +90,26 @@ def flown(run: Path) -> Iterator[Row]:
 
 
 def decided_again(run: Path, vehicle: int) -> Iterator[Row]:
-    """The rows of one vehicle's decisions, decided again from the recorded inputs: processor time."""
+    """The rows of one vehicle's decisions, decided again from the recorded inputs: processor time, and memory.
+
+    The memory is what map and planner take. In a recording of `scripts/mission`, maps are read instead of computed.
+    """
     inputs = read_inputs(run)
     settings = Settings.from_patterns(inputs.parameters, str(run))
     decisions: list[tuple[int, float]] = []
-    decide = VehiclePlanner.decide
+    decide, before_mb, held_mb = VehiclePlanner.decide, private_mb(), [0.0]
 
     def timed(planner: VehiclePlanner, now_s: float) -> Decision:
         step, began_s = planner.decided, time.process_time()
         decision = decide(planner, now_s)
         decisions.append((step, 1e3 * (time.process_time() - began_s)))
+        held_mb.append(private_mb() - before_mb)
         return decision
 
     with mock.patch.object(VehiclePlanner, "decide", timed):
         recompute_decisions(inputs.vehicles[vehicle], settings, inputs.lockstep, 1e-6, lambda share: None)
     yield from _of_decisions(vehicle, decisions)
+    yield row(f"auv{vehicle}: largest memory", max(held_mb), "MB")
 
 
 def measured(run: Path, out: Path) -> Iterator[Row]:

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.error_model import MANY_UNKNOWNS
 from auv_lse_gp.places.sounding_log import SoundingLog
 
 Array = NDArray[np.float64]
@@ -119,7 +121,11 @@ class DepthSensitivity:
             squares[block, block] = own.squares
         fixed = correction.fix_sensitivity(vehicle) @ root
         left = root @ np.linalg.cholesky(np.eye(len(root)) - fixed.T @ fixed)
-        ways = np.linalg.eigh(left.T @ squares @ left)[1][:, ::-1][:, :MODES]
+        seen = left.T @ squares @ left
+        if len(seen) > MANY_UNKNOWNS:
+            ways = eigh(seen, subset_by_index=(len(seen) - MODES, len(seen) - 1))[1][:, ::-1]
+        else:
+            ways = np.linalg.eigh(seen)[1][:, ::-1][:, :MODES]
         modes = np.column_stack([root @ fixed.T, left @ ways])
         effect = np.zeros((self._count, modes.shape[1]))
         for block, own in parts:

@@ -32,6 +32,10 @@ STATIC = 6
 #: Maximum number of knots per vehicle; longer missions space them twice, four times... as far apart. Spacings that grew
 #: with each correction would move all positions each time.
 MAX_KNOTS = 24
+#: Maximum number of knots of all vehicles that are no references: in teams of up to four each reaches `MAX_KNOTS`.
+MAX_MATE_KNOTS = 76
+#: More unknowns than three vehicles have. Beyond, cheaper forms of the same products are used, which round differently.
+MANY_UNKNOWNS = 250
 _J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
@@ -51,6 +55,7 @@ class VehicleErrorModel:
         config: PlacesConfig,
         earlier_distance_m: float = 0.0,
         older: VehicleErrorModel | None = None,
+        max_knots: int | None = None,
     ) -> None:
         """Lays out the vehicle's unknowns.
 
@@ -58,13 +63,14 @@ class VehicleErrorModel:
             begin: Number of its first unknown.
             earlier_distance_m: Distance travelled before its first known raw position.
             older: The model of an earlier time, whose sums along the track are continued.
+            max_knots: Maximum number of knots; None: `MAX_KNOTS`.
         """
         self.track = track
         self._start_m = track.start_m
         lasted = max(track.end_s - track.start_s, 0.0)
         walks = config.heading_walk_deg_rth > 0.0 or config.place_walk_m_rts > 0.0
         self._span_s = config.knot_s
-        while lasted > MAX_KNOTS * self._span_s:
+        while lasted > (max_knots or MAX_KNOTS) * self._span_s:
             self._span_s *= 2.0
         self.knots = math.ceil(lasted / self._span_s) if walks else 0
         self.knots_s = np.asarray(track.start_s + self._span_s * np.arange(self.knots, dtype=float))
@@ -265,13 +271,15 @@ class TeamErrorModel:
         """
         self.config = config
         self.vehicles: dict[int, VehicleErrorModel] = {}
+        others = [number for number in sorted(tracks) if number not in references]
+        share = min(MAX_KNOTS, MAX_MATE_KNOTS // max(len(others), 1))
         begin = 0
         for number in sorted(tracks):
             earlier_m = (earlier_distance_m or {}).get(number, 0.0)
             before = older.vehicles.get(number) if older is not None else None
-            self.vehicles[number] = VehicleErrorModel(tracks[number], begin, config, earlier_m, before)
+            most = share if number in others else MAX_KNOTS
+            self.vehicles[number] = VehicleErrorModel(tracks[number], begin, config, earlier_m, before, most)
             begin = self.vehicles[number].block.stop
-        others = [number for number in sorted(tracks) if number not in references]
         self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}
         self.sound = begin + 2 * len(others)
         self.size = self.sound + 1

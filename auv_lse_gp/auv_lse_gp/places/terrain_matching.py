@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, solve_triangular
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean
 from auv_lse_gp.inference.posterior import depth_slopes
-from auv_lse_gp.places.error_model import TeamErrorModel, TrackPositions
+from auv_lse_gp.places.error_model import MANY_UNKNOWNS, TeamErrorModel, TrackPositions
 from auv_lse_gp.places.track_segments import TrackSegments
 
 Array = NDArray[np.float64]
@@ -112,8 +112,13 @@ class TerrainLikelihood:
         for block, part, sums in self._groups:
             rows[part, block] = np.einsum("nd,ndu->nu", slopes[part], sums.jacobian(theta))
         whitened = solve_triangular(lower, rows, lower=True, check_finite=False)
-        information = whitened.T @ whitened
         common = self._model.common_modes(theta)
         weighted = prior_precision[:, None] * common
-        projection = np.eye(self._model.size) - common @ np.linalg.solve(common.T @ weighted, weighted.T)
+        removed = np.linalg.solve(common.T @ weighted, weighted.T)  # P = I - common removed
+        if self._model.size > MANY_UNKNOWNS:
+            gradient = rows.T @ alpha
+            whitened -= (whitened @ common) @ removed
+            return gradient - removed.T @ (common.T @ gradient), whitened.T @ whitened
+        information = whitened.T @ whitened
+        projection = np.eye(self._model.size) - common @ removed
         return projection.T @ (rows.T @ alpha), projection.T @ information @ projection

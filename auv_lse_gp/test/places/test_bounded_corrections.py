@@ -10,11 +10,13 @@ from places_helpers import Ground, played, sail, surface
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
-from auv_lse_gp.places import position_corrector, smoother
+from auv_lse_gp.places import depth_sensitivity, position_corrector, smoother, terrain_matching
 from auv_lse_gp.places import track as track_module
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.depth_sensitivity import DepthSensitivity
@@ -204,6 +206,28 @@ def test_samples_are_compared_with_segments_near_them_only_and_get_the_times_of_
         found = track.times_of(samples)
         assert np.array_equal(found, search(track.nodes, np.arange(segments), samples)[1])
     assert off_m > 1.0 or max(compared) < 0.5 * segments
+
+
+def test_estimate_and_effects_of_many_unknowns_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tolerances: rounding of the estimate, which is large in directions that the depths hardly determine."""
+    rng, gp = np.random.default_rng(3), GpConfig()
+    ground = Ground(rng, gp)
+    team = [sail(rng, CONFIG, 40) for _ in range(3)]
+    corrector = played(team, ground, CONFIG, gp).corrector
+    assert corrector is not None
+    segments, precision = corrector.log.segments(), corrector.smoother._model().prior_std() ** -2.0
+    theta = np.array(corrector.smoother.theta)
+    found = []
+    for limit in (10_000, 0):
+        monkeypatch.setattr(terrain_matching, "MANY_UNKNOWNS", limit)
+        monkeypatch.setattr(depth_sensitivity, "MANY_UNKNOWNS", limit)
+        terrain = terrain_matching.Terrain(segments, Kernel(gp), prior_mean(gp), gp.noise_std_m)
+        likelihood = terrain_matching.TerrainLikelihood(corrector.smoother._model(), terrain)
+        corrector.corrected_map.set_uncertainty(corrector.correction, 1)
+        effect = corrector.corrected_map.map.gp.centers.place_effect_m
+        found.append([*likelihood.gradient(theta, precision), effect @ effect.T])
+    for few, many in zip(*found, strict=True):
+        assert np.abs(many - few).max() <= 1e-6 * np.abs(few).max()
 
 
 def test_each_further_range_leaves_out_one_more_and_every_sender_keeps_its_share() -> None:

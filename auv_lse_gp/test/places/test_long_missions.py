@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from places_helpers import Ground, sail, smoother_of, surface, terrain_of
+from places_helpers import Ground, messages, sail, smoother_of, surface, terrain_of
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_gp.places import error_model
-from auv_lse_gp.places.error_model import MAX_KNOTS, VehicleErrorModel
+from auv_lse_gp.places.error_model import MAX_KNOTS, TeamErrorModel, VehicleErrorModel
 from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_gp.places.track import OwnTrack
 from auv_lse_gp.places.track_segments import (
@@ -75,6 +75,35 @@ def test_knots_of_a_long_mission_stay_as_it_goes_on():
         theta = np.random.default_rng(1).standard_normal(older.block.stop)
         kept = newer.warm_start(theta, older)
         assert sorted(kept[kept != 0.0]) == sorted(theta)
+
+
+@pytest.mark.parametrize("vehicles", [3, 4, 5, 10, 20])
+def test_unknowns_of_a_large_team_are_bounded(vehicles):
+    lasted_s = 0.99 * MAX_KNOTS * CONFIG.knot_s
+    model = TeamErrorModel(CONFIG, dict.fromkeys(range(1, vehicles + 1), _track(lasted_s)), references={1})
+    assert model.vehicles[1].knots == MAX_KNOTS
+    assert all((model.vehicles[number].knots == MAX_KNOTS) == (vehicles <= 4) for number in range(2, vehicles + 1))
+    assert model.size <= 500
+
+
+def test_large_team_is_close_to_all_knots(monkeypatch):
+    """Tolerance: the errors (root mean square) are at most 1.1 times those with all knots; 1.01 on average."""
+    rng = np.random.default_rng(2)
+    team = [sail(rng, CONFIG, legs=120, box_m=900.0) for _ in range(12)]
+    heard = messages(rng, team, 0, slot_s=20)
+
+    def errors_m():
+        correction = smoother_of(CONFIG, team, 0, heard).smooth()
+        found = [correction.places(n, team[n - 1].times, team[n - 1].raw) for n in correction.vehicles]
+        errors = [np.sum((a - sailed.true) ** 2, axis=1).mean() for a, sailed in zip(found, team, strict=True)]
+        return np.sqrt([errors[0], np.mean(errors[1:])]), correction.model.size
+
+    (own, mates), unknowns = errors_m()
+    monkeypatch.setattr(error_model, "MAX_MATE_KNOTS", 1000)
+    (own_with_all, mates_with_all), all_unknowns = errors_m()
+    assert unknowns < 0.7 * all_unknowns
+    assert own <= 1.1 * own_with_all
+    assert mates <= 1.1 * mates_with_all
 
 
 def test_long_mission_is_close_to_all_knots_and_segments(monkeypatch):

@@ -36,7 +36,7 @@ def follows_isobath(settings: PlannerSettings) -> bool:
     planner, mission, gp = settings.planner.complete(), settings.mission, settings.gp
     if planner.family.bound_of != "map" or not planner.tour_interval:
         return False
-    if settings.area.shore or mission.vehicles > 1 or mission.steps > stages.MAX_WHOLE_LEGS:
+    if settings.area.shore or mission.vehicles > 1 or stages.is_staged(mission):
         return False
     cells = OperatingArea(settings.area).grid(planner.map_spacing_m)
     scale_m = max(gp.length_scale_m, gp.length_scale_2_m)

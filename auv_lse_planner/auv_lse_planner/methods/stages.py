@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_gp.inference.cached_points import CachedPoints
@@ -37,8 +38,8 @@ from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
 Array = NDArray[np.float64]
 
-#: A longer mission is planned in stages.
-MAX_WHOLE_LEGS = 200
+#: A mission with more legs, or with more legs of all vehicles, is planned in stages.
+MAX_WHOLE_LEGS, MAX_WHOLE_TEAM_LEGS = 200, 800
 #: Legs of a stage, and legs after which the next one begins. The last one is longer by up to as many legs.
 STAGE_LEGS, RENEW_LEGS = 100, 40
 #: Number of `planner.tour_interval`s between bends of the stage.
@@ -49,6 +50,11 @@ MAX_UNFOCUSED = 1000
 REST_SEGMENTS, REST_SEGMENT_LEGS = 30, 4
 #: Largest numbers of the map's cells, of a path's legs, and of the team's legs for which the naive paths are compared.
 COMPARED_CELLS, COMPARED_LEGS, COMPARED_TEAM_LEGS = 1500, 300, 1500
+
+
+def is_staged(mission: MissionConfig) -> bool:
+    """Whether a mission is planned in stages."""
+    return mission.steps > MAX_WHOLE_LEGS or mission.steps * mission.vehicles > MAX_WHOLE_TEAM_LEGS
 
 
 class Stages:
@@ -65,11 +71,6 @@ class Stages:
         self._first_drop = math.nan  # drop expected of the line at the start, E_0
         self._end_level = math.nan  # risk with which a cell elsewhere is expected to end, e
         context.window.most_centers = MAX_UNFOCUSED
-
-    @staticmethod
-    def needed(context: PlanningContext) -> bool:
-        """Whether a mission is long enough to be planned in stages."""
-        return context.settings.mission.steps > MAX_WHOLE_LEGS
 
     @property
     def is_last(self) -> bool:

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
-from auv_lse_planner.methods.stages import INTERVALS, Stages
+from auv_lse_planner.methods.stages import INTERVALS, Stages, is_staged
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
 from auv_lse_planner.paths.place_margin import LEGS, TOLERATED_M2
 from auv_lse_planner.paths.rollout import PlannedPath
@@ -70,7 +70,7 @@ class Tour(Method):
         self._optimized_at = -1
         self._seeds: list[Actions] = []
         self._planned_to = context.horizon.end
-        self._stages = Stages(context) if Stages.needed(context) else None
+        self._stages = Stages(context) if is_staged(context.settings.mission) else None
         self._value: Value | None = None  # of the last plan, when it was evaluated; None after a shift
         self._follows = follows_isobath(context.settings)
 

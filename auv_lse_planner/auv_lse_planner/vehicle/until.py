@@ -19,7 +19,7 @@ from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.quality import UNKNOWN, Quality, QualityJudge
 from auv_lse_planner.methods.horizon import Horizon
-from auv_lse_planner.methods.stages import MAX_WHOLE_LEGS
+from auv_lse_planner.methods.stages import is_staged
 
 #: Legs between two judgements of the map, usually and close to the end, and judgements in a row that must find it
 #: (docs/evidence/gp.md#when-to-end).
@@ -119,4 +119,4 @@ def plans_to_horizon(settings: PlannerSettings) -> bool:
     """
     planner, mission = settings.planner.complete(), settings.mission
     is_tour = mission.until.found is not None and planner.family_name == "tour" and bool(planner.tour_interval)
-    return is_tour and mission.vehicles > 1 and mission.steps <= MAX_WHOLE_LEGS
+    return is_tour and mission.vehicles > 1 and not is_staged(mission)

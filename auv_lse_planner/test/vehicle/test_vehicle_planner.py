@@ -559,7 +559,7 @@ def test_the_first_decision_ends_soon_after_its_deadline(steps, vehicles, work_a
 @pytest.mark.parametrize("steps", [40, 210])
 def test_a_later_decision_past_its_deadline_evaluates_the_last_plan_alone(steps, work_after):
     planner = VehiclePlanner(1, settings(steps=steps, vehicles=2), np.random.default_rng(1))
-    intervals = stages.INTERVALS if steps > stages.MAX_WHOLE_LEGS else 1
+    intervals = stages.INTERVALS if stages.is_staged(settings(steps=steps, vehicles=2).mission) else 1
     leg = _fly(planner, until=intervals * planner.planner.tour_interval)[-1].leg
     work_after[:] = [Deadline(1), 0]
     decision = planner.decide(1000.0, work_after[0])

@@ -188,7 +188,7 @@ def depth_map(e: Evaluation) -> Figure:
         limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
         scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
         panels.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
-    panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.05
+    panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.15
     figure = new_figure(WIDTH_IN, panel_in + 0.8)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
     for axis, (title, label, values, scale) in zip(axes, panels, strict=True):
@@ -208,7 +208,8 @@ def navigation(e: Evaluation) -> Figure | None:
     errors = [navigation_error(v) for v in e.run.vehicles]
     if not all(len(error) for error in errors):
         return None
-    figure = new_figure(WIDTH_IN, 2.6)
+    rows = math.ceil(len(errors) / LEGEND_COLUMNS)
+    figure = new_figure(WIDTH_IN, 2.4 + 0.2 * rows)
     axis = figure.subplots()
     for index, (vehicle, error) in enumerate(zip(e.run.vehicles, errors, strict=True)):
         minutes = vehicle.odometry[:, 0] / 60.0
@@ -218,7 +219,7 @@ def navigation(e: Evaluation) -> Figure | None:
     axis.set_xlim(left=0.0)
     axis.set_ylim(bottom=0.0)
     add_grid(axis)
-    figure.legend(loc="outside lower center", ncols=min(len(errors), 10), handlelength=2.0)
+    figure.legend(loc="outside lower center", ncols=min(len(errors), LEGEND_COLUMNS), handlelength=2.0)
     return figure
 
 
