@@ -233,7 +233,7 @@ def _wendland_c4_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-
         out[j] = -56.0 / 3.0 * variance * ((5.0 * r + 1.0) * (q * q) * (q * q) * q)
 
 
-@njit("void(f8[:], f8[::1], f8[::1], f8[::1], f8, f8, f8[:])", cache=True, fastmath={"contract", "reassoc"})
+@njit("void(f8[::1], f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract", "reassoc"})
 def _weighted_apart(weights, slopes, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
     """out (2,) = sum of weight * slope * ((x, y) - (bx, by))."""
     _wide_vectors()
@@ -246,7 +246,7 @@ def _weighted_apart(weights, slopes, bx, by, x, y, out):  # type: ignore[no-unty
     out[1] = across
 
 
-@njit("void(i8, f8, f8[:, :], f8[:, :], f8[:, :], f8[:, ::1])", cache=True)
+@njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True)
 def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
     """`kernels.Kernel.gradient_sums_numpy` of scaled places a (A, 2) and b (B, 2), into `out` (A, 2)."""
     bx, by = b[:, 0].copy(), b[:, 1].copy()

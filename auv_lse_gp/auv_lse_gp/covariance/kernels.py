@@ -198,7 +198,7 @@ class Kernel:
         north, east = (slopes * (apart @ axis) for axis in self._to_scaled)
         return north, east
 
-    def gradient_sums(self, a: Array, weights: Array, b: Array) -> Array:
+    def gradient_sums(self, a: Array, weights: NDArray[np.floating], b: Array) -> Array:
         """Gradient (A, 2), m^2 / m, of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
 
         Args:
@@ -207,13 +207,13 @@ class Kernel:
             b: Scaled places (B, 2), held fixed even where they coincide with `a`.
         """
         if compiled.USE_NUMBA:
-            sums = np.empty((len(a), 2))
+            sums, weights = np.empty((len(a), 2)), np.ascontiguousarray(weights, dtype=float)
             compiled_gp().gradient_sums(self.index, self.signal_variance_m2, a, weights, b, sums)
         else:
             sums = self.gradient_sums_numpy(a, weights, b)
         return np.asarray(sums @ self._to_scaled.T)
 
-    def gradient_sums_numpy(self, a: Array, weights: Array, b: Array) -> Array:
+    def gradient_sums_numpy(self, a: Array, weights: NDArray[np.floating], b: Array) -> Array:
         """`gradient_sums` with respect to scaled places, in NumPy: the reference for the compiled version."""
         apart = a[:, None, :] - b[None, :, :]
         slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))

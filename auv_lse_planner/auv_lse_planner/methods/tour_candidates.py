@@ -44,10 +44,10 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with so many
-#: places per leg.
+#: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with as many
+#: places per leg as its value.
 START_BENDS, START_BEND_ITERATIONS = 4, 40
-FINEST_BENDS, FINEST_PLACES = 2, 4
+FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
 #: mission's start tries all. Later decisions try `SHARES_TRIED` of them, beginning near the last allowed one, because
 #: the budget changes little between decisions.
@@ -127,7 +127,6 @@ class TourCandidates:
         self._steering = Steering(context.space)
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
         self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
-        self._finest = TourSearch(context.space, FINEST_PLACES)
         self._strips_floor = follows_isobath(context.settings)
         self._earliness = 0  # index into `WEIGHT_SHARES` to try first
         self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
@@ -198,7 +197,7 @@ class TourCandidates:
         starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
         bends: list[list[Candidate]] = []  # of each start
         for line_m in [*starts, *lines_m]:
-            found = self._finer.improve(self._finer.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
+            found = self._search.improve(self._search.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
             bends.append([self._through(problem, found.waypoints_m)])
             if found.deadline_hit:
                 result.add(bends[-1][0], found)
@@ -215,8 +214,8 @@ class TourCandidates:
             return
         result.plans += [best_of(b) for b in bends]
         path = best_of(kept[0]).path
-        for _ in range(FINEST_BENDS):
-            result.plans.append(self._bent_for_end(problem, path, self._finest, result))
+        for _ in range(FINER_BENDS):
+            result.plans.append(self._bent_for_end(problem, path, self._finer, result))
             path = result.plans[-1].path
             if result.deadline_hit:
                 return

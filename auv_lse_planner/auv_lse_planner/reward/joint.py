@@ -19,6 +19,10 @@ mark derivatives of J (reverse mode):
     Kbar = sym(Lv^-T Phi Lv^-1),    Phi = -(lower triangle of Ybar Y^T, its diagonal halved)
     Xbar = -L^-T (w Cbar^T + 2 W Kbar)
     dJ / dV_i = sum_p Cbar_ip k'(V_i, p) + 2 sum_j Kbar_ij k'(V_i, V_j) + sum_x Xbar_xi k'(V_i, x)
+
+If only the last checkpoint counts, the order of the places does not matter, and less is solved:
+
+    Z = Lv^-T Y,   Cbar = 2 Z diag(wbar g),   Kbar = -Z diag(wbar g) Z^T
 """
 
 from __future__ import annotations
@@ -28,8 +32,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dsyrk, dtrmm, strmm
-from scipy.linalg.lapack import dpotrf, dtrtri, strtri
+from scipy.linalg.blas import dgemm, dsyrk, dtrmm, dtrsm, strsm
+from scipy.linalg.lapack import dpotrf
 
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.reward.path import not_positive_definite
@@ -38,7 +42,7 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-#: Number of rows of a block of places.
+#: Number of rows of a block of a symmetric product.
 BLOCK = 64
 
 
@@ -153,7 +157,8 @@ class Joint:
         self._lower, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise ValueError(not_positive_definite(len(matrix)))
-        self._reductions = _solve_in_place(self._lower, timetable.cross(own, cells))  # Y
+        cross = timetable.cross(own, cells).T  # Fortran-ordered: BLAS works in place
+        self._reductions = dtrsm(1.0, self._lower, cross, side=1, lower=1, trans_a=1, overwrite_b=1).T  # Y
 
     def left(self, checkpoints: Ints) -> Array:
         """Variance left at the cells after each of some checkpoints (J, M), ascending."""
@@ -169,36 +174,14 @@ class Joint:
     def gradient(self, later: Array, checkpoints: Ints) -> Array:
         """Gradient (P, 2) with respect to this vehicle's places.
 
-        Products with triangular matrices skip their zeros, one block of rows at a time. Single precision halves the
-        time; the result keeps at least four digits, which is enough for a search direction.
-
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
             checkpoints: Numbers of these checkpoints, including the last one, (J,).
         """
         kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
-        y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
-        first = np.searchsorted(checkpoints, timetable.groups)  # that includes a row
-        y_bar = np.take(later.astype(np.float32), first, axis=0, out=timetable.spare, mode="clip")
-        y_bar *= y
-        inverse_v = _inverse(lower)
-        # Phi of the module's formula times -1/2, and Ybar without its factor 2; symmetric
-        phi = np.empty(lower.shape, dtype=np.float32)
-        for begin in range(0, len(y), BLOCK):
-            rows, end = slice(begin, begin + BLOCK), min(begin + BLOCK, len(y))
-            np.matmul(y_bar[rows], y[:end].T, out=phi[rows, :end])
-            phi[:begin, rows] = phi[rows, :begin].T
-            phi[rows, rows] = np.tril(phi[rows, rows]) + np.tril(phi[rows, rows], -1).T
-        c_bar = np.empty((len(scaled), y.shape[1]), dtype=np.float32)
-        k_bar = np.empty((len(scaled), len(y)), dtype=np.float32)
-        for begin in range(0, len(scaled), BLOCK):
-            own = timetable.own[begin : begin + BLOCK]
-            of_own = inverse_v.T[own, own[0] :]  # zero before the first of these rows
-            np.matmul(of_own, y_bar[own[0] :], out=c_bar[begin : begin + BLOCK])
-            np.matmul(of_own, phi[own[0] :], out=k_bar[begin : begin + BLOCK])
-        k_bar = -strmm(1.0, inverse_v, k_bar.T, lower=1, trans_a=1, overwrite_b=1).T
-        gradient = kernel.gradient_sums(scaled, c_bar.astype(float), self._cells.scaled)
-        gradient += kernel.gradient_sums(scaled, k_bar.astype(float), timetable.scaled)
+        c_bar, k_bar = (bar[timetable.own] for bar in self._bars(later.astype(np.float32), checkpoints))
+        gradient = kernel.gradient_sums(scaled, c_bar, self._cells.scaled)
+        gradient += kernel.gradient_sums(scaled, k_bar, timetable.scaled)
         if len(self._posterior):
             x_bar = c_bar @ self._cells.white_single.T
             x_bar += k_bar @ timetable.white.astype(np.float32)
@@ -207,25 +190,36 @@ class Joint:
             gradient += kernel.gradient_sums(scaled, of_data.T, self._posterior.scaled)
         return 2.0 * gradient
 
+    def _bars(self, later: Singles, checkpoints: Ints) -> tuple[Singles, Singles]:
+        """Cbar / 2 (P + Q, M) and Kbar (P + Q, P + Q); arguments as in `gradient`.
 
-def _inverse(lower: Singles) -> Singles:
-    """L^-1, Fortran-ordered, from products of blocks; much faster than LAPACK."""
-    inverse = np.zeros(lower.shape, dtype=np.float32, order="F")
-    for begin in range(0, len(lower), BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        inverse[rows, rows], _ = strtri(lower[rows, rows], lower=1)
-        if begin:
-            inverse[rows, :begin] = -inverse[rows, rows] @ (lower[rows, :begin] @ inverse[:begin, :begin])
-    return inverse
+        Single precision halves the time. The result keeps at least four digits, which is enough for a search direction.
+        """
+        y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
+        if len(checkpoints) == 1:
+            z = _solve_transposed(lower, y)
+            c_bar = np.multiply(later, z, out=self._timetable.spare)
+            return c_bar, -_symmetric_product(c_bar, z)
+        first = np.searchsorted(checkpoints, self._timetable.groups)  # that includes a row
+        y_bar = np.take(later, first, axis=0, out=self._timetable.spare, mode="clip")
+        y_bar *= y
+        # Phi of the module's formula times -1/2, and Ybar without its factor 2; symmetric
+        k_bar = _solve_transposed(lower, _symmetric_product(y_bar, y))
+        k_bar = -_solve_transposed(lower, np.ascontiguousarray(k_bar.T))
+        return _solve_transposed(lower, y_bar), k_bar
 
 
-def _solve_in_place(lower: Array, right: Array) -> Array:
-    """L^-1 right for right (P, M), C-ordered, with inverses of small blocks; much faster than a triangular solve."""
-    for begin in range(0, len(lower) if right.size else 0, BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        part = right[rows].T  # Fortran-ordered: BLAS works in place
-        if begin:
-            dgemm(-1.0, right[:begin].T, lower[rows, :begin], beta=1.0, c=part, trans_b=1, overwrite_c=1)
-        inverse, _ = dtrtri(lower[rows, rows], lower=1)
-        dtrmm(1.0, inverse, part, side=1, lower=1, trans_a=1, overwrite_b=1)
-    return right
+def _solve_transposed(lower: Singles, right: Singles) -> Singles:
+    """L^-T right for right (P, M), C-ordered, solved in place."""
+    return np.asarray(strsm(1.0, lower, right.T, side=1, lower=1, overwrite_b=1).T)
+
+
+def _symmetric_product(a: Singles, b: Singles) -> Singles:
+    """a b^T (P, P), which is symmetric, for a and b (P, M): the lower triangle, one block of rows at a time."""
+    product = np.zeros((len(a), len(a)), dtype=np.float32)
+    for begin in range(0, len(a), BLOCK):
+        end = begin + BLOCK
+        np.matmul(a[begin:end], b[:end].T, out=product[begin:end, :end])
+    lower = np.tril(product)
+    lower += np.tril(product, -1).T
+    return lower

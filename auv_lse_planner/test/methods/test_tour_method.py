@@ -13,7 +13,7 @@ from auv_lse_planner.methods import coverage, tour_candidates
 from auv_lse_planner.methods.method import Followed, Situation
 from auv_lse_planner.methods.single_routes import single_routes_m
 from auv_lse_planner.methods.tour_candidates import (
-    FINEST_BENDS,
+    FINER_BENDS,
     NO_FLOOR,
     SHARES_TRIED,
     START_BENDS,
@@ -148,17 +148,17 @@ def test_after_each_round_the_better_half_of_the_starts_is_bent_again(monkeypatc
     bends, bent = [], TourCandidates._bent_for_end
 
     def spy(self, problem, path, search, result):
-        bends.append((bent(self, problem, path, search, result), search is self._finest))
+        bends.append((bent(self, problem, path, search, result), search is self._finer))
         return bends[-1][0]
 
     monkeypatch.setattr(TourCandidates, "_bent_for_end", spy)
     planner = _planner(steps=30)
     _travel(planner, 1)
-    ends = [c.value.expected_end for c, finest in bends if not finest]
+    ends = [c.value.expected_end for c, finer in bends if not finer]
     starts = next(n for n in range(2, 40) if sum(-(-n // 2**k) for k in range(START_BENDS)) == len(ends))
     assert starts >= 4
     assert max(ends[starts:]) > max(ends[:starts]), "further bends improve the best"
-    assert sum(finest for _, finest in bends) == FINEST_BENDS
+    assert sum(finer for _, finer in bends) == FINER_BENDS
 
 
 def test_tour_without_new_data_is_kept():

@@ -69,6 +69,8 @@ CASES = {
     "planned places": {"planned": 8, "mates": ((5, 10.0),)},
     "places along legs": {"each": 3, "legs": 7, "mates": ((6, 7.0),)},
     "inflation": {"inflation": 2.5, "level": UNEQUAL, "mates": ((9, 18.0),)},
+    "only the end counts": {"weight": 0.0},
+    "only the end counts, with mates": {"weight": 0.0, "planned": 8, "mates": ((9, 18.0), (7, 30.0))},
 }
 
 

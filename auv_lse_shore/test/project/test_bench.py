@@ -520,3 +520,16 @@ def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):
     with pytest.raises(SystemExit, match="no-such-package could not be installed into"):
         peer.environment(tmp_path / "env")
     assert not (tmp_path / "env" / "peer-installed").exists()
+
+
+def test_two_versions_are_compared_on_the_lakes_that_both_have(tmp_path):
+    two_versions = importlib.import_module("benchmarks.planning.quality.two_versions")
+    line = two_versions.flown(1, 3, **{"mission.steps": 4})
+    assert (line["vehicles"], line["seed"]) == (1, 3)
+    assert 0.0 < line["first_s"] < line["mission_s"]
+    files = tmp_path / "before.jsonl", tmp_path / "now.jsonl"
+    for file, risks in zip(files, ([1.0, 2.0, 9.0], [1.5, 2.5]), strict=True):
+        file.write_text("".join(json.dumps({**line, "seed": i, "risk": r}) + "\n" for i, r in enumerate(risks)))
+    table = two_versions.table(*files)
+    assert table.startswith("| vehicles: 1, lakes: 2 |")
+    assert "| risk at the end | 1.500 | 2.000 | +0.500 +- 0.000 | 1.37 (" in table
