@@ -523,7 +523,7 @@ def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):
 
 
 def test_two_versions_are_compared_on_the_lakes_that_both_have(tmp_path):
-    two_versions = importlib.import_module("benchmarks.planning.quality.two_versions")
+    two_versions = importlib.import_module("benchmarks.planning.cost.two_versions")
     line = two_versions.flown(1, 3, **{"mission.steps": 4})
     assert (line["vehicles"], line["seed"]) == (1, 3)
     assert 0.0 < line["first_s"] < line["mission_s"]

@@ -1,9 +1,9 @@
 """Missions of two versions of the software on the same lakes, compared lake by lake (docs/evidence/runtime.md).
 
     export PYTHONPATH=$(echo OLD/auv_lse_* | tr ' ' :)  # of the older version alone
-    python -m benchmarks.planning.quality.two_versions --fly 3 9600 old.jsonl
-    python -m benchmarks.planning.quality.two_versions --fly 3 9600 now.jsonl
-    python -m benchmarks.planning.quality.two_versions --table old.jsonl now.jsonl
+    python -m benchmarks.planning.cost.two_versions --fly 3 9600 old.jsonl
+    python -m benchmarks.planning.cost.two_versions --fly 3 9600 now.jsonl
+    python -m benchmarks.planning.cost.two_versions --table old.jsonl now.jsonl
 
 OLD is a worktree of the older version. `--fly` appends the figures of one mission (vehicles, seed; otherwise default
 parameters) as one JSON line. It imports only what both versions have. One process per mission, versions in turn, so
@@ -113,7 +113,7 @@ def table(before: Path, now: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = parser_of("benchmarks.planning.quality.two_versions", __doc__)
+    parser = parser_of("benchmarks.planning.cost.two_versions", __doc__)
     wanted = parser.add_mutually_exclusive_group(required=True)
     wanted.add_argument("--fly", nargs=3, metavar=("VEHICLES", "SEED", "FILE"), help="fly one mission")
     wanted.add_argument("--table", type=existing_file, nargs=2, metavar=("BEFORE", "NOW"), help="print the comparison")

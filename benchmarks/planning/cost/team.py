@@ -1,6 +1,6 @@
 """A large team in the fleet engine: processor time of each vehicle's decisions and of its other parts, and the result.
 
-    python -m benchmarks.planning.team [--vehicles 20] [--legs 300] [--out RUN]
+    python -m benchmarks.planning.cost.team [--vehicles 20] [--legs 300] [--out RUN]
 
 The area grows with the legs of all vehicles, as in `scripts/bench day`. Twenty vehicles with 300 legs take half an hour
 of processor time. `python -m benchmarks.planning.report_time RUN --again VEHICLE` then repeats one vehicle's map and
@@ -78,7 +78,7 @@ def flown(legs: int, vehicles: int) -> RunData:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies, prints the tables and judges the mission. Returns 0."""
-    p = parser_of("benchmarks.planning.team", __doc__)
+    p = parser_of("benchmarks.planning.cost.team", __doc__)
     p.add_argument("--vehicles", type=int, default=20, help="vehicles, at least 2 (default: %(default)s)")
     p.add_argument("--legs", type=int, default=300, help="legs of each vehicle (default: %(default)s)")
     p.add_argument("--out", type=Path, metavar="RUN", help="new folder for a recording of the mission")

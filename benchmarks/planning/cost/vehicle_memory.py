@@ -1,6 +1,6 @@
 """Memory and time of one vehicle's map and planner late in a long mission of three vehicles.
 
-    python -m benchmarks.planning.vehicle_memory
+    python -m benchmarks.planning.cost.vehicle_memory
 
 Map and planner are in one process, as in a vehicle. The map has all soundings of a third of the area, from lanes 68 m
 apart, and every second one of the rest, as a mate's samples. Each round moves all positions, as a place correction
@@ -30,7 +30,7 @@ _MODES, _PACKET = 10, 14
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0."""
-    p = parser_of("benchmarks.planning.vehicle_memory", __doc__)
+    p = parser_of("benchmarks.planning.cost.vehicle_memory", __doc__)
     p.add_argument("--legs", type=int, default=1200, help="legs of each vehicle (default: %(default)s)")
     p.add_argument("--vehicles", type=int, default=3, help="vehicles (default: %(default)s)")
     p.add_argument("--rounds", type=int, default=5, help="rounds (default: %(default)s)")
