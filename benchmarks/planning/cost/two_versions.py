@@ -1,4 +1,4 @@
-"""Missions of two versions of the software on the same lakes, compared lake by lake (docs/evidence/runtime.md).
+"""Missions of two versions of the software on the same lakes, compared lake by lake (docs/evidence/long-missions.md).
 
     export PYTHONPATH=$(echo OLD/auv_lse_* | tr ' ' :)  # of the older version alone
     python -m benchmarks.planning.cost.two_versions --fly 3 9600 old.jsonl
