@@ -33,7 +33,7 @@ def map_risk(e: Evaluation) -> Figure | None:
     if e.summary.mowing_risk is not None:
         axis.axhline(c.mowing_risk, label="expected of a lawnmower", **LAWNMOWER)
     axis.set_ylabel(f"{MAP_RISK} ({COST_PER_PLACE})")
-    _finish(axis, len(c.risk) - 1, "upper right")
+    _finish(axis, len(c.risk) - 1, "best")
     axis.set_ylim(bottom=0.0)
     return figure
 
