@@ -1,4 +1,4 @@
-"""Returns memory that a process no longer needs to the operating system."""
+"""Returns unused memory of a process to the operating system."""
 
 from __future__ import annotations
 

@@ -161,6 +161,7 @@ def test_short_mission_has_no_stages():
     planner = _planner(STEPS - 1)
     _decide(planner, 0)
     assert planner._method._stages is None
+    assert not planner._context.window.is_focused
 
 
 def test_short_mission_of_a_large_team_has_stages(monkeypatch):
@@ -170,7 +171,6 @@ def test_short_mission_of_a_large_team_has_stages(monkeypatch):
         parameters = settings({"method": "tour"}, vehicles, STEPS - 1, vehicle={"surfacings": 0})
         planner = VehiclePlanner(1, parameters, np.random.default_rng(1))
         assert (planner._method._stages is not None) == (vehicles == 5)
-    assert not planner._context.window.is_focused
 
 
 def test_restored_planner_continues_the_account_and_the_line():
