@@ -3,9 +3,7 @@
 A mission file may name such a file (`area.file`) or give places in latitude and longitude (`area.polygon_deg`,
 `vehicle.start_deg`, ...). They are converted to metres when the mission file is read: nodes only know metres.
 
-A feature's name (or its property `role`) defines its use: "no-go ...", "start ...", "recovery ...", "shore ...". A
-number in the name of a start or recovery place is the vehicle number. A shore is a line or the outline of a polygon.
-The one remaining polygon is the operating area.
+`place_roles` says what a feature is for.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,55 +21,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, nest
-from auv_lse_common.support.input_bounds import MAX_CORNERS, MAX_YAML_BYTES, over_size
+from auv_lse_common.mission_file.place_roles import (
+    NAMING,
+    Feature,
+    Places,
+    add_no_go,
+    checked,
+    named_feature,
+    sorted_by_role,
+)
+from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, over_size
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
 
-#: Largest extent (deg) of all places of a file: beyond it a flat map is wrong, or coordinates are swapped.
-MAX_EXTENT_DEG = 2.0
 #: Corners of the polygon that stands for a circle of a QGroundControl plan.
 _CIRCLE_CORNERS = 36
 
-_ROLES = {
-    "no_go": re.compile(r"\b(no[ _-]?go|exclusion|exclude|keep[ _-]?out|forbidden|island)\b", re.IGNORECASE),
-    "start": re.compile(r"\b(start|launch)(?![a-z])", re.IGNORECASE),
-    "recovery": re.compile(r"\b(recovery|rally|pick[ _-]?up|home)(?![a-z])", re.IGNORECASE),
-    "shore": re.compile(r"\b(shore|shoreline|coastline)\b", re.IGNORECASE),
-}
 _KINDS = "GeoJSON (.geojson, .json), KML (.kml) or QGroundControl (.plan)"
-
-
-@dataclass(kw_only=True)
-class Places:
-    """The places of a file in WGS84 degrees; a place is (latitude, longitude).
-
-    Attributes:
-        area: Corners (n, 2) of the operating area; None if the file has none.
-        no_go: Corners (n, 2) of each no-go area by name.
-        starts: Starts by vehicle number.
-        recoveries: Recovery places by vehicle number; 0 is that of all vehicles.
-        shores: Lines (n, 2) along the shore.
-        ignored: Names of unused features.
-    """
-
-    area: Array | None = None
-    no_go: dict[str, Array] = field(default_factory=dict)
-    starts: dict[int, tuple[float, float]] = field(default_factory=dict)
-    recoveries: dict[int, tuple[float, float]] = field(default_factory=dict)
-    shores: list[Array] = field(default_factory=list)
-    ignored: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Feature:
-    """A polygon (rings, the first around it, then its holes), a line or a point; all are (n, 2) lat, lon."""
-
-    name: str
-    rings: tuple[Array, ...] = ()
-    line: Array | None = None
-    point: tuple[float, float] | None = None
 
 
 def read_places(path: str | Path) -> Places:
@@ -81,7 +49,7 @@ def read_places(path: str | Path) -> Places:
         ParameterError: if the file is missing, too large or of another kind, or its places are impossible.
     """
     path = Path(path)
-    readers: dict[str, Callable[[str, str], Iterator[_Feature]]] = {
+    readers: dict[str, Callable[[str, str], Iterator[Feature]]] = {
         ".geojson": _geojson, ".json": _geojson, ".kml": _kml, ".plan": _qgc_plan,
     }  # fmt: skip
     reader = readers.get(path.suffix.lower())
@@ -103,7 +71,7 @@ def read_places(path: str | Path) -> Places:
         raise ParameterError(
             f"{path}: is not valid {path.suffix[1:]}: {type(error).__name__}: {error}; expected {_KINDS}"
         ) from error
-    return _sorted_by_role(features, str(path))
+    return sorted_by_role(features, str(path))
 
 
 def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: str) -> Patterns:
@@ -127,6 +95,11 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
     own = [values["vehicle"] for values in converted.values() if isinstance(values.get("vehicle"), dict)]
     if places is None and not any({"start_deg", "recovery_deg"} & set(vehicle) for vehicle in own):
         return converted
+    if places is not None and places.area is None and "polygon_m" not in area:
+        raise ParameterError(
+            f"{where}: area: no polygon is the operating area. Name one 'area' (not 'no-go', 'island' or 'exclusion'), "
+            "or give area.polygon_m"
+        )
     origin = _origin(area, places, where)
     for vehicle in own:
         for name in ("start", "recovery"):
@@ -138,21 +111,18 @@ def with_places(patterns: Mapping[str, Mapping[str, Any]], folder: Path, where: 
     if places is None:
         return converted
     area["origin_lat_deg"], area["origin_lon_deg"] = origin
-    if places.area is None and "polygon_m" not in area:
-        raise ParameterError(
-            f"{where}: area: got no polygon for the operating area; expected one, whose name has none of 'no-go', "
-            "'island', 'exclusion'"
-        )
     if places.area is not None:
         area["polygon_m"] = _flat(places.area, origin)
     if places.no_go:
         given = area.get("no_go", {})
         if not isinstance(given, Mapping):
             raise ParameterError(f"{where}: area.no_go: got {given!r}; expected corners by name")
-        area["no_go"] = {**given, **{name: _flat(ring, origin) for name, ring in places.no_go.items()}}
+        area["no_go"] = dict(given)
+        for name, ring in places.no_go.items():
+            add_no_go(area["no_go"], name, _flat(ring, origin))
     if places.shores:
         lines = {f"shore_{number}": _flat(line, origin) for number, line in enumerate(places.shores, 1)}
-        area["shore"] = lines if not area.get("shore") else area["shore"]
+        area["shore"] = {**lines, **(area.get("shore") or {})}
     return _under(converted, places, origin)
 
 
@@ -208,15 +178,24 @@ def _places_of(area: dict[str, Any], folder: Path, where: str) -> Places | None:
         places = read_places(folder / name) if name else Places()
     except ParameterError as error:
         raise ParameterError(f"{where}: area.file: {error}") from error
+    if name and "polygon_deg" in area:
+        raise ParameterError(
+            f"{where}: area.file and area.polygon_deg are both given, and both may define the operating area. Draw the "
+            "area in the file, or remove area.file and give its no-go areas as area.no_go_deg"
+        )
     if "polygon_deg" in area:
         places.area = _numbers(area.pop("polygon_deg"), f"{where}: area.polygon_deg")
     no_go = area.pop("no_go_deg", {})
     if not isinstance(no_go, Mapping):
         raise ParameterError(f"{where}: area.no_go_deg: got {no_go!r}; expected corners by name")
-    places.no_go.update({str(k): _numbers(ring, f"{where}: area.no_go_deg.{k}") for k, ring in no_go.items()})
+    for k, ring in no_go.items():
+        add_no_go(places.no_go, str(k), _numbers(ring, f"{where}: area.no_go_deg.{k}"))
     if places.area is not None and "polygon_m" in area:
+        if not name:
+            raise ParameterError(f"{where}: area.polygon_m and area.polygon_deg are both given. Remove area.polygon_m")
         raise ParameterError(
-            f"{where}: area: got polygon_m and an area in degrees or a file; expected one. Remove area.polygon_m"
+            f"{where}: area.polygon_m is given, but the polygon {places.area_name!r} of {name} may be the operating "
+            f"area, too. {NAMING}; or remove area.polygon_m"
         )
     return places
 
@@ -257,117 +236,29 @@ def _numbers(value: Any, key: str) -> Array:
         raise ParameterError(f"{key}: got {str(value)[:80]}; expected latitude, longitude, ... in deg") from error
     if len(flat) % 2 or not len(flat):
         raise ParameterError(f"{key}: got {len(flat)} numbers; expected latitude, longitude of each place")
-    return _checked(flat.reshape(-1, 2), key)
+    return checked(flat.reshape(-1, 2), key)
 
 
-def _checked(ring: Array, key: str) -> Array:
-    """Places (n, 2), if each is a latitude and a longitude.
-
-    Raises:
-        ParameterError: naming the place.
-    """
-    if len(ring) > MAX_CORNERS:
-        raise ParameterError(f"{key}: got {len(ring)} corners; expected at most {MAX_CORNERS}. Simplify the polygon")
-    for latitude, longitude in ring.tolist():
-        if not (math.isfinite(latitude) and abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-            swapped = ". Are latitude and longitude swapped?" if abs(longitude) <= 90.0 else ""
-            raise ParameterError(
-                f"{key}: got latitude {latitude:g}, longitude {longitude:g}; expected -90 to 90, -180 to 180{swapped}"
-            )
-    return ring
-
-
-def _sorted_by_role(features: Sequence[_Feature], where: str) -> Places:
-    """Places of a file's features, by their names."""
-    places = Places()
-    areas: list[_Feature] = []
-    for feature in features:
-        if any(not len(ring) for ring in feature.rings):
-            raise ParameterError(f"{where}: got a polygon {feature.name!r} without corners; expected at least 3")
-    everywhere = [ring for f in features for ring in f.rings] + [np.array([f.point]) for f in features if f.point]
-    everywhere += [f.line for f in features if f.line is not None]
-    for ring in everywhere:
-        _checked(ring, where)
-    if everywhere and (extent := np.ptp(np.concatenate(everywhere), axis=0)).max() > MAX_EXTENT_DEG:
-        raise ParameterError(
-            f"{where}: got places {extent[0]:.3g} deg of latitude and {extent[1]:.3g} deg of longitude apart; expected "
-            f"at most {MAX_EXTENT_DEG:g}. Are latitude and longitude swapped in one of them?"
-        )
-    for feature in features:
-        role = next((role for role, pattern in _ROLES.items() if pattern.search(feature.name)), "")
-        if feature.rings and role == "no_go":
-            _add_no_go(places, feature.name, feature.rings[0])
-        elif feature.rings and not role:
-            areas.append(feature)
-        elif role == "shore" and (feature.rings or feature.line is not None):
-            places.shores += [line for line in _shores(feature) if len(line) > 1]
-        elif feature.point is not None and role in ("start", "recovery"):
-            _add_place(places, role, feature, where)
-        else:
-            places.ignored.append(feature.name or "without a name")
-    if len(areas) > 1:
-        names = ", ".join(repr(f.name) for f in areas)
-        raise ParameterError(
-            f"{where}: got {len(areas)} polygons that may be the operating area: {names}; expected one. Name the "
-            "others 'no-go ...', or remove them"
-        )
-    if not areas and not places.starts and not places.recoveries and not places.no_go:
-        raise ParameterError(f"{where}: got no usable place; expected a polygon (the operating area)")
-    if areas:
-        places.area = areas[0].rings[0]
-        for number, hole in enumerate(areas[0].rings[1:], 1):
-            _add_no_go(places, f"hole {number}", hole)
-    return places
-
-
-def _shores(feature: _Feature) -> list[Array]:
-    """The lines of a shore: itself, or the closed outlines of a polygon and its holes."""
-    if feature.line is not None:
-        return [feature.line]
-    return [np.vstack([ring, ring[:1]]) for ring in feature.rings]
-
-
-def _add_no_go(places: Places, name: str, ring: Array) -> None:
-    key = re.sub(r"\W+", "_", name).strip("_").lower() or "no_go"  # a ROS parameter's name
-    number = 1
-    while (unique := key if number == 1 else f"{key}_{number}") in places.no_go:
-        number += 1
-    places.no_go[unique] = ring
-
-
-def _add_place(places: Places, role: str, feature: _Feature, where: str) -> None:
-    assert feature.point is not None
-    number = re.search(r"\d+", feature.name[:80])  # Python converts no endless ones
-    found = places.starts if role == "start" else places.recoveries
-    key = int(number[0]) if number else (max(found, default=0) + 1 if role == "start" else 0)
-    if key in found or not 0 <= key <= 255 or (role == "start" and key == 0):
-        raise ParameterError(
-            f"{where}: {feature.name!r}: got a second {role} place, or no number of a vehicle; expected one for each "
-            f"vehicle, such as '{role} 2'"
-        )
-    found[key] = feature.point
-
-
-def _geojson(text: str, where: str) -> Iterator[_Feature]:
+def _geojson(text: str, where: str) -> Iterator[Feature]:
     data = json.loads(text)
     crs = str(data.get("crs", "")) if isinstance(data, Mapping) else ""
     if crs and "CRS84" not in crs and "4326" not in crs:
         raise ParameterError(f"{where}: got coordinates in {crs[:80]}; expected WGS84 degrees. Export as EPSG:4326")
     for feature in data["features"] if data["type"] == "FeatureCollection" else [data]:
         geometry = feature["geometry"] if feature["type"] == "Feature" else feature
-        known = feature.get("properties") or {}
-        name = " ".join(str(known[key]) for key in ("role", "name", "title") if known.get(key))
+        named = named_feature(feature.get("properties") or {})
         if geometry is None:
+            yield Feature(named.name or "without a geometry")
             continue
         for kind, coordinates in _simple(geometry):
             if kind == "Polygon":
-                yield _Feature(name, tuple(_ring(ring) for ring in coordinates))
+                yield replace(named, rings=tuple(_ring(ring) for ring in coordinates))
             elif kind == "Point":
-                yield _Feature(name, point=(float(coordinates[1]), float(coordinates[0])))
+                yield replace(named, point=(float(coordinates[1]), float(coordinates[0])))
             elif kind == "LineString":
-                yield _Feature(name or kind, line=_line(coordinates))
+                yield replace(named, name=named.name or kind, line=_line(coordinates))
             else:
-                yield _Feature(name or kind)
+                yield Feature(named.name or kind)
 
 
 def _simple(geometry: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -393,7 +284,7 @@ def _line(places: Sequence[Sequence[float]]) -> Array:
     return np.array([(float(place[1]), float(place[0])) for place in places]).reshape(-1, 2)
 
 
-def _kml(text: str, where: str) -> Iterator[_Feature]:
+def _kml(text: str, where: str) -> Iterator[Feature]:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ParameterError(f"{where}: got a document type declaration; expected plain KML")
     try:
@@ -404,29 +295,40 @@ def _kml(text: str, where: str) -> Iterator[_Feature]:
         element.tag = element.tag.rpartition("}")[2]  # without its namespace
     for placemark in root.iter("Placemark"):
         name = (placemark.findtext("name") or "").strip()
+        used: set[ElementTree.Element] = set()
         for polygon in placemark.iter("Polygon"):
-            outer = [polygon.find("outerBoundaryIs"), *polygon.findall("innerBoundaryIs")]
-            yield _Feature(name, tuple(_ring(_kml_places(part)) for part in outer if part is not None))
+            outer, inner = (list(polygon.iterfind(f"{side}BoundaryIs//coordinates")) for side in ("outer", "inner"))
+            if len(outer) > 1:
+                raise ParameterError(
+                    f"{where}: the polygon {name!r} has {len(outer)} outer rings. Draw a polygon for each of them"
+                )
+            used.update(outer, inner)
+            yield Feature(name, rings=tuple(_ring(_kml_places(part)) for part in (*outer, *inner)))
         for point in placemark.iter("Point"):
+            used.update(point.iter("coordinates"))
             longitude, latitude, *_ = _kml_places(point)[0]
-            yield _Feature(name, point=(latitude, longitude))
+            yield Feature(name, point=(latitude, longitude))
         for line in placemark.iter("LineString"):
-            yield _Feature(name or "line", line=_line(_kml_places(line)))
+            used.update(line.iter("coordinates"))
+            yield Feature(name or "line", line=_line(_kml_places(line)))
+        for ring in placemark.iter("coordinates"):
+            if ring not in used:
+                yield Feature(name or "outline", line=_line(_kml_places(ring)))
 
 
 def _kml_places(element: ElementTree.Element) -> list[list[float]]:
     """Longitude, latitude (and height) of each place of an element's coordinates."""
-    return [[float(v) for v in place.split(",")] for place in (element.findtext(".//coordinates") or "").split()]
+    return [[float(v) for v in place.split(",")] for place in (next(element.iter("coordinates")).text or "").split()]
 
 
-def _qgc_plan(text: str, where: str) -> Iterator[_Feature]:
+def _qgc_plan(text: str, where: str) -> Iterator[Feature]:
     data = json.loads(text)
     if data.get("fileType") != "Plan":
         raise ParameterError(f"{where}: got fileType {data.get('fileType')!r}; expected a QGroundControl plan ('Plan')")
     fence = data.get("geoFence") or {}
     for number, polygon in enumerate(fence.get("polygons", ()), 1):
         ring = np.array([(float(lat), float(lon)) for lat, lon, *_ in polygon["polygon"]]).reshape(-1, 2)
-        yield _Feature("area" if polygon.get("inclusion", True) else f"no-go {number}", (ring,))
+        yield Feature("area" if polygon.get("inclusion", True) else f"no-go {number}", rings=(ring,))
     for number, entry in enumerate(fence.get("circles", ()), 1):
         circle = entry["circle"]
         latitude, longitude = (float(v) for v in circle["center"][:2])
@@ -434,6 +336,6 @@ def _qgc_plan(text: str, where: str) -> Iterator[_Feature]:
         radius_m = float(circle["radius"])
         north, east = radius_m * np.cos(turn), radius_m * np.sin(turn)
         ring = np.column_stack(geodetic_from_local(north, east, latitude, longitude))
-        yield _Feature("area" if entry.get("inclusion", True) else f"no-go circle {number}", (ring,))
+        yield Feature("area" if entry.get("inclusion", True) else f"no-go circle {number}", rings=(ring,))
     for number, point in enumerate((data.get("rallyPoints") or {}).get("points", ()), 1):
-        yield _Feature("recovery" if number == 1 else "further rally point", point=(float(point[0]), float(point[1])))
+        yield Feature("recovery" if number == 1 else "further rally point", point=(float(point[0]), float(point[1])))

@@ -135,7 +135,10 @@ def test_a_polygon_may_be_the_shore(tmp_path):
 BAD = {
     "swapped": (geojson(feature("a", "Polygon", [[[47.3, 108.5], [47.4, 108.5], [47.4, 108.6]]])), "swapped"),
     "one_swapped": (geojson(feature("a", "Polygon", [[*LAKE[:3], [47.3, 8.5]]])), "swapped in one of them"),
-    "two_areas": (geojson(feature("a", "Polygon", [LAKE]), feature("b", "Polygon", [ISLAND])), "'a', 'b'; expected"),
+    "two_areas": (
+        geojson(feature("a", "Polygon", [LAKE]), feature("b", "Polygon", [ISLAND])),
+        "'a', 'b'. Name it",
+    ),
     "two_starts": (geojson(feature("start 1", "Point", START), feature("start 1", "Point", START)), "second start"),
     "nothing": (geojson(feature("harbor", "Point", START)), "no usable place"),
     "empty": ("", "is not valid geojson"),
@@ -143,7 +146,7 @@ BAD = {
     "a_list": ("[1, 2]", "is not valid geojson"),
     "text_as_coordinates": (geojson(feature("a", "Polygon", "x")), "is not valid geojson"),
     "nan": (geojson(feature("a", "Polygon", [[[8.5, float("nan")], [8.6, 47.0], [8.6, 47.1]]])), "latitude nan"),
-    "no_corners": (geojson(feature("a", "Polygon", [[]])), "polygon 'a' without corners"),
+    "no_corners": (geojson(feature("a", "Polygon", [[]])), "polygon 'a' has no corners"),
     "huge_number": (geojson(feature("a", "Polygon", [[[10**400, 47.0], [8.6, 47.0]]])), "is not valid geojson"),
     "endless_number": (geojson(feature("start " + 5000 * "9", "Point", START)), "no number of a vehicle"),
     "other_crs": (
@@ -220,7 +223,10 @@ def test_mission_file_gives_places_in_degrees(tmp_path):
 @pytest.mark.parametrize(
     ("area", "expected"),
     [
-        ("{polygon_deg: [47.3, 8.5, 47.4, 8.5, 47.4, 8.6], polygon_m: [0.0, 0.0, 9.0, 0.0, 1.0]}", "got polygon_m"),
+        (
+            "{polygon_deg: [47.3, 8.5, 47.4, 8.5, 47.4, 8.6], polygon_m: [0.0, 0.0, 9.0, 0.0, 1.0]}",
+            "area.polygon_deg are both",
+        ),
         ("{polygon_deg: [47.3, 8.5, 47.4]}", "area.polygon_deg: got 3 numbers"),
         ("{polygon_deg: 3}", "area.polygon_deg: got 3; expected latitude"),
         ("{polygon_deg: [1%s, 8.5]}" % (400 * "0"), "area.polygon_deg: got"),
@@ -230,7 +236,10 @@ def test_mission_file_gives_places_in_degrees(tmp_path):
         ("{file: 3}", "area.file: got 3; expected the name"),
         ("{file: nowhere.kml}", "area.file: .*cannot be read"),
         ("{no_go_deg: [1.0]}", "area.no_go_deg"),
-        ("{no_go_deg: {pier: [47.302, 8.501, 47.303, 8.501, 47.303, 8.502]}}", "expected both"),
+        (
+            "{polygon_m: [0.0, 0.0, 9.0, 0.0, 9.0, 9.0], no_go_deg: {pier: [47.3, 8.5, 47.3, 8.6, 47.4, 8.6]}}",
+            "expected both",
+        ),
     ],
 )
 def test_impossible_places_name_their_key(tmp_path, area, expected):
@@ -257,7 +266,7 @@ def test_only_whole_words_name_a_no_go_area(tmp_path, name, is_area):
 def test_a_file_without_an_operating_area_needs_the_mission_files(tmp_path):
     (tmp_path / "lake.geojson").write_text(geojson(feature("island", "Polygon", [ISLAND])))
     area = "origin_lat_deg: 47.3, origin_lon_deg: 8.5, file: lake.geojson"
-    with pytest.raises(ParameterError, match="no polygon for the operating area"):
+    with pytest.raises(ParameterError, match="no polygon is the operating area"):
         read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}}}\n"))
     polygon = "polygon_m: [0.0, 0.0, 900.0, 0.0, 900.0, 900.0]"
     read = read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}, {polygon}}}\n"))
