@@ -5,6 +5,7 @@ SHELL ["/bin/bash", "-c"]
 WORKDIR /build
 COPY auv_lse_msgs src/auv_lse_msgs
 COPY auv_lse_common src/auv_lse_common
+COPY auv_lse_run src/auv_lse_run
 COPY auv_lse_gp src/auv_lse_gp
 COPY auv_lse_planner src/auv_lse_planner
 COPY auv_lse_comms src/auv_lse_comms

@@ -14,6 +14,7 @@ import auv_lse_gp
 import auv_lse_mavlink
 import auv_lse_planner
 import auv_lse_record
+import auv_lse_run
 import auv_lse_shore
 import auv_lse_sim
 from auv_lse_common.node.state_file import forget_copy
@@ -25,6 +26,7 @@ __all__ = [
     "auv_lse_mavlink",
     "auv_lse_planner",
     "auv_lse_record",
+    "auv_lse_run",
     "auv_lse_shore",
     "auv_lse_sim",
 ]

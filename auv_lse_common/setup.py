@@ -34,9 +34,7 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": ["vehicle = auv_lse_common.commands.vehicle:main"],
+    entry_points={
+        "auv_lse.verbs": ["auv_lse_common = auv_lse_common.verbs:VERBS"],
     },
 )

@@ -43,10 +43,11 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="252-byte packets, TDMA, and acoustic modem driver; modem_node",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": [
+    entry_points={
+        "auv_lse.verbs": ["auv_lse_comms = auv_lse_comms.verbs:VERBS"],
+        "console_scripts": []
+        if is_library
+        else [
             "modem_node = auv_lse_comms.modem_node:main",
             "micromodem_node = auv_lse_comms.micromodem.micromodem_node:main",
         ],

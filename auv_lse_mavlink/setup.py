@@ -43,9 +43,8 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Link between a vehicle and its MAVLink autopilot; vehicle_link_node",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": ["vehicle_link_node = auv_lse_mavlink.vehicle_link_node:main"],
+    entry_points={
+        "auv_lse.verbs": ["auv_lse_mavlink = auv_lse_mavlink.verbs:VERBS"],
+        "console_scripts": [] if is_library else ["vehicle_link_node = auv_lse_mavlink.vehicle_link_node:main"],
     },
 )

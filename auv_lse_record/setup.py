@@ -44,9 +44,8 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Recordings of missions: the recorder node, reading, writing and recovering rosbag2 files",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": ["recorder_node = auv_lse_record.recorder_node:main"],
+    entry_points={
+        "auv_lse.verbs": ["auv_lse_record = auv_lse_record.verbs:VERBS"],
+        "console_scripts": [] if is_library else ["recorder_node = auv_lse_record.recorder_node:main"],
     },
 )

@@ -58,6 +58,7 @@ setup(
         sibling("auv_lse_gp"),
         sibling("auv_lse_planner"),
         sibling("auv_lse_record"),
+        sibling("auv_lse_run"),
         sibling("auv_lse_sim"),
     ]
     if is_library
@@ -70,4 +71,5 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Mission command, checks, live view, replay, reports, exports and campaigns",
     license="Apache-2.0",
+    entry_points={"auv_lse.verbs": ["auv_lse_shore = auv_lse_shore.verbs:VERBS"]},
 )

@@ -28,8 +28,13 @@ loops_fingerprint() {
 # Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell. Returns what
 # scripts/setup returned if that failed. Leaves the shell's own settings as they were.
 use_environment() {
-    local site strict=
     "$ROOT/scripts/setup" --quiet || return $?
+    enter_environment
+}
+
+# Puts the environment that scripts/setup made into this shell.
+enter_environment() {
+    local site strict=
     export PATH="$VENV/bin:$PATH"
     if ! ros_is_sourced; then
         export AMENT_PREFIX_PATH="$VENV" RMW_IMPLEMENTATION=rmw_fastrtps_cpp
@@ -53,8 +58,15 @@ use_environment() {
     export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
 }
 
-# Runs a Python module in the environment, in place of this script: run_module MODULE ARGUMENTS...
+# Runs the command auv_lse of this checkout, in place of this script: run_auv_lse ARGUMENTS...
 # Ctrl-C while Python starts waits until it can answer without a traceback.
+run_auv_lse() {
+    local wait_with=(env --block-signal=INT)
+    "${wait_with[@]}" true 2> /dev/null || wait_with=()
+    exec "${wait_with[@]}" python -m auv_lse_run "$@"
+}
+
+# Runs a Python module in the environment, in place of this script: run_module MODULE ARGUMENTS...
 run_module() {
     trap 'echo interrupted >&2; exit 130' INT
     use_environment || exit $?

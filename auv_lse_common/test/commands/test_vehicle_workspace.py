@@ -21,7 +21,7 @@ from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGES = ("auv_lse_msgs", "auv_lse_common", "auv_lse_gp", "auv_lse_planner", "auv_lse_comms", "auv_lse_record")
+PACKAGES = tuple(f"auv_lse_{name}" for name in ("msgs", "common", "run", "gp", "planner", "comms", "record"))
 DRIVERS = ("micromodem_node", "vehicle_link_node")
 NODES = ("recorder_node", "gp_node", "safety_node", "planner_node", "modem_node", *DRIVERS)
 MISSION = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
 
 from auv_lse_common.process.domain import local_environment
 from auv_lse_common.process.fork_server import load_early
@@ -15,14 +16,14 @@ from auv_lse_sim.engine.processes import mission_processes
 _NO_MISSION = {"-h", "--help", "--parameters", "--for-vehicles"}
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a mission as `auv_lse_shore.mission.mission` does; returns its exit code."""
-    if not _NO_MISSION & {word.partition("=")[0] for word in sys.argv[1:]}:
+    if not _NO_MISSION & {word.partition("=")[0] for word in (sys.argv[1:] if arguments is None else arguments)}:
         with contextlib.suppress(LaunchError):  # reported when the processes are started
             load_early(mission_processes(1, together=True), local_environment(project_folder(), 0))
     from auv_lse_shore.mission import mission  # takes more than a second
 
-    return mission.main()
+    return mission.main(arguments)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ from pathlib import Path
 from types import ModuleType
 
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_run.command.find_verbs import find_verbs
 from auv_lse_shore.reference_pages.blocks import wrapped
 
 _MODULE = re.compile(r"run_module ([\w.]+) ")
+_VERB = re.compile(r"run_auv_lse ([\w-]+) ")
 
 
 def commands() -> str:
@@ -28,7 +30,10 @@ def commands() -> str:
 
 def module_of(script: Path) -> str:
     """The module that a script runs; "" for a script that is no Python command."""
-    match = _MODULE.search(script.read_text())
+    text = script.read_text()
+    if verb := _VERB.search(text):
+        return find_verbs()[0][verb[1]].module
+    match = _MODULE.search(text)
     return match[1] if match else ""
 
 

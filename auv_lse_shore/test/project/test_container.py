@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-VEHICLE = tuple(f"auv_lse_{name}" for name in ("msgs", "common", "gp", "planner", "comms", "mavlink", "record"))
+VEHICLE = tuple(f"auv_lse_{name}" for name in ("msgs", "common", "run", "gp", "planner", "comms", "mavlink", "record"))
 #: Rosdep keys that pip installs, with their names there.
 PIP = {"python3-pymavlink-pip": "pymavlink"}
 

@@ -14,7 +14,7 @@ from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = tuple(
-    f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "mavlink", "record", "sim", "shore")
+    f"auv_lse_{name}" for name in ("common", "run", "gp", "planner", "comms", "mavlink", "record", "sim", "shore")
 )
 
 #: Rosdep keys of imports that are no ROS packages. The key of a ROS package is its own name.
@@ -141,7 +141,7 @@ def test_pip_gets_dependencies_types_and_no_commands(package: str, monkeypatch: 
     assert required == imported
     optional = {ON_PYPI.get(name, name) for name in imports_of(package) & OPTIONAL}
     assert {re.match(r"[\w-]+", name)[0] for name in library["extras_require"].get("optional", [])} == optional
-    assert not library.get("entry_points")
+    assert not library["entry_points"].get("console_scripts") or package == "auv_lse_run"
     assert "py.typed" in library["package_data"][package]
     assert (ROOT / package / package / "py.typed").is_file()
     siblings = [requirement for requirement in library["install_requires"] if requirement.startswith("auv_lse_")]
@@ -151,4 +151,5 @@ def test_pip_gets_dependencies_types_and_no_commands(package: str, monkeypatch: 
     assert not any("file:" in requirement for requirement in wheels), "a wheel is installed elsewhere"
     colcon = setup_of(package, "install", monkeypatch)
     assert colcon["install_requires"] == []
-    assert bool(colcon.get("entry_points")) == (package != "auv_lse_shore")
+    with_nodes = bool(colcon.get("entry_points", {}).get("console_scripts"))
+    assert with_nodes == (package not in ("auv_lse_common", "auv_lse_shore"))

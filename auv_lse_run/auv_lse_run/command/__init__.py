@@ -1,0 +1,1 @@
+"""The command `auv_lse`: its help, its verbs, and how one is run."""

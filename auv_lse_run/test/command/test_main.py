@@ -1,0 +1,153 @@
+"""The command auv_lse: its help, its verbs, and how it ends."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.support.verb import GROUPS, Verb
+from auv_lse_run.command import find_verbs as finding
+from auv_lse_run.command import main as command
+
+ROOT = Path(__file__).resolve().parents[3]
+TABLES = sorted(path.parent.name for path in ROOT.glob("auv_lse_*/auv_lse_*/verbs.py"))
+
+
+def verbs_of(package: str) -> tuple[Verb, ...]:
+    table: tuple[Verb, ...] = importlib.import_module(f"{package}.verbs").VERBS
+    return table
+
+
+def use_tables(monkeypatch: pytest.MonkeyPatch, *entries: str) -> None:
+    found = [EntryPoint(value.partition(".")[0], value, "auv_lse.verbs") for value in entries]
+    monkeypatch.setattr(finding, "entry_points", lambda group: found)
+
+
+def test_every_verb_is_known_with_its_package() -> None:
+    declared = {verb.name: package for package in TABLES for verb in verbs_of(package)}
+    assert declared == finding.PACKAGE_OF
+
+
+@pytest.mark.parametrize("package", TABLES)
+def test_a_table_imports_nothing_else_and_reads_well(package: str) -> None:
+    source = (ROOT / package / package / "verbs.py").read_text()
+    imports = [line for line in source.splitlines() if line.startswith(("import", "from"))]
+    assert [line.split()[1] for line in imports] == ["auv_lse_common.support.verb"]
+    for verb in verbs_of(package):
+        assert verb.group in GROUPS
+        assert 10 < len(verb.text) <= 75
+        assert not verb.text.endswith(".")
+
+
+def test_help_shows_every_verb_in_its_group(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    use_tables(monkeypatch, *(f"{package}.verbs:VERBS" for package in TABLES))
+    assert command.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    parts = {part.partition(":\n")[0]: part for part in text.split("\n\n")}
+    for verb in (verb for package in TABLES for verb in verbs_of(package)):
+        assert f"\n  {verb.name} " in parts[GROUPS[verb.group]]
+
+
+def test_a_verb_of_a_missing_package_names_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    use_tables(monkeypatch, "auv_lse_common.verbs:VERBS")
+    assert command.main(["live"]) == 2
+    assert capsys.readouterr().err.startswith("error: auv_lse live needs the package auv_lse_shore, which is not ")
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        ("exprot", "error: auv_lse has no verb exprot. Did you mean export?\n"),
+        ("zzz", "error: auv_lse has no verb zzz. List the verbs: auv_lse --help\n"),
+        ("--verison", "error: auv_lse has no option --verison. List the verbs: auv_lse --help\n"),
+    ],
+)
+def test_a_wrong_verb_gets_a_hint(word: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main([word]) == 2
+    assert capsys.readouterr().err == words
+
+
+def test_a_broken_table_leaves_the_other_verbs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    use_tables(monkeypatch, "nobody_has_this.verbs:VERBS", "auv_lse_record.verbs:VERBS")
+    assert command.main(["--help"]) == 0
+    out, err = capsys.readouterr()
+    assert "recover" in out
+    assert err.startswith("warning: the verbs of nobody_has_this cannot be loaded (nobody_has_this.verbs:VERBS): ")
+
+
+def test_another_packages_verb_is_called_with_the_users_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "their_verbs.py").write_text(
+        "from auv_lse_common.support.verb import Verb\n"
+        "VERBS = (Verb('greet', 'Greetings', 'greet somebody', 'their_greeting'),\n"
+        "         Verb('recover', 'Greetings', 'not ours', 'their_greeting'))\n"
+    )
+    (tmp_path / "their_greeting.py").write_text(
+        "import argparse\n"
+        "ERRORS = (LookupError,)\n"
+        "INTERRUPTED = 'nobody was greeted'\n"
+        "def parser():\n    p = argparse.ArgumentParser(prog='auv_lse greet')\n"
+        "    p.add_argument('name')\n    return p\n"
+        "def run(options):\n"
+        "    if options.name == 'nobody': raise LookupError('there is nobody')\n"
+        "    if options.name == 'late': raise KeyboardInterrupt\n"
+        "    print('hello', options.name)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    use_tables(monkeypatch, "their_verbs:VERBS", "auv_lse_record.verbs:VERBS")
+    assert command.main(["greet", "Ada"]) == 0
+    assert capsys.readouterr().out == "hello Ada\n"
+    assert command.main(["greet", "nobody"]) == 2
+    assert capsys.readouterr().err == "error: there is nobody\n"
+    assert command.main(["greet", "late"]) == 130
+    assert capsys.readouterr().err == "nobody was greeted\n"
+    assert command.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Greetings:\n  greet " in text
+    assert "not ours" not in text
+
+
+def test_the_help_of_the_command_imports_no_library() -> None:
+    code = "import sys, auv_lse_run.command.main as m; m.main(['--help']); print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = {"numpy", "scipy", "yaml", "rclpy", "argparse", "rich"} - {*_loaded_at_start()}
+    assert not heavy & {*done.stderr.split()}
+
+
+def _loaded_at_start() -> list[str]:
+    code = "import sys; print(*sys.modules)"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_ctrl_c_ends_a_verb_with_one_line(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "auv_lse_run", "fit", str(tmp_path)], stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}),
+    )  # fmt: skip
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert len(err.splitlines()) == 1
+
+
+def test_a_closed_pipe_is_no_error() -> None:
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {sys.executable} -m auv_lse_run --help | head -n 1 > /dev/null"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stderr == ""
