@@ -41,7 +41,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
         ros-jazzy-std-msgs \
         ros-jazzy-visualization-msgs \
     && rm -rf /var/lib/apt/lists/*
-COPY config/constraints.txt config/fastdds_localhost.xml /opt/auv_lse/config/
+COPY config/constraints.txt /opt/auv_lse/config/
 RUN python3 -m pip install --no-cache-dir --break-system-packages --constraint /opt/auv_lse/config/constraints.txt pymavlink
 COPY --from=build /opt/auv_lse/install /opt/auv_lse/install
 # Ubuntu's first user, 1000, opens serial ports and writes dives into the volume.

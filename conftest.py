@@ -1,8 +1,9 @@
 """Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them.
 
-It also removes what killed nodes leave in memory, and lets Hypothesis take its time.
+It also keeps ROS on this computer, removes what killed nodes leave in memory, and lets Hypothesis take its time.
 """
 
+import os
 from collections.abc import Iterator
 
 import pytest
@@ -18,6 +19,7 @@ import auv_lse_run
 import auv_lse_shore
 import auv_lse_sim
 from auv_lse_common.node.state_file import forget_copy
+from auv_lse_common.support.confinement import NETWORK_VARIABLES, confine
 
 __all__ = [
     "auv_lse_common",
@@ -30,6 +32,11 @@ __all__ = [
     "auv_lse_shore",
     "auv_lse_sim",
 ]
+
+# Tests stay on this computer, whatever network the shell names.
+for _name in NETWORK_VARIABLES:
+    os.environ.pop(_name, None)
+confine()
 
 #: How long an example takes depends on what else the machine does.
 settings.register_profile("any load", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -13,7 +12,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from auv_lse_common.node.executor import make_executor
-from auv_lse_common.process.domain import local_environment, own_domain
+from auv_lse_common.process.domain import node_environment, own_domain
 from auv_lse_common.topics.quality import EVERY
 from benchmarks.rows import Row, row
 
@@ -28,7 +27,7 @@ def run(*, smoke: bool = False) -> list[Row]:
     messages = 400 if smoke else 100_000
     few = 400 if smoke else 5000  # rclpy's takes long
     with own_domain() as domain:
-        os.environ.update(local_environment(Path(__file__).resolve().parents[1], domain))
+        os.environ.update(node_environment(domain))
         plain_s, plain_lost = _measure(SingleThreadedExecutor, few)
         ours_s, ours_lost = _measure(make_executor, messages)
     return [

@@ -15,6 +15,7 @@ from launch_ros.actions import Node
 
 from auv_lse_common.commands.vehicle import begun_dive, crew_of, open_dive, unused_folder
 from auv_lse_common.process.processes import LAST_STOP_S, RECORDER
+from auv_lse_common.support.confinement import confined
 
 #: The reserved ROS domain, until the launch ends.
 _RESERVED = ExitStack()
@@ -34,7 +35,7 @@ def _nodes(context):
     crew = crew_of(value("name"), file, out, simulated, recorded)
     common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
     domain, dive = _RESERVED.enter_context(begun_dive(crew, None, file, out, record))
-    dive = {**dive, "ROS_DOMAIN_ID": str(domain)}
+    dive = confined(domain) | dive
     nodes = [
         Node(
             package=process.package,

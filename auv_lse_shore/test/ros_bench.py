@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.process.domain import local_environment, own_domain
+from auv_lse_common.process.domain import node_environment, own_domain
 from auv_lse_common.process.keeper import ProcessKeeper, node_task
 from auv_lse_common.process.processes import Process
 from auv_lse_common.topics.quality import EVERY
@@ -26,7 +26,7 @@ class Bench:
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
-        self.environment = local_environment(ROOT, domain)
+        self.environment = node_environment(domain)
         self.keepers: list[ProcessKeeper] = []
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)

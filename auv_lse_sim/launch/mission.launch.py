@@ -8,7 +8,6 @@ default filled in, as mission.yaml in the run folder `out`; the recording goes t
 
 import atexit
 import importlib.util
-import os
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,8 +21,9 @@ from launch_ros.actions import Node
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.dive import DIVE_VARIABLE
-from auv_lse_common.process.domain import ONE_THREAD, RANGE_VARIABLES, dive_on, simulation_domain, wanted_domain
+from auv_lse_common.process.domain import ONE_THREAD, dive_on, simulation_domain, wanted_domain
 from auv_lse_common.process.processes import LAST_STOP_S
+from auv_lse_common.support.confinement import confined, watch_variables
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 
@@ -56,10 +56,8 @@ def _nodes(context):
     modem, link = value("modem"), value("vehicle_link")
     settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
     domain = _RESERVED.enter_context(simulation_domain(wanted_domain(None), folder))
-    variables = {"ROS_DOMAIN_ID": str(domain), DIVE_VARIABLE: dive_on(domain), **ONE_THREAD}
-    if not any(os.environ.get(name) for name in RANGE_VARIABLES):
-        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    print(f"to watch from another terminal: export ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
+    variables = confined(domain) | {DIVE_VARIABLE: dive_on(domain), **ONE_THREAD}
+    print(f"to watch from another terminal: export {watch_variables(domain)}")
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     complete = folder / "mission.yaml"
     complete.write_text(settings.to_parameter_file())

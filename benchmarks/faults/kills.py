@@ -28,6 +28,7 @@ import numpy as np
 
 from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_common.process.processes import last_lines
+from auv_lse_common.support.confinement import NETWORK_VARIABLES
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import Recording, recording_in
@@ -43,8 +44,6 @@ LEG_S, LONGEST = 15.7, 2.0
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
 _AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: ready after (\d+\.\d+) s of processor time$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) (?:re)?started.*, process (\d+)")
-#: What says how far DDS reaches: left out, so that the defaults are flown.
-_RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -112,7 +111,7 @@ class Program:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**{k: v for k, v in os.environ.items() if k not in _RANGE}, "AUV_LSE_ROOT": str(_ROOT)},
+            env={**{k: v for k, v in os.environ.items() if k not in NETWORK_VARIABLES}, "AUV_LSE_ROOT": str(_ROOT)},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

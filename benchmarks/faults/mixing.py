@@ -23,7 +23,7 @@ from pathlib import Path
 import yaml
 
 from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, local_environment, own_domain
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
 from auv_lse_common.process.keeper import ProcessKeeper, node_task
 from auv_lse_common.process.processes import Process, vehicle_nodes
 from auv_lse_common.support.project_folder import project_folder
@@ -162,7 +162,7 @@ def _stray_nodes(domain: int, dive: str, file: Path, logs: Path) -> Iterator[Non
     nodes = [
         Process(package=package, executable=name, namespace="/auv1") for package, name in vehicle_nodes(False, False)
     ]
-    environment = local_environment(project_folder(), domain) | {DIVE_VARIABLE: dive}
+    environment = node_environment(domain) | {DIVE_VARIABLE: dive}
     keeper = ProcessKeeper([node_task(node, file) for node in nodes], logs, environment, lambda text: None)
     stop = threading.Event()
 
@@ -184,7 +184,7 @@ def _stray_nodes(domain: int, dive: str, file: Path, logs: Path) -> Iterator[Non
 def _stray_recording(domain: int, run: Path) -> Iterator[None]:
     """`ros2 bag play` of another mission's recording, its commands included, again and again."""
     command = [sys.executable, "-m", "benchmarks.faults.stray_player_node", str(recording_in(run))]
-    player = subprocess.Popen(command, env=local_environment(project_folder(), domain), cwd=project_folder())
+    player = subprocess.Popen(command, env=node_environment(domain), cwd=project_folder())
     try:
         yield
     finally:

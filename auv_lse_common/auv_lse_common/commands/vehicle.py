@@ -26,11 +26,10 @@ from auv_lse_common.process.domain import (
     DomainError,
     dive_on,
     domain_number,
-    local_environment,
+    node_environment,
     note_run,
     simulator_of,
     vehicle_domain,
-    vehicle_environment,
     wanted_domain,
 )
 from auv_lse_common.process.interrupt import Interrupt
@@ -270,8 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
-        environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
-        return _keep_running(crew, tasks, out / "logs", environment | variables)
+        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables)
 
 
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:

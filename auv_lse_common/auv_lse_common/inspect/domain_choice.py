@@ -7,20 +7,16 @@ import functools
 import os
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from auv_lse_common.inspect.message_text import FieldError
 from auv_lse_common.process.domain import (
-    SIMULATOR_DOMAINS,
     DomainError,
     busy_domains,
     domain_number,
-    local_environment,
     run_on,
-    vehicle_environment,
 )
-from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.support.confinement import confine
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:
@@ -44,7 +40,7 @@ def add_commands(p: argparse.ArgumentParser) -> argparse._SubParsersAction[argpa
     return p.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=of_command)
 
 
-def join(wanted: str | None, root: Path | None = None) -> int:
+def join(wanted: str | None) -> int:
     """Sets this process's environment for the chosen domain; returns the domain.
 
     Raises:
@@ -63,11 +59,7 @@ def join(wanted: str | None, root: Path | None = None) -> int:
     else:
         domain = 0
         print("ROS domain 0: no mission of scripts/mission runs on this machine", file=sys.stderr)
-    root = root or project_folder()
-    os.environ["ROS_DOMAIN_ID"] = str(domain)
-    if domain in busy and (root / "config" / "fastdds_localhost.xml").is_file():
-        of_vehicle = domain not in SIMULATOR_DOMAINS
-        os.environ.update(vehicle_environment(root, domain) if of_vehicle else local_environment(root, domain))
+    confine(domain)
     return domain
 
 

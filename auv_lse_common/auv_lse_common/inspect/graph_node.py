@@ -18,7 +18,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.process.domain import RANGE_VARIABLES, domains_with_participants
+from auv_lse_common.process.domain import domains_with_participants
+from auv_lse_common.support.confinement import NETWORK_VARIABLES, is_confined
 
 #: Discovery is complete when the graph has not changed for `_QUIET_S` and every participant has had time to announce
 #: itself: by default they do so every 3 s. What a command asks for by name may be found earlier, after `_LEAST_S`.
@@ -29,7 +30,7 @@ _ANSWER_S = 5.0
 #: What `ROS_AUTOMATIC_DISCOVERY_RANGE` finds, by value.
 _RANGES = {
     "SUBNET": "nodes of this subnet",
-    "LOCALHOST": "only nodes of this machine",
+    "LOCALHOST": "nodes of this computer and of the named peers",
     "OFF": "no node of another process",
     "SYSTEM_DEFAULT": "what the DDS profile allows",
 }
@@ -302,9 +303,11 @@ class Graph:
 
 def discovery_range() -> str:
     """What this environment lets DDS discover."""
-    chosen = [f"{name}={os.environ[name]}" for name in RANGE_VARIABLES[1:] if os.environ.get(name)]
-    wanted = os.environ.get(RANGE_VARIABLES[0], "")
-    name = f"{RANGE_VARIABLES[0]}={wanted}" if wanted else f"{RANGE_VARIABLES[0]}, which is not set,"
+    if is_confined(os.environ):
+        return "only nodes of this computer are searched; ROS_STATIC_PEERS=ADDRESS adds another computer"
+    chosen = [f"{name}={os.environ[name]}" for name in NETWORK_VARIABLES[1:] if os.environ.get(name)]
+    wanted = os.environ.get(NETWORK_VARIABLES[0], "")
+    name = f"{NETWORK_VARIABLES[0]}={wanted}" if wanted else f"{NETWORK_VARIABLES[0]}, which is not set,"
     return ", ".join([f"{name} finds {_RANGES.get(wanted or 'SUBNET', 'an unknown range')}", *chosen])
 
 

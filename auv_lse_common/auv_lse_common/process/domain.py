@@ -1,4 +1,4 @@
-"""ROS domains of this machine: reserved for missions and vehicles, and environments that keep DDS on this machine.
+"""ROS domains of this machine, reserved for missions and vehicles, and the environment of their nodes.
 
 An entry point locks a file for its domain; the lock ends with the process. Commands that watch a mission join its
 domain without a lock.
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO
 
 from auv_lse_common.process.dive import SIMULATION, new_dive
+from auv_lse_common.support.confinement import confined
 
 #: Domains of simulations and replays, and those recommended for vehicles: 80 plus the vehicle's number. The UDP ports
 #: of both stay below Linux's ephemeral range. Vehicles may use any other domain, too, also ROS's default 0.
@@ -29,15 +30,6 @@ _FIRST_PORT, _DOMAIN_GAIN, _PARTICIPANT, _PARTICIPANT_GAIN = 7400, 250, 10, 2
 _PARTICIPANTS = 40
 #: Environment of a process whose linear algebra runs on one thread: a mission is many processes on few cores.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-#: Variables with which a user sets the range of DDS.
-RANGE_VARIABLES = (
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_STATIC_PEERS",
-    "ROS_DISCOVERY_SERVER",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "CYCLONEDDS_URI",
-)
 
 
 class DomainError(RuntimeError):
@@ -310,24 +302,6 @@ def simulator_of(run: Path) -> str | None:
     return next((str(domain) for domain in busy_domains() if run_on(domain) == run), None)
 
 
-def local_environment(root: Path, domain: int) -> dict[str, str]:
-    """This process's environment, with DDS kept to this machine and to `domain`."""
-    environment = node_environment(domain)
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
-    environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(root / "config" / "fastdds_localhost.xml")
-    return environment
-
-
-def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
-    """This process's environment for a vehicle's nodes: DDS kept to this machine, unless a variable sets its range."""
-    if any(os.environ.get(name) for name in RANGE_VARIABLES):
-        return node_environment(domain)
-    environment = local_environment(root, domain)
-    if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # the profile is for Fast DDS
-    return environment
-
-
 @contextlib.contextmanager
 def temporary_environment(environment: Mapping[str, str]) -> Iterator[None]:
     """Sets this process's environment variables for as long as the context lasts; DDS reads them when it starts."""
@@ -341,14 +315,9 @@ def temporary_environment(environment: Mapping[str, str]) -> Iterator[None]:
 
 
 def node_environment(domain: int | None = None) -> dict[str, str]:
-    """This process's environment for a node whose output goes to a file.
+    """The environment of a node whose output goes to a file: `confined`, without colours, on one thread.
 
     Args:
         domain: ROS domain; None: that of the environment.
     """
-    environment = dict(os.environ)
-    if domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain)
-    environment["RCUTILS_COLORIZED_OUTPUT"] = "0"
-    environment["PYTHONUNBUFFERED"] = "1"
-    return environment | ONE_THREAD
+    return confined(domain) | {"RCUTILS_COLORIZED_OUTPUT": "0", "PYTHONUNBUFFERED": "1"} | ONE_THREAD

@@ -91,8 +91,6 @@ def test_a_list_of_an_empty_domain_names_it_and_what_to_check(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tool: Any, words: list[str], printed: str
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "85")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     monkeypatch.setattr(graph_node, "domains_with_participants", lambda: [7, 82, 85])
     graph = _Alone(monkeypatch)
     options = tool.parser().parse_args(words)
@@ -101,7 +99,8 @@ def test_a_list_of_an_empty_domain_names_it_and_what_to_check(
     assert str(raised.value) == (
         "no other node in ROS domain 85 after 3.2 s. Check that the nodes run, that their ROS_DOMAIN_ID is 85 (nodes "
         "of this machine use 7, 82: --domain N), and that DDS reaches them: "
-        "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST finds only nodes of this machine. --spin-time 10 waits longer"
+        "only nodes of this computer are searched; ROS_STATIC_PEERS=ADDRESS adds another computer. --spin-time 10 "
+        "waits longer"
     )
     assert capsys.readouterr().out == printed
     assert graph.now_s < 4.5, "with the start of Python: within 5 s"
@@ -115,13 +114,16 @@ def test_a_list_of_an_empty_domain_names_it_and_what_to_check(
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
             "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF finds no node of another process",
         ),
-        ({"ROS_STATIC_PEERS": "10.0.0.2"}, "of this subnet, ROS_STATIC_PEERS=10.0.0.2"),
+        (
+            {"ROS_STATIC_PEERS": "10.0.0.2", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+            "nodes of this computer and of the named peers, ROS_STATIC_PEERS=10.0.0.2",
+        ),
     ],
 )
 def test_the_range_of_the_discovery_is_named(
     monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], words: str
 ) -> None:
-    for name in graph_node.RANGE_VARIABLES:
+    for name in graph_node.NETWORK_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)

@@ -17,7 +17,6 @@ from auv_lse_common.process.domain import (
     domain_number,
     domains_with_participants,
     has_participants,
-    local_environment,
     lock_file,
     node_environment,
     note_run,
@@ -28,6 +27,7 @@ from auv_lse_common.process.domain import (
     vehicle_domain,
     wanted_domain,
 )
+from auv_lse_common.support.confinement import is_confined
 
 
 @pytest.fixture(autouse=True)
@@ -131,27 +131,9 @@ def test_a_domain_that_is_none_is_refused(text: str) -> None:
     assert domain_number("17") == 17
 
 
-def test_environments(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_environment_of_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "3")
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     assert node_environment()["ROS_DOMAIN_ID"] == "3"
-    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in node_environment(5)
-    local = local_environment(tmp_path, 5)
-    assert local["ROS_DOMAIN_ID"] == "5"
-    assert local["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(tmp_path / "config" / "fastdds_localhost.xml")
-
-
-def test_a_vehicle_keeps_to_its_machine_unless_the_user_says_otherwise(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for name in (*domain.RANGE_VARIABLES, "RMW_IMPLEMENTATION"):
-        monkeypatch.delenv(name, raising=False)
-    alone = domain.vehicle_environment(tmp_path, 7)
-    assert alone["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(tmp_path / "config" / "fastdds_localhost.xml")
-    assert (alone["ROS_AUTOMATIC_DISCOVERY_RANGE"], alone["ROS_DOMAIN_ID"]) == ("SYSTEM_DEFAULT", "7")
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    assert domain.vehicle_environment(tmp_path, 7)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    asked = domain.vehicle_environment(tmp_path, 7)
-    assert asked["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
-    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in asked
+    of_node = node_environment(5)
+    assert (of_node["ROS_DOMAIN_ID"], of_node["OMP_NUM_THREADS"]) == ("5", "1")
+    assert is_confined(of_node)

@@ -16,9 +16,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, local_environment, own_domain
+from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, own_domain
 from auv_lse_common.support.atomic_files import write_whole
-from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.support.confinement import confine, watch_variables
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -182,7 +182,7 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: Co
     domain = None if options.domain is None else domain_number(options.domain)
     if desk is not None and domain is None:
         domain = _only_domain()
-    os.environ.update(local_environment(project_folder(), domain or 0))
+    confine(domain or 0)
     return MissionFollower(timeline, domain, options.mission, desk).follow
 
 
@@ -206,9 +206,8 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
 
             own = None if options.run is None else stack.enter_context(own_domain())
             if own is not None:
-                os.environ.update(local_environment(project_folder(), own))
-                where = f"ROS_DOMAIN_ID={own} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-                print(f"RViz: {where} rviz2 -d config/rviz/mission.rviz")
+                confine(own)
+                print(f"RViz: {watch_variables(own)} rviz2 -d config/rviz/mission.rviz")
             viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
         yield viewers
 

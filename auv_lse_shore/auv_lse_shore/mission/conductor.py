@@ -39,7 +39,7 @@ def conduct(
     Args:
         settings: The mission, as written to mission.yaml in `folder`.
         folder: The run folder.
-        environment: The processes' environment (`domain.local_environment`).
+        environment: The processes' environment (`domain.node_environment`).
         console: Where the progress is shown.
         interrupt: Ends the mission early.
         processes: What to start (`mission_processes`); other nodes of the mission are started elsewhere.

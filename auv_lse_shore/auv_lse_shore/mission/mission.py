@@ -23,10 +23,11 @@ from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.dive import DIVE_VARIABLE
-from auv_lse_common.process.domain import DomainError, dive_on, local_environment, simulation_domain
+from auv_lse_common.process.domain import DomainError, dive_on, node_environment, simulation_domain
 from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.processes import LaunchError, Process
 from auv_lse_common.support import compiled
+from auv_lse_common.support.confinement import watch_variables
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
@@ -147,11 +148,10 @@ def fly(
     started = time.monotonic()
     try:
         with reserved_domain as domain:
-            environment = local_environment(project_folder(), domain) | {DIVE_VARIABLE: dive_on(domain) or ""}
+            environment = node_environment(domain) | {DIVE_VARIABLE: dive_on(domain) or ""}
             if live is not None:
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
-            watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-            _say(console, f"to watch from another terminal: export {watch}")
+            _say(console, f"to watch from another terminal: export {watch_variables(domain)}")
             load = threading.Thread(target=preload_report, daemon=True)  # while the nodes leave a core idle
             phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
     except (MissionError, LaunchError, DomainError) as error:

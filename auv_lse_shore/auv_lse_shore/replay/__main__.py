@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from auv_lse_common.process.domain import DomainError
 from auv_lse_common.support.missing_packages import missing
-from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.recording import recording_in
 from auv_lse_shore.replay.options import check, parser
@@ -16,7 +15,6 @@ from auv_lse_shore.replay.options import check, parser
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line. Returns 0; 1 if something differs or failed; 2 for a bad request; 130 after Ctrl-C."""
     options = parser().parse_args(arguments)
-    root = project_folder()
     try:
         check(options)
         # Imported late: only playing needs ROS.
@@ -33,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         recording_in(options.run)  # checked before ROS is loaded
         from auv_lse_shore.replay.play import play
 
-        return play(options, root)
+        return play(options)
     except ImportError as error:
         print(f"error: {missing(error, 'recordings that are played')}", file=sys.stderr)
         return 2

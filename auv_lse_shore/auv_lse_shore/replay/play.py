@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-from auv_lse_common.process.domain import local_environment, simulator_domain
+from auv_lse_common.process.domain import simulator_domain
+from auv_lse_common.support.confinement import confine, watch_variables
 from auv_lse_record.recording import Recording, RecordingError, recording_in
 from auv_lse_shore.mission.display import clock
 from auv_lse_shore.replay.keys import HELP, Keys
@@ -26,7 +25,7 @@ class ReplayError(ValueError):
     """Options that do not fit the recording."""
 
 
-def play(options: Namespace, root: Path) -> int:
+def play(options: Namespace) -> int:
     """Plays `options.run` (see `options.py`). Returns 0.
 
     Raises:
@@ -51,7 +50,7 @@ def play(options: Namespace, root: Path) -> int:
         stop_ns = recording.end_ns + 1
         if options.duration is not None:
             stop_ns = min(stop_ns, start_ns + round(options.duration * 1e9))
-        with _domain(options.domain, root), Keys() as keys, Player(recording, chosen.played, keys) as player:
+        with _domain(options.domain), Keys() as keys, Player(recording, chosen.played, keys) as player:
             _announce(chosen, player.missing, keys.available)
             line = _Line(length_s)
             again = True
@@ -62,16 +61,11 @@ def play(options: Namespace, root: Path) -> int:
 
 
 @contextmanager
-def _domain(wanted: str | None, root: Path) -> Iterator[None]:
-    """Reserves the wanted ROS domain, with this shell's settings, or a free one on this machine."""
+def _domain(wanted: str | None) -> Iterator[None]:
+    """Reserves the wanted ROS domain, or a free one."""
     with simulator_domain(wanted) as domain:
-        if wanted is None:
-            os.environ.update(local_environment(root, domain))
-            watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-            print(f"to watch from another terminal: export {watch}", flush=True)
-        else:
-            os.environ["ROS_DOMAIN_ID"] = str(domain)
-            print(f"on ROS domain {domain}, with this shell's discovery settings", flush=True)
+        confine(domain)
+        print(f"to watch from another terminal: export {watch_variables(domain)}", flush=True)
         yield
 
 

@@ -17,8 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.process.domain import local_environment, note_run, own_domain, run_on
-from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.process.domain import node_environment, note_run, own_domain, run_on
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_msgs.msg import MissionCommand, SimStatus
@@ -57,7 +56,7 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
         return [e for e in timeline.since("", 0, 10**6)[2] if e["kind"] == kind]
 
     with own_domain() as domain:
-        for name, value in local_environment(project_folder(), domain).items():
+        for name, value in node_environment(domain).items():
             monkeypatch.setenv(name, value)
         note_run(domain, run, DIVE)
         assert run_on(domain) == run
@@ -114,7 +113,7 @@ def test_commands_reach_the_vehicles_and_each_outcome_is_reported(monkeypatch):
         return answer
 
     with own_domain() as domain:
-        for name, value in local_environment(project_folder(), domain).items():
+        for name, value in node_environment(domain).items():
             monkeypatch.setenv(name, value)
         context = Context()
         rclpy.init(context=context, domain_id=domain)

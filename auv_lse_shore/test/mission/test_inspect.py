@@ -26,7 +26,7 @@ from std_msgs.msg import String
 from auv_lse_common.inspect import nodes, params, topics
 from auv_lse_common.inspect import run as mission
 from auv_lse_common.inspect.graph_node import Graph, GraphError
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, local_environment, own_domain
+from auv_lse_common.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
 
 pytestmark = pytest.mark.ros
 
@@ -63,7 +63,7 @@ class Vehicle:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**local_environment(ROOT, domain), "AUV_LSE_ROOT": str(ROOT)},
+            env={**node_environment(domain), "AUV_LSE_ROOT": str(ROOT)},
         )
 
     def pids(self) -> dict[str, int]:
@@ -93,7 +93,7 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
 @pytest.fixture(scope="module")
 def graph(vehicle: Vehicle) -> Iterator[Graph]:
     before = dict(os.environ)
-    os.environ.update(local_environment(ROOT, vehicle.domain))
+    os.environ.update(node_environment(vehicle.domain))
     try:
         with Graph() as found:
             until = time.monotonic() + 40.0

@@ -1,0 +1,93 @@
+"""The environment that keeps ROS traffic on this computer, unless the user names a network.
+
+Everything that the project starts gets it before its middleware is loaded: missions, vehicles, launch files, nodes
+started by `ros2 run`, viewers, inspection commands and tests. `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone does not
+do this: it limits discovery, while Fast DDS still listens on every address.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+#: Variables with which a user names a network for ROS, and those of one middleware's own profile.
+RANGE_VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+FASTDDS_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+NETWORK_VARIABLES = (*RANGE_VARIABLES, *FASTDDS_VARIABLES, "CYCLONEDDS_URI")
+#: Values of `ROS_AUTOMATIC_DISCOVERY_RANGE` that ask for another range than this computer. SYSTEM_DEFAULT leaves the
+#: range to a profile, which counts by itself.
+_OTHER_RANGES = ("SUBNET", "OFF")
+_FASTDDS_PROFILE = Path(__file__).with_name("fastdds_localhost.xml")
+#: Cyclone DDS: one interface, no multicast, participants found one by one, as many as Fast DDS's profile allows.
+_CYCLONEDDS_PROFILE = (
+    "<CycloneDDS><Domain><General>"
+    '<Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast>'
+    "</General><Discovery>"
+    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>"
+    '<Peers><Peer Address="127.0.0.1"/></Peers>'
+    "</Discovery></Domain></CycloneDDS>"
+)
+
+
+def confined(domain: int | None = None, environment: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The environment of a process that takes part in ROS: its traffic stays on this computer.
+
+    A range, peers, a discovery server or a profile of the user's own are kept as they are. Peers alone add only those
+    peers: the subnet is not searched. The result is the same when this is called again with it.
+
+    Args:
+        domain: ROS domain; None: that of `environment`.
+        environment: The environment to start from; None: this process's.
+    """
+    result = dict(os.environ if environment is None else environment)
+    if domain is not None:
+        result["ROS_DOMAIN_ID"] = str(domain)
+    if names_network(result):
+        if result.get("ROS_STATIC_PEERS"):
+            result["ROS_AUTOMATIC_DISCOVERY_RANGE"] = result.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST"
+        profile = next((result[name] for name in FASTDDS_VARIABLES if result.get(name)), "")
+        # Fast DDS reads one of the names before release 3, and the other one since.
+        return {**dict.fromkeys(FASTDDS_VARIABLES, profile), **result} if profile else result
+    has_profile = any(name in _middleware(result) for name in ("fastrtps", "cyclonedds"))
+    return result | {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT" if has_profile else "LOCALHOST",
+        "ROS_LOCALHOST_ONLY": "",  # Fast DDS would add a transport that listens on every address
+        **dict.fromkeys(FASTDDS_VARIABLES, str(_FASTDDS_PROFILE)),
+        "CYCLONEDDS_URI": _CYCLONEDDS_PROFILE,
+    }
+
+
+def confine(domain: int | None = None) -> None:
+    """Gives this process the environment of `confined`. Call it before `rclpy.init`."""
+    os.environ.update(confined(domain))
+
+
+def names_network(environment: Mapping[str, str]) -> bool:
+    """Whether the user names a range, peers, a discovery server or a profile, for the middleware in use.
+
+    A profile whose file is missing does not count: Fast DDS would listen on every address without it.
+    """
+    if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() in _OTHER_RANGES:
+        return True
+    if any(environment.get(name) for name in RANGE_VARIABLES[1:]):
+        return True
+    if "cyclonedds" in _middleware(environment):
+        return environment.get("CYCLONEDDS_URI", "") not in ("", _CYCLONEDDS_PROFILE)
+    profiles = {environment.get(name, "") for name in FASTDDS_VARIABLES} - {"", str(_FASTDDS_PROFILE)}
+    return any(Path(profile).is_file() for profile in profiles)
+
+
+def watch_variables(domain: int) -> str:
+    """What to export in another terminal so that its ROS commands find `domain`, as a shell writes it."""
+    is_local = is_confined(confined(domain))
+    return f"ROS_DOMAIN_ID={domain}" + (" ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" if is_local else "")
+
+
+def is_confined(environment: Mapping[str, str]) -> bool:
+    """Whether an environment keeps ROS traffic on this computer, as `confined` does without a named network."""
+    return environment.get("CYCLONEDDS_URI") == _CYCLONEDDS_PROFILE and not names_network(environment)
+
+
+def _middleware(environment: Mapping[str, str]) -> str:
+    return environment.get("RMW_IMPLEMENTATION") or "rmw_fastrtps_cpp"

@@ -1,0 +1,83 @@
+"""The environment that keeps ROS traffic on this computer: what it holds, and the sockets of a participant in it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from auv_lse_common.support.confinement import NETWORK_VARIABLES, confine, confined, is_confined, watch_variables
+
+BARE = {name: value for name, value in os.environ.items() if name not in NETWORK_VARIABLES}
+OPEN = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+CYCLONE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+
+
+def test_nothing_named_means_this_computer() -> None:
+    environment = confined(7, BARE)
+    assert environment["ROS_DOMAIN_ID"] == "7"
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT", "which leaves the range to the profile"
+    profile = Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"])
+    addresses = {node.text for node in ElementTree.parse(profile).iter() if node.tag.endswith("address")}
+    assert addresses & {"127.0.0.1"}
+    assert is_confined(environment)
+    assert not is_confined(BARE)
+    assert confined(None, environment) == environment, "a child process gets the same"
+
+
+def test_cyclone_dds_has_the_loopback_interface_alone() -> None:
+    environment = confined(7, BARE | CYCLONE)
+    general = ElementTree.fromstring(environment["CYCLONEDDS_URI"]).find("Domain/General")
+    assert general is not None
+    assert [(i.get("name"), i.get("multicast")) for i in general.iter("NetworkInterface")] == [("lo", "false")]
+    assert general.findtext("AllowMulticast") == "false"
+    own = BARE | CYCLONE | {"CYCLONEDDS_URI": "file:///etc/cyclone.xml"}
+    assert confined(None, own) == own
+    assert is_confined(confined(None, own | {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"})), "not Fast DDS's profile"
+
+
+def test_an_unknown_middleware_searches_this_computer_only() -> None:
+    environment = confined(7, BARE | {"RMW_IMPLEMENTATION": "rmw_connextdds"})
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("named", [OPEN, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, {"ROS_DISCOVERY_SERVER": "a:1"}])
+def test_a_network_that_the_user_names_is_kept(named: dict[str, str]) -> None:
+    environment = confined(None, BARE | named)
+    assert environment == BARE | named
+    assert not is_confined(environment)
+
+
+def test_named_peers_open_no_more_than_the_peers() -> None:
+    environment = confined(None, BARE | {"ROS_STATIC_PEERS": "192.0.2.9"})
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in environment
+    both = BARE | OPEN | {"ROS_STATIC_PEERS": "192.0.2.9"}
+    assert confined(None, both) == both
+
+
+def test_a_profile_counts_if_it_is_there(tmp_path: Path) -> None:
+    profile = tmp_path / "own.xml"
+    named = BARE | {"FASTDDS_DEFAULT_PROFILES_FILE": str(profile)}
+    assert is_confined(confined(None, named)), "without its profile Fast DDS listens on every address"
+    profile.write_text("<profiles/>")
+    assert confined(None, named)["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(profile), "Jazzy reads this name"
+
+
+def test_a_wish_for_this_computer_is_served_by_the_profile(monkeypatch: pytest.MonkeyPatch) -> None:
+    for wish in ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, {"ROS_LOCALHOST_ONLY": "1"}):
+        environment = confined(None, BARE | wish)
+        assert is_confined(environment)
+        assert environment["ROS_LOCALHOST_ONLY"] == ""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    confine(9)
+    assert is_confined(os.environ)
+    assert os.environ["ROS_DOMAIN_ID"] == "9"
+
+
+def test_another_terminal_is_told_the_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert watch_variables(3) == "ROS_DOMAIN_ID=3 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+    monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.9")
+    assert watch_variables(3) == "ROS_DOMAIN_ID=3"
