@@ -56,7 +56,7 @@ def _add_playing(p: argparse.ArgumentParser) -> None:
     play.add_argument(
         "--domain",
         metavar="N",
-        help="ROS domain to play on, with this shell's discovery settings (default: a free one, on this machine only)",
+        help="ROS domain to play on (default: a free one)",
     )
 
 

@@ -36,6 +36,7 @@ PARAMETERS = """\
   ros__parameters:
     mission: {vehicles: 1, steps: 20}
     vehicle: {start: on_call}
+    record: {folder: BAG}
     link: {kind: mavlink, endpoint: "udpout://127.0.0.1:9"}
 """
 
@@ -78,7 +79,7 @@ def beyond(found: list[OpenSocket]) -> list[str]:
 @pytest.fixture
 def vehicles_file(tmp_path: Path) -> Path:
     path = tmp_path / "vehicles.yaml"
-    path.write_text(PARAMETERS)
+    path.write_text(PARAMETERS.replace("BAG", str(tmp_path / "bag")))
     return path
 
 
@@ -95,6 +96,8 @@ def test_every_executable_started_bare(tmp_path: Path, vehicles_file: Path) -> N
             log = tmp_path / f"{executable}.log"
             environment = SHELL | {"ROS_DOMAIN_ID": str(domain)} | ({"ROS_LOCALHOST_ONLY": "1"} if number % 2 else {})
             arguments = ["--ros-args", "-r", "__ns:=/auv1", "--params-file", str(vehicles_file)]
+            if executable == "micromodem_node":
+                arguments += ["-p", "modem.kind:=micromodem", "-p", "modem.port:=/dev/ttyMISSING"]
             running[executable] = stack.enter_context(started([str(path), *arguments], log, environment)), log
         for executable, (process, log) in running.items():
             assert beyond(sockets_of(process, 1, log)) == [], executable
@@ -104,8 +107,11 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
     with own_domain(VEHICLE_DOMAINS) as domain, contextlib.ExitStack() as stack:
         here = ("--domain", str(domain))
         commands = {
-            "vehicle": (5, module("auv_lse_common.commands.vehicle", "auv1", str(vehicles_file), *here)),
-            "live": (1, module("auv_lse_shore.live.command", "--mission", str(vehicles_file), "--port", "0", *here)),
+            "vehicle": (6, module("auv_lse_common.commands.vehicle", "auv1", str(vehicles_file), *here)),
+            "live": (
+                1,
+                module("auv_lse_shore.live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
+            ),
             "topics": (1, module("auv_lse_common.inspect.topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
         }
         for name, (participants, command) in commands.items():
