@@ -1,6 +1,7 @@
 """Imports the packages before pytest does: in importlib mode it would take the folders of the same names for them.
 
-It also keeps ROS on this computer, removes what killed nodes leave in memory, and lets Hypothesis take its time.
+It also keeps ROS on this computer and second copies of state files out of the home, removes what killed nodes leave in
+memory, and lets Hypothesis take its time.
 """
 
 import os
@@ -18,7 +19,7 @@ import auv_lse_record
 import auv_lse_run
 import auv_lse_shore
 import auv_lse_sim
-from auv_lse_common.node.state_file import forget_copy
+from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.support.confinement import NETWORK_VARIABLES, confine
 
 __all__ = [
@@ -49,3 +50,12 @@ def no_copies_of_state_files_remain(tmp_path_factory: pytest.TempPathFactory) ->
     yield
     for path in tmp_path_factory.getbasetemp().rglob("*.state"):
         forget_copy(path)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def second_copies_of_state_files_stay_out_of_the_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A vehicle of a test must not take the dive of another one for its own that was not ended."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state_home")))
+        patch.delenv("STATE_DIRECTORY", raising=False)
+        yield

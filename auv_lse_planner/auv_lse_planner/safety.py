@@ -56,8 +56,10 @@ class Safety:
                     f"safety.fence_margin_m = {fence.margin_m:g} m. Move it inward, else the fence trips there"
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
+        # An old folder or another card looks like a first start, so a vehicle that can move never starts by itself.
+        at_once = own.start == "at_once" and ("sim" in parameters or not has_autopilot)
         return cls(
-            run=MissionRun(own.start == "at_once", on_abort, own.stop_at_end),
+            run=MissionRun(at_once, on_abort, own.stop_at_end),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
             config=safety,
         )
@@ -91,23 +93,26 @@ class Safety:
             "under_water": self.watch.under_water,
         }
 
-    def recover(self, values: Mapping[str, Any], lost: str, rebooted: bool) -> None:
+    def recover(self, values: Mapping[str, Any], lost: str, rebooted: bool, doubt: str = "") -> None:
         """Continues after a restart.
 
         Args:
             values: The last `snapshot`; empty at a first start, or if it is lost.
             lost: Why it is lost, or "".
             rebooted: Whether all the vehicle's programs were started again since.
+            doubt: Why something else of the dive is not trusted since then, so that no mission goes on; or "".
         """
         if not values:
-            if lost:
-                self.distrust(lost)
+            if lost or doubt:
+                self.distrust(lost or doubt)
             return
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
         self._rebooted = rebooted or values["rebooted"]
         if self._rebooted:
             self.run.pause("the computer was restarted; the vehicle's depth is not known yet")
+        if rebooted and doubt:
+            self.distrust(doubt)
 
     def distrust(self, reason: str) -> None:
         """Reacts to a lost state after a restart: the vehicle surfaces and holds until RESET.

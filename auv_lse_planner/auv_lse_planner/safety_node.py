@@ -6,12 +6,14 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 
 # isort: split
 
+import os
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.state_file import DOUBT_VARIABLE
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.topics.codecs import decode_order
@@ -34,7 +36,8 @@ class SafetyNode(VehicleNode):
     def __init__(self) -> None:
         super().__init__("safety_node")
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
-        self._safety.recover(self.state.values, self.state.lost, self.state.rebooted)
+        doubt = os.environ.get(DOUBT_VARIABLE, "")
+        self._safety.recover(self.state.values, self.state.lost, self.state.rebooted, doubt)
         self._keep()
         self.show_parameters(
             {

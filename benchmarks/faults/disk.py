@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from auv_lse_common.node.state_file import FILE_BYTES
+from auv_lse_common.node.state_slots import FILE_BYTES
 from benchmarks.faults.bed.dive_bed import BACK_S, NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.report import Report
 

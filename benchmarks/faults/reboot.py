@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES
+from auv_lse_common.node.state_slots import FILE_BYTES, SLOT_BYTES
 from benchmarks.faults.bed.dive_bed import BOOTED_S, NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.report import Report
 
@@ -83,11 +83,10 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
     state = water.state
     if state is None or math.isnan(back_s):
         return what, math.nan, [*wrong, "never back"]
-    distrusts = torn in ("auv1.safety_node.state", "auv1.dive")
     surfaced = state.action == MissionState.SURFACE
-    if before == MissionState.ABORTED and not distrusts:
+    if before == MissionState.ABORTED and torn not in ("auv1.safety_node.state", "auv1.dive"):
         good = state.state == MissionState.ABORTED
-    elif before == MissionState.RUNNING and after_reboot == "resume" and not distrusts:
+    elif before == MissionState.RUNNING and after_reboot == "resume" and not torn:
         good = state.state == MissionState.RUNNING
     else:
         good = surfaced

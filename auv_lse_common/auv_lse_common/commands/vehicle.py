@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 import signal
 import sys
@@ -17,9 +18,10 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.commands.dive_record import DiveRecord, StateFolderError
+from auv_lse_common.commands.dive_record import DiveRecord, StateFolderError, second_folders
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, merge
+from auv_lse_common.mission_file.parameters import ParameterError, merge, section
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.process.domain import (
@@ -159,9 +161,11 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
     patterns = read_parameter_file(file)
     own = parameters_for(patterns, f"/auv{vehicle}/settings")
     new = (out or dives / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{vehicle}").resolve()
-    folder = new if out or simulated or "sim" in own else dives.resolve()
-    record = DiveRecord(folder, vehicle, file.resolve(), patterns)
-    if record.continued is None and (new / "bag").exists():
+    simulated = simulated or "sim" in own
+    folder = new if out or simulated else dives.resolve()
+    seconds = second_folders(section(SafetyConfig, own, "safety", str(file)).state_copies)
+    record = DiveRecord(folder, vehicle, file.resolve(), patterns, seconds=seconds, simulated=simulated)
+    if record.continued is None and not record.doubt and os.path.lexists(new / "bag"):
         raise ParameterError(f"--out {new}: contains a recording, {new / 'bag'}; expected a folder without one")
     return record, new if out else record.continued or new
 
@@ -268,6 +272,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with stack:
         follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
+        for text in filter(None, (record.doubt and f"holds until RESET: {record.doubt}", record.copies_problem)):
+            _say(f"auv{number}: {text}")
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
         return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables)
 

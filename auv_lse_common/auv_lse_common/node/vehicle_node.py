@@ -20,7 +20,7 @@ from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.periodic import Periodic
-from auv_lse_common.node.state_file import NODES, START_VARIABLE, StateFile
+from auv_lse_common.node.state_file import NODES, StateFile, open_state
 from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.support.free_memory import return_free_memory
@@ -120,8 +120,8 @@ class VehicleNode(BaseNode):
         path = Path(folder) / f"auv{self._vehicle}.{self._role}.journal" if folder else None
         identity = {"node": self._role, "vehicle": self._vehicle, "parameters": self.parameters}
         beside = None if path is None or self._role not in NODES else path.with_suffix(".state")
-        ran_before = path is not None and path.exists()
-        state = StateFile(beside, identity, start=os.environ.get(START_VARIABLE, ""), expected=ran_before)
+        ran_before = path is not None and os.path.lexists(path)
+        state = open_state(beside, identity, os.environ, expected=ran_before)
         journal = Journal(path, identity, replaced)
         for kind, *values in journal.records:
             if kind == "tuned":

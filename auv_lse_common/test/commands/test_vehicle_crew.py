@@ -11,7 +11,7 @@ from auv_lse_common.commands.vehicle import crew_of, main, open_dive, vehicle_nu
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.node.state_file import StateFile
+from auv_lse_common.node.state_file import open_state
 from auv_lse_common.vocabulary.mission_run import RunState
 
 FOR_ALL = {
@@ -60,8 +60,8 @@ def test_an_edited_places_file_begins_a_new_dive(tmp_path: Path) -> None:
         return open_dive("auv2", file, None, tmp_path / "dives", False)[0]
 
     record = opened()
-    folder = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")[FOLDER_VARIABLE]
-    state = StateFile(Path(folder) / "auv2.safety_node.state", {})
+    environment = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
+    state = open_state(Path(environment[FOLDER_VARIABLE]) / "auv2.safety_node.state", {}, environment)
     state.write({"run": {"state": int(RunState.RUNNING)}, "under_water": True})
     assert opened().continued == tmp_path / "dive"
     text = places.read_text()
@@ -107,6 +107,18 @@ def test_invalid_vehicle_name_is_rejected(name: str) -> None:
     assert vehicle_number("auv7") == vehicle_number("/auv7") == vehicle_number("7") == 7
 
 
+def test_a_recording_of_a_dive_that_was_ended_is_not_added_to(tmp_path: Path) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    record, _ = open_dive("auv1", file, out, tmp_path / "dives", False)
+    record.begin(out, "auv1-1123-184534-3f2a")
+    (out / "bag").mkdir()
+    record.end()
+    with pytest.raises(ParameterError, match="contains a recording"):
+        open_dive("auv1", file, out, tmp_path / "dives", False)
+    (out / "auv1.dive").unlink()
+    assert "auv1.dive is missing" in open_dive("auv1", file, out, tmp_path / "dives", False)[0].doubt
+
+
 @pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
 @pytest.mark.parametrize("value", [5, None, [1]])
 def test_unknown_section_is_rejected(name: str, value: object, tmp_path: Path) -> None:
@@ -123,6 +135,3 @@ def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, caps
     assert main(["auv1", str(write(tmp_path, plannner={})), "--out", str(out)]) == 2
     assert "plannner: unknown section; did you mean 'planner'?" in capsys.readouterr().err
     assert not out.exists()
-    (out / "bag").mkdir(parents=True)
-    assert main(["auv1", str(write(tmp_path)), "--out", str(out)]) == 2
-    assert "contains a recording" in capsys.readouterr().err

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.node import latest_writer, state_file
-from auv_lse_common.node.state_file import FILE_BYTES, SLOT_BYTES, StateFile, allocate, invalidate
+from auv_lse_common.node import latest_writer, state_memory, state_slots
+from auv_lse_common.node.state_file import StateFile, begin_state, read_state
+from auv_lse_common.node.state_slots import FILE_BYTES, SLOT_BYTES, create, invalidate
 
 MISSION = {"vehicle": 2, "steps": 100}
 
@@ -85,7 +86,7 @@ def test_a_process_that_dies_while_it_repairs_leaves_the_file_untrusted(
             os.pwrite(file, data, offset)
 
         with monkeypatch.context() as patch:
-            patch.setattr(state_file, "_write", dies)
+            patch.setattr(state_slots, "write", dies)
             if calls < 4:
                 with pytest.raises(KeyboardInterrupt):
                     StateFile(path, MISSION)
@@ -135,7 +136,7 @@ def test_a_file_that_fails_is_invalidated_in_place(tmp_path: Path) -> None:
     state = StateFile(path, MISSION)
     state.write({"state": "running"})
     number = os.open("/dev/full", os.O_WRONLY)
-    os.dup2(number, state._file)
+    os.dup2(number, state._main.file)
     os.close(number)
     assert not state.write({"state": "aborted"})
     assert "cannot be written" in state.problem
@@ -155,7 +156,7 @@ def test_a_file_that_fails_is_invalidated_in_place(tmp_path: Path) -> None:
 def test_a_state_that_is_too_large_is_a_problem_and_no_error(tmp_path: Path) -> None:
     state = StateFile(tmp_path / "safety.state", MISSION)
     assert not state.write({"text": "x" * SLOT_BYTES})
-    assert "expected at most" in state.problem
+    assert "a slot holds" in state.problem
 
 
 def test_without_a_path_nothing_is_kept() -> None:
@@ -176,7 +177,7 @@ def test_a_full_disk_stops_the_allocation_but_no_write(tmp_path: Path) -> None:
             assert state.write({"number": number})
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
         with pytest.raises(OSError, match=r"bytes written|too large"):
-            allocate(tmp_path / "other.state")
+            create(tmp_path / "other.state", b"{}")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, handler)
@@ -206,7 +207,7 @@ def test_a_killed_process_leaves_a_whole_file(tmp_path: Path) -> None:
 def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "memory"
     folder.mkdir()
-    monkeypatch.setattr(state_file, "MEMORY", folder)
+    monkeypatch.setattr(state_memory, "MEMORY", folder)
     return folder
 
 
@@ -224,12 +225,12 @@ def test_a_card_that_only_reads_is_noticed_after_a_reboot(
         copy.unlink()  # as a reboot does
     whole = StateFile(path, MISSION, start="b")
     assert (whole.values, whole.rebooted, whole.lost) == ({"state": "running"}, True, "")
-    monkeypatch.setattr(state_file, "_write", _fail)
+    monkeypatch.setattr(state_slots, "write", _fail)
     after = StateFile(path, MISSION, start="c")
     assert after.values == {}
     assert "Input/output error; the state of an earlier process is not trusted" in after.lost
     monkeypatch.undo()
-    monkeypatch.setattr(state_file, "MEMORY", memory)
+    monkeypatch.setattr(state_memory, "MEMORY", memory)
     assert StateFile(path, MISSION, start="c").lost, "also by a node that restarts when the card writes again"
 
 
@@ -240,7 +241,7 @@ def test_a_card_that_writes_other_bytes_is_noticed_after_a_reboot(
     StateFile(path, MISSION, start="a").write({"state": "running"})
     for copy in memory.iterdir():
         copy.unlink()
-    monkeypatch.setattr(state_file, "_write", lambda file, data, offset: None)
+    monkeypatch.setattr(state_slots, "write", lambda file, data, offset: None)
     assert "it reads other bytes than were written" in StateFile(path, MISSION, start="b").lost
 
 
@@ -251,18 +252,18 @@ def test_a_node_restarts_with_its_last_state_while_the_card_fails(
     first = StateFile(path, MISSION, start="a")
     first.write({"state": "running"})
     before = path.read_bytes()
-    monkeypatch.setattr(state_file, "_write", _fail)
+    monkeypatch.setattr(state_slots, "write", _fail)
     monkeypatch.setattr(Path, "unlink", _fail)
     assert not first.write({"state": "aborted"})
     assert "after a reboot the vehicle would hold" in first.status
     assert path.read_bytes() == before, "it could not be invalidated"
-    assert state_file.read_state(path) == {"state": "aborted"}
+    assert read_state(path, "") == ({"state": "aborted"}, "")
     again = StateFile(path, MISSION, start="a")
     assert (again.values, again.rebooted, again.lost) == ({"state": "aborted"}, False, "")
     later = StateFile(path, MISSION, start="b")
     assert (later.values, later.rebooted) == ({"state": "aborted"}, True)
     monkeypatch.undo()
-    monkeypatch.setattr(state_file, "MEMORY", memory)
+    monkeypatch.setattr(state_memory, "MEMORY", memory)
     assert later.write({"state": "holding"}), "the card writes again"
     for copy in memory.iterdir():
         copy.unlink()
@@ -279,9 +280,9 @@ def test_without_memory_and_card_an_old_state_is_not_trusted(
     monkeypatch.setattr(os, "pwrite", lambda *_: 0)
     assert not first.write({"state": "aborted"})
     monkeypatch.undo()
-    monkeypatch.setattr(state_file, "MEMORY", memory)
+    monkeypatch.setattr(state_memory, "MEMORY", memory)
     path.write_bytes(before)  # the card did not take the mark either
-    assert state_file.read_state(path) is None
+    assert read_state(path, "")[1]
     again = StateFile(path, MISSION, start="a")
     assert again.values == {}
     assert "an earlier process could not write it" in again.lost
@@ -303,23 +304,23 @@ def test_a_slow_disk_does_not_stop_the_caller(tmp_path: Path, memory: Path, monk
     path = tmp_path / "safety.state"
     state = StateFile(path, MISSION, start="a")
     assert state.write({"number": 0}, 20.0)
-    is_synced, sync = threading.Event(), state_file._write
+    is_synced, sync = threading.Event(), state_slots.write
 
     def slow(file: int, data: bytes, offset: int) -> None:
         is_synced.wait(60.0)
         sync(file, data, offset)
 
-    monkeypatch.setattr(state_file, "_write", slow)
+    monkeypatch.setattr(state_slots, "write", slow)
     monkeypatch.setattr(latest_writer, "_LATE_S", 0.0)
     for number in (1, 2, 3):
         assert not state.write({"number": number}, 0.0)
-        assert state_file.read_state(path) == {"number": number}, "what a restarted node would know"
+        assert read_state(path, "") == ({"number": number}, ""), "what a restarted node would know"
     assert "the disk is slow" in state.status
     is_synced.set()
     assert state.write({"number": 4}), "without a limit it waits for the disk"
     for copy in memory.iterdir():
         copy.unlink()
-    assert state_file.read_state(path) == {"number": 4}
+    assert read_state(path, "") == ({"number": 4}, "")
     assert state.status == ""
 
 

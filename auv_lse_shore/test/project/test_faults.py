@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
-from auv_lse_common.node import state_file
+from auv_lse_common.node import state_memory
 from auv_lse_common.node.journal import Journal
 from auv_lse_common.node.state_file import StateFile
 from auv_lse_common.vocabulary.mission_run import RunState
@@ -374,7 +374,7 @@ def test_a_recovery_after_the_last_leg_reads_like_one():
 def test_an_ended_vehicle_leaves_no_state_in_memory(tmp_path, monkeypatch, end):
     memory = tmp_path / "memory"
     memory.mkdir()
-    monkeypatch.setattr(state_file, "MEMORY", memory)
+    monkeypatch.setattr(state_memory, "MEMORY", memory)
     vehicle = Vehicle(0, SimpleNamespace(vehicle=1, forget=lambda: None, note_death=lambda: None))
     monkeypatch.setattr(vehicle, "pids", list)
     vehicle.program = SimpleNamespace(process=SimpleNamespace(poll=lambda: 0), wait=lambda seconds: None, text=[])

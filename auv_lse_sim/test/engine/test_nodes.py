@@ -29,7 +29,9 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.commands.security_policy import policy as policy_of
 from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.node.state_file import START_VARIABLE, forget_copy, invalidate
+from auv_lse_common.node.state_file import START_VARIABLE
+from auv_lse_common.node.state_memory import forget_copy
+from auv_lse_common.node.state_slots import invalidate
 from auv_lse_common.topics.codecs import decode_mate_navigation
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.ros_conversions import header

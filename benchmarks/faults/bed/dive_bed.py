@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
-from auv_lse_common.node.state_file import forget_copy
+from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
@@ -196,7 +196,7 @@ class DiveBed:
             "area": {"polygon_m": [-half_m, -half_m, half_m, -half_m, half_m, half_m, -half_m, half_m]},
             "planner": {"method": method, "iterations": 10, "replan_lead_s": 0.5},
             "vehicle": {"depth_m": 3.0, "speed_mps": speed_mps, "start": "at_once"},
-            "safety": {"after_reboot": after_reboot, "patience_s": 1.0},
+            "safety": {"after_reboot": after_reboot, "patience_s": 1.0, "state_copies": str(self.out / "copies")},
             "tdma": _TDMA,
             "packet": {"tag": True, "key_file": str(self._key), "tag_bytes": _TAG_BYTES, "session": _SESSION},
             **(more or {}),

@@ -56,6 +56,11 @@ class SafetyConfig:
     patience_s: float = parameter(
         3.0, unit="s", low=0.0, help="how long a limit must be exceeded before the response; the warning comes at once"
     )
+    state_copies: str = parameter(
+        "",
+        help="folder for second copies of the state files, best on another disk than dives; empty: $STATE_DIRECTORY, "
+        "else auv_lse in $XDG_STATE_HOME or ~/.local/state",
+    )
     abort: str = parameter(
         "surface",
         choices=tuple(STOPS),

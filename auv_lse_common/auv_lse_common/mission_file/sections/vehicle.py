@@ -50,8 +50,9 @@ class VehicleConfig:
     start: str = parameter(
         "at_once",
         choices=("at_once", "on_call"),
-        help="at_once: the mission starts with the first odometry and, with an autopilot, when it is armed and "
-        "follows targets; on_call: it waits for the command GO",
+        help="at_once: the mission starts with the first odometry and, with a simulated autopilot, when it is armed "
+        "and follows targets; on_call: it waits for the command GO. A vehicle with an autopilot (link.kind: mavlink) "
+        "and no simulator always waits for GO",
     )
     at_end: str = parameter(
         "hold", choices=tuple(STOPS), help="action after the last leg; go_to leads to recovery_north_m, recovery_east_m"
