@@ -13,8 +13,8 @@ from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.node.state_file import DOUBT_VARIABLE
 from auv_lse_common.node.periodic import Periodic
+from auv_lse_common.node.state_file import DOUBT_VARIABLE
 from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.topics.codecs import decode_order
 from auv_lse_common.topics.records import MissionOrder, Odometry, RunReport

@@ -193,7 +193,7 @@ class DiveRecord:
             copy, reason = read_state(own, self._name)
             if reason and not os.path.lexists(own):
                 doubts.append(reason)
-            elif not reason and ( not values["over"] or copy.get("dive") == values["dive"]):
+            elif not reason and (not values["over"] or copy.get("dive") == values["dive"]):
                 reason = read_state(self._path, self._name, own)[1]
                 doubts += [reason] if reason else []
         return doubts + self._open_copies(values["dive"], own)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from auv_lse_common.node import latest_writer, state_memory, state_slots
-from auv_lse_common.node.state_file import StateFile, begin_state, read_state
+from auv_lse_common.node.state_file import StateFile, read_state
 from auv_lse_common.node.state_slots import FILE_BYTES, SLOT_BYTES, create, invalidate
 
 MISSION = {"vehicle": 2, "steps": 100}
