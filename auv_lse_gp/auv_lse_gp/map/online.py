@@ -190,7 +190,9 @@ class OnlineGp:
             outcomes[i] = outcome
         return outcomes, fit & (noise <= self.config.noise_std_m)
 
-    def _checked(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
+    def _checked(
+        self, soundings: Array, sigmas: float, packets: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], Array]:
         """Which of the soundings (n, 3) are within `sigmas` of the map, without pending merges; and their noise.
 
         Returns:
