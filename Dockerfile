@@ -53,7 +53,7 @@ ENV AUV_LSE_ROOT=/opt/auv_lse OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 WORKDIR /data
 VOLUME /data
 STOPSIGNAL SIGTERM
-ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && mkdir -p /data/dives && exec python3 -m auv_lse_common.commands.vehicle \"$@\"", "vehicle"]
+ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && mkdir -p /data/dives && exec python3 -m auv_lse_run.vehicle.run_vehicle \"$@\"", "vehicle"]
 CMD ["auv1", "/data/vehicle.yaml"]
 
 # BlueOS reads these. It runs the container on the host's network, where the autopilot's endpoint is.

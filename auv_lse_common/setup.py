@@ -1,5 +1,4 @@
 import sys
-from glob import glob
 from tempfile import TemporaryDirectory
 
 from setuptools import find_packages, setup
@@ -17,7 +16,6 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
-        (f"share/{package}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=False,
     options={"build": {"build_base": build.name}, "egg_info": {"egg_base": build.name}} if is_library else {},
@@ -34,7 +32,4 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
     license="Apache-2.0",
-    entry_points={
-        "auv_lse.verbs": ["auv_lse_common = auv_lse_common.verbs:VERBS"],
-    },
 )

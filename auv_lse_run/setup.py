@@ -1,5 +1,6 @@
 import os
 import sys
+from glob import glob
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,12 +27,15 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
+        (f"share/{package}/launch", glob("launch/*.launch.py")),
         *([] if is_library else [("bin", ["bin/auv_lse"])]),  # colcon puts it on PATH; pip makes its own
     ],
     zip_safe=False,
     options={"build": {"build_base": build.name}, "egg_info": {"egg_base": build.name}} if is_library else {},
     python_requires=">=3.11",
     install_requires=[
+        "pyyaml",
+        "rich",
         sibling("auv_lse_common"),
     ]
     if is_library
@@ -39,7 +43,7 @@ setup(
     extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
-    description="The command auv_lse, and the files that it ships: missions, viewer layouts, systemd unit",
+    description="The command auv_lse, processes, ROS domains, dives, and what shows running nodes",
     license="Apache-2.0",
     entry_points={
         "console_scripts": ["auv_lse = auv_lse_run.command.main:main"],

@@ -44,6 +44,7 @@ setup(
         sibling("auv_lse_gp"),
         sibling("auv_lse_planner"),
         sibling("auv_lse_record"),
+        sibling("auv_lse_run"),
     ]
     if is_library
     else [],

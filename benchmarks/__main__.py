@@ -14,7 +14,7 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "places", "planner", "comms", "day", "missed", "until")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day", "missed", "until")
 #: Modules of groups that are not named after them.
 MODULES = {"day": "planning.day", "missed": "planning.missed", "until": "planning.quality.until"}
 

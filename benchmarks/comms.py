@@ -97,22 +97,22 @@ class Wanderers:
     """Vehicles at 1.5 m/s that turn round at the area's border; same paths for the same seed."""
 
     def __init__(self, vehicles: int, seed: int) -> None:
-        """Places them at random."""
+        """Positions them at random."""
         self._rng = stream(seed, "paths")
-        self.places = self._rng.uniform((100.0, 100.0), (NORTH_M - 100.0, EAST_M - 100.0), (vehicles, 2))
+        self.positions = self._rng.uniform((100.0, 100.0), (NORTH_M - 100.0, EAST_M - 100.0), (vehicles, 2))
         self._heading = self._rng.uniform(-np.pi, np.pi, vehicles)
         self._turn = np.zeros(vehicles)
 
     def step(self) -> Array:
-        """Places (K, 2) a second later."""
-        ahead = self.places + 30.0 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
+        """Positions (K, 2) a second later."""
+        ahead = self.positions + 30.0 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
         out = ((ahead < 0.0) | (ahead > (NORTH_M, EAST_M))).any(axis=1)
         change = self._rng.random(len(self._turn)) < 1.0 / 60.0
         self._turn = np.where(change, self._rng.uniform(-0.02, 0.02, len(self._turn)), self._turn)
         self._heading = self._heading + np.where(out, 0.1, self._turn)
-        self.places = self.places + 1.5 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
-        self.places = np.clip(self.places, 0.0, (NORTH_M, EAST_M))
-        return self.places
+        self.positions = self.positions + 1.5 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
+        self.positions = np.clip(self.positions, 0.0, (NORTH_M, EAST_M))
+        return self.positions
 
 
 @dataclasses.dataclass(slots=True)
@@ -145,8 +145,8 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, p
     heard = np.full((vehicles, vehicles), np.nan)
     ages: list[float] = []
     for t in range(1, seconds + 1):
-        places = paths.step()
-        positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(places)}
+        positions = paths.step()
+        positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(positions)}
         start = time.process_time()
         arrivals = channel.arrivals(float(t))
         channel_s += time.process_time() - start
@@ -156,9 +156,9 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, p
             if a.ok and team[a.receiver - 1].receive(a.arrival_s, a.source, a.payload) is not None:
                 heard[a.receiver - 1, a.source - 1] = a.sent_s
         payloads = []
-        for bridge, place in zip(team, places, strict=True):
+        for bridge, position in zip(team, positions, strict=True):
             stamps = t - 1.0 + np.arange(1, per_second + 1) / per_second
-            rows = np.column_stack([stamps, np.tile([*place, 15.0], (per_second, 1))])
+            rows = np.column_stack([stamps, np.tile([*position, 15.0], (per_second, 1))])
             soundings += bridge.add_soundings(rows)
             if t % 16 == 1:
                 bridge.set_plan(dataclasses.replace(PLAN, step=min(t // 16, 100)))
@@ -203,10 +203,10 @@ def twenty_vehicles(sizes: Sizes = FULL) -> list[Row]:
 def delivery_at_range(range_m: float, config: ChannelConfig, packets: int = 2000, seed: int = 1) -> float:
     """Share of packets decoded at a range without interference, by sending them."""
     channel = Channel(config, stream(seed, "range", int(range_m)))
-    places: dict[int, Position] = {1: (0.0, 0.0, 3.0), 2: (range_m, 0.0, 3.0)}
+    positions: dict[int, Position] = {1: (0.0, 0.0, 3.0), 2: (range_m, 0.0, 3.0)}
     read = 0
     for i in range(packets):
-        channel.transmit(20.0 * i, 1, b"\x00" * 252, places)
+        channel.transmit(20.0 * i, 1, b"\x00" * 252, positions)
         read += sum(a.ok for a in channel.arrivals(20.0 * i + 19.0))
     return read / packets
 

@@ -66,11 +66,11 @@ def packet(rng: np.random.Generator) -> Packet:
 
 
 def _navigation(rng: np.random.Generator) -> nav.Navigation:
-    """A raw place, with a fix or without."""
-    raw, place, off = (tuple(rng.integers(-(2**bits), 2**bits, 2).tolist()) for bits in (23, 15, 11))
+    """A dead-reckoned position, with a fix or without."""
+    raw, position, off = (tuple(rng.integers(-(2**bits), 2**bits, 2).tolist()) for bits in (23, 15, 11))
     if rng.random() < 0.5:
         return nav.Navigation(raw_cm=raw)
-    return nav.Navigation(raw_cm=raw, fix_raw_half_m=place, fix_off_dm=off)
+    return nav.Navigation(raw_cm=raw, fix_raw_half_m=position, fix_off_dm=off)
 
 
 def _samples_start(sent: Packet) -> int:
@@ -144,10 +144,10 @@ def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[byte
 
 
 def _not_finite(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
-    places = [2, 6, 10]
+    positions = [2, 6, 10]
     start = _samples_start(sent)
-    places += [start + 4 * i for i in range(3 * len(sent.samples))]
-    at = int(rng.choice(places))
+    positions += [start + 4 * i for i in range(3 * len(sent.samples))]
+    at = int(rng.choice(positions))
     value = float(rng.choice([np.nan, np.inf, -np.inf]))
     return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"not_finite"}
 

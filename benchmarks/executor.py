@@ -12,8 +12,8 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from auv_lse_common.node.executor import make_executor
-from auv_lse_common.process.domain import node_environment, own_domain
 from auv_lse_common.topics.quality import EVERY
+from auv_lse_run.process.domain import node_environment, own_domain
 from benchmarks.rows import Row, row
 
 #: As many publishers and subscriptions as planner_node has, and some more.

@@ -22,7 +22,7 @@ SEED = 9003
 SMOKE = {"mission.steps": 4, "mission.vehicles": 2}
 FULL = {"mission.vehicles": 3}
 #: Parts of a mission, in the order of the rows. Judging comes after it.
-PARTS = ("planner", "places", "map", "packets", "world", "rest", "judging")
+PARTS = ("planner", "positions", "map", "packets", "world", "rest", "judging")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
     for cores in fleet.cores:
         watch(cores, "update_map", "map")
         if cores.corrector is not None:
-            watch(cores.corrector, "correct", "places")
+            watch(cores.corrector, "correct", "positions")
         for name in ("receive", "next_packet"):
             watch(cores, name, "packets")
         watch(cores.planner, "decide", "planner")
@@ -73,7 +73,7 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
     run = fleet.run()
     mission_s = time.process_time() - began
     spent_s = {part: sum(map(sum, times_s[part])) for part in PARTS[:5]}
-    spent_s["map"] -= spent_s["places"]  # places are corrected while the map takes what came
+    spent_s["map"] -= spent_s["positions"]  # positions are corrected while the map takes what came
     spent_s["rest"] = mission_s - sum(spent_s.values())
     spent_s["mission"] = mission_s
     began = time.process_time()

@@ -60,7 +60,7 @@ class Sizes:
         cells: Cells of the map in north and east.
         data: Numbers of centers of the maps.
         running: Centers of the map that is kept up to date in real time.
-        queries: Places at which the local subset is compared with all centers.
+        queries: Locations at which the local subset is compared with all centers.
         every: Every how many soundings of the survey are used.
         soundings: Soundings of the fit.
         restarts: Starts of the fit.
@@ -169,7 +169,8 @@ def start_up(sizes: Sizes = FULL) -> list[Row]:
 
 
 def field_like(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means and standard deviations as they occur in a mission: uncertain places near the level among certain ones."""
+    """Means and standard deviations as they occur in a mission: uncertain positions near the level among certain
+    ones."""
     rng = np.random.default_rng(seed)
     total = np.exp(rng.uniform(np.log(0.1), np.log(8.0), n))
     share = rng.beta(0.5, 0.5, n)
@@ -270,15 +271,17 @@ def accuracy(sizes: Sizes = FULL) -> list[Row]:
 
 
 def made_up(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Places and depths of n soundings in a made-up lake."""
+    """Locations and depths of n soundings in a made-up lake."""
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0.0, SIZE_M, (n, 2))
-    return places, 15.0 + 5.0 * np.sin(places[:, 0] / 80.0) * np.cos(places[:, 1] / 60.0) + 0.3 * rng.normal(size=n)
+    locations = rng.uniform(0.0, SIZE_M, (n, 2))
+    return locations, 15.0 + 5.0 * np.sin(locations[:, 0] / 80.0) * np.cos(locations[:, 1] / 60.0) + 0.3 * rng.normal(
+        size=n
+    )
 
 
-def add_all(gp: OnlineGp, places: np.ndarray, depths: np.ndarray) -> None:
+def add_all(gp: OnlineGp, locations: np.ndarray, depths: np.ndarray) -> None:
     """Adds soundings one by one."""
-    for (north, east), depth in zip(places, depths, strict=True):
+    for (north, east), depth in zip(locations, depths, strict=True):
         gp.add(north, east, depth)
 
 
@@ -313,9 +316,9 @@ def maps(sizes: Sizes = FULL) -> list[Row]:
     queries = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     rows: list[Row] = []
     for n in sizes.data:
-        places, depths = made_up(n + 40, seed=n)
+        locations, depths = made_up(n + 40, seed=n)
         gp = OnlineGp(config)
-        add_all(gp, places[:n], depths[:n])
+        add_all(gp, locations[:n], depths[:n])
         mean, std = gp.predict(queries)
         part = queries if n < 2000 else queries[::5]
         ours = (
@@ -326,10 +329,10 @@ def maps(sizes: Sizes = FULL) -> list[Row]:
         asked = queries if n == 500 else queries[:: max(1, len(queries) // 5_000)]
         scale = len(queries) / len(asked)
         data = {
-            "places": places[:n],
+            "locations": locations[:n],
             "depths": depths[:n],
             "queries": asked,
-            "new": places[n : n + 20],
+            "new": locations[n : n + 20],
             "new_depths": depths[n : n + 20],
             "signal_std": config.signal_std_m,
             "length": config.length_scale_m,
@@ -338,7 +341,7 @@ def maps(sizes: Sizes = FULL) -> list[Row]:
         }
         theirs = rivals(data, sizes)
         rows += against_rivals(n, ours, (mean[:: round(scale)], std[:: round(scale)]), theirs, scale)
-        rows += updates(config, area, places, depths, n, theirs["GPyTorch"])
+        rows += updates(config, area, locations, depths, n, theirs["GPyTorch"])
     return rows
 
 
@@ -350,12 +353,12 @@ def against_rivals(
     Args:
         n: Number of centers.
         ours: Our time for the whole map (s).
-        field: Our mean and standard deviation at the places computed by the libraries, (P,) each.
+        field: Our mean and standard deviation at the locations computed by the libraries, (P,) each.
         theirs: What `rivals` gave.
-        scale: How many times as many places the whole map has.
+        scale: How many times as many locations the whole map has.
     """
-    places = round(scale * len(field[0]))
-    name = f"map of {places:,} places, n = {n}"
+    locations = round(scale * len(field[0]))
+    name = f"map of {locations:,} locations, n = {n}"
     rows = [row(name, ours, "s")]
     for library, key, goal in (
         ("scikit-learn", "by_chunk", 9.0),
@@ -370,7 +373,7 @@ def against_rivals(
         # scikit-learn takes the map in one call; GPyTorch would ask for P x P, so that chunks must be chosen.
         plain = max(times) if library == "scikit-learn" else 2048
         best = min(times, key=lambda chunk: times[chunk])
-        note = "" if scale == 1.0 else ", from 5,000 places"
+        note = "" if scale == 1.0 else ", from 5,000 locations"
         label = f"{library} {result['version']}" + (f" {key}" if key != "by_chunk" else "")
         for chunk, text in ((plain, "one call" if library == "scikit-learn" else "chunks of 2048"), (best, "")):
             goes = n == 500 and chunk == plain
@@ -394,25 +397,25 @@ def against_rivals(
 
 
 def updates(
-    config: GpConfig, area: OperatingArea, places: np.ndarray, depths: np.ndarray, n: int, gpytorch: dict[str, Any]
+    config: GpConfig, area: OperatingArea, locations: np.ndarray, depths: np.ndarray, n: int, gpytorch: dict[str, Any]
 ) -> list[Row]:
     """Appending and the incremental map."""
     gp = OnlineGp(config)
-    add_all(gp, places[:n], depths[:n])
-    gp.predict(places[:1])  # factorizes what waits
-    gp.add(*places[n], depths[n])  # makes room
+    add_all(gp, locations[:n], depths[:n])
+    gp.predict(locations[:1])  # factorizes what waits
+    gp.add(*locations[n], depths[n])  # makes room
     times = []
-    for (north, east), depth in zip(places[n + 1 : n + 20], depths[n + 1 : n + 20], strict=True):
+    for (north, east), depth in zip(locations[n + 1 : n + 20], depths[n + 1 : n + 20], strict=True):
         begin = clock()
         gp.add(north, east, depth)
-        gp.predict(places[:1])  # `add` alone leaves the work to the next answer
+        gp.predict(locations[:1])  # `add` alone leaves the work to the next answer
         times.append(clock() - begin)
     append = 1e3 * float(np.median(times))
     known = "append_s" in gpytorch
     rival = f"GPyTorch {gpytorch['version']}: {1e3 * gpytorch['append_s']:.3g} ms" if known else "GPyTorch: missing"
     rows = [
         row(
-            f"append a datum and predict one place, n = {n}",
+            f"append a datum and predict one location, n = {n}",
             append,
             "ms",
             rival,
@@ -422,18 +425,18 @@ def updates(
         )
     ]
     depth_map = DepthMap(config, LevelSet(), area)
-    add_all(depth_map.gp, places[:n], depths[:n])
+    add_all(depth_map.gp, locations[:n], depths[:n])
     depth_map.field()
     times = []
     for i in range(n, n + 5):
         begin = clock()
-        depth_map.add_soundings([[0.0, *places[i], depths[i]]])
+        depth_map.add_soundings([[0.0, *locations[i], depths[i]]])
         depth_map.field()
         times.append(clock() - begin)
     update = float(np.median(times))
     rows.append(
         row(
-            f"append and update the map of {depth_map.grid.inside.sum()} places (mean, std, risk, p_safe), n = {n}",
+            f"append and update the map of {depth_map.grid.inside.sum()} locations (mean, std, risk, p_safe), n = {n}",
             update,
             "s",
             goal="<= 0.1 s" if n == 500 else "",
@@ -449,10 +452,10 @@ def real_time(sizes: Sizes = FULL) -> list[Row]:
     depth_map = DepthMap(GpConfig(merge=True), LevelSet(), area)
     rng = np.random.default_rng(5)
     while len(depth_map.gp) < sizes.running:
-        place = rng.uniform(0.0, (600.0, 700.0))
-        if abs(place[1] - 350.0) < 12.0:
+        location = rng.uniform(0.0, (600.0, 700.0))
+        if abs(location[1] - 350.0) < 12.0:
             continue  # left for the vehicle
-        depth_map.add_soundings([[0.0, *place, 15.0 + 5.0 * np.sin(place[0] / 80.0) + 0.3 * rng.normal()]])
+        depth_map.add_soundings([[0.0, *location, 15.0 + 5.0 * np.sin(location[0] / 80.0) + 0.3 * rng.normal()]])
     depth_map.field()
     slowest = total = 0.0
     before = dataclasses.replace(depth_map.counts)
@@ -489,12 +492,12 @@ class Survey:
     """Soundings of a lake along lines.
 
     Attributes:
-        places_m: North and east of the soundings, (n, 2).
+        locations_m: North and east of the soundings, (n, 2).
         depths_m: Their depths, (n,); at least `LEAST_DEPTH_M`, so that noise added to them leaves a depth.
         name: Of the lake, for the rows.
     """
 
-    places_m: np.ndarray
+    locations_m: np.ndarray
     depths_m: np.ndarray
     name: str
 
@@ -503,17 +506,17 @@ class Survey:
         """The soundings in the file `lake`, or those of a made-up lake."""
         if lake is not None:
             rows = read_soundings(lake)
-            places, depths, name = rows[:, :2], rows[:, 2], f"real lake, {lake.stem}"
+            locations, depths, name = rows[:, :2], rows[:, 2], f"real lake, {lake.stem}"
         else:
-            (places, depths), name = made_up_lines(seed), "made-up lake"
+            (locations, depths), name = made_up_lines(seed), "made-up lake"
         wet = depths >= LEAST_DEPTH_M
-        return cls(places_m=places[wet], depths_m=depths[wet], name=name)
+        return cls(locations_m=locations[wet], depths_m=depths[wet], name=name)
 
     def middle(self, sizes: Sizes) -> Survey:
         """Every `sizes.every`-th sounding in the middle 800 m x 800 m."""
-        near = np.all(np.abs(self.places_m - np.median(self.places_m, axis=0)) < 400.0, axis=1)
+        near = np.all(np.abs(self.locations_m - np.median(self.locations_m, axis=0)) < 400.0, axis=1)
         kept = np.flatnonzero(near)[:: sizes.every]
-        return Survey(places_m=self.places_m[kept], depths_m=self.depths_m[kept], name=self.name)
+        return Survey(locations_m=self.locations_m[kept], depths_m=self.depths_m[kept], name=self.name)
 
 
 #: Five standard deviations of the noise that `merging` adds.
@@ -521,29 +524,31 @@ LEAST_DEPTH_M = 2.5
 
 
 def made_up_lines(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) and depths (n,) along parallel lines over a draw from a Gaussian process."""
+    """Locations (n, 2) and depths (n,) along parallel lines over a draw from a Gaussian process."""
     rng = np.random.default_rng(seed)
     north = np.arange(0.0, 800.0, 4.0)
-    places = np.concatenate([np.column_stack([north, np.full(len(north), east)]) for east in np.arange(0, 800, 60.0)])
+    locations = np.concatenate(
+        [np.column_stack([north, np.full(len(north), east)]) for east in np.arange(0, 800, 60.0)]
+    )
     truth = GpConfig(length_scale_m=90.0, signal_std_m=8.0)
     centers = rng.uniform(-100, 900, (600, 2))
     depths = 15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01) @ rng.normal(size=600)
     posterior = Posterior(truth)
     posterior.extend(Centers(centers, depths, np.full(600, 0.1)))
-    return places, posterior.mean_m(places) + 0.3 * rng.normal(size=len(places))
+    return locations, posterior.mean_m(locations) + 0.3 * rng.normal(size=len(locations))
 
 
 def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     """Error of predicting from the centers within d_eps, against the full posterior."""
     part = survey.middle(sizes)
-    places, depths, where = part.places_m, part.depths_m, part.name
+    locations, depths, where = part.locations_m, part.depths_m, part.name
     rng = np.random.default_rng(0)
-    queries = rng.uniform(places.min(axis=0), places.max(axis=0), (sizes.queries, 2))
+    queries = rng.uniform(locations.min(axis=0), locations.max(axis=0), (sizes.queries, 2))
     rows = []
     for kernel in ("matern32", "matern52", "squared_exponential"):
         config = GpConfig(kernel=kernel, length_scale_m=70.0, min_spacing_m=20.0, merge=False)
         full = OnlineGp(config)
-        add_all(full, places, depths)
+        add_all(full, locations, depths)
         centers = full.centers
         mean, std = full.predict(queries)
         default = Kernel(dataclasses.replace(config, local=True)).local_m / config.length_scale_m
@@ -569,13 +574,13 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     # The paper's subset solve with a compact kernel: k(S, p) is local, but K^-1 is not.
     config = GpConfig(kernel="wendland_c2", length_scale_m=70.0, min_spacing_m=20.0, merge=False)
     full = OnlineGp(config)
-    add_all(full, places, depths)
+    add_all(full, locations, depths)
     centers, support = full.centers, full.kernel.support_m
     off = []
     for query in queries[:300]:
-        near = np.hypot(*(centers.places_m - query).T) < support
+        near = np.hypot(*(centers.locations_m - query).T) < support
         posterior = Posterior(config)
-        posterior.extend(Centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near]))
+        posterior.extend(Centers(centers.locations_m[near], centers.depths_m[near], centers.noise_std_m[near]))
         off.append(abs(float(posterior.mean_m(query[None])[0] - full.posterior.mean_m(query[None])[0])))
     rows.append(
         row(
@@ -591,18 +596,18 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
 def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     """Error of the map with rejected soundings merged into the nearest center, and dropped."""
     part = survey.middle(sizes)
-    places, depths, where = part.places_m, part.depths_m, part.name
+    locations, depths, where = part.locations_m, part.depths_m, part.name
     rng = np.random.default_rng(1)
     rows, errors = [], {}
-    lines = np.arange(len(places)) // 40 % 5 == 0  # every fifth stretch is held back
+    lines = np.arange(len(locations)) // 40 % 5 == 0  # every fifth stretch is held back
     rough = rng.normal(0.0, 0.5, len(depths))  # noise beyond the survey's own
     for merge in (False, True):
         gp = OnlineGp(
             GpConfig(merge=merge, min_spacing_m=15.0, noise_std_m=0.6, length_scale_m=75.0, signal_std_m=10.0)
         )
-        add_all(gp, places[~lines], (depths + rough)[~lines])
-        near = np.array([np.hypot(*(gp.centers.places_m - p).T).min() < 30.0 for p in places[lines]])
-        errors[merge] = float(np.sqrt(np.mean((gp.posterior.mean_m(places[lines]) - depths[lines])[near] ** 2)))
+        add_all(gp, locations[~lines], (depths + rough)[~lines])
+        near = np.array([np.hypot(*(gp.centers.locations_m - p).T).min() < 30.0 for p in locations[lines]])
+        errors[merge] = float(np.sqrt(np.mean((gp.posterior.mean_m(locations[lines]) - depths[lines])[near] ** 2)))
         text = "merged" if merge else "dropped"
         rows.append(
             row(
@@ -620,9 +625,9 @@ def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
 
 def planned(sizes: Sizes = FULL) -> list[Row]:
     """Benefit of measuring along a path by planning its end after its prefix, against planning the whole path."""
-    places, depths = made_up(sizes.data[0])
+    locations, depths = made_up(sizes.data[0])
     posterior, level_set = Posterior(GpConfig()), LevelSet()
-    posterior.extend(Centers(places, depths, np.full(len(depths), 0.3)))
+    posterior.extend(Centers(locations, depths, np.full(len(depths), 0.3)))
     path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
 
     def benefit_of(prior: Posterior, more: np.ndarray) -> None:
@@ -633,23 +638,23 @@ def planned(sizes: Sizes = FULL) -> list[Row]:
     prefix = posterior.with_planned(path[:100])
     ends = best_of(sizes.repeats, lambda: benefit_of(prefix, path[100:]))
     return [
-        row(f"benefit of a path of 120 places, n = {len(places)}", 1e3 * whole, "ms"),
-        row("the same, extending one of 100 places", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),
+        row(f"benefit of a path of 120 locations, n = {len(locations)}", 1e3 * whole, "ms"),
+        row("the same, extending one of 100 locations", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),
     ]
 
 
 def hyperparameters(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     """The fit against scikit-learn's on soundings of the lake: both from as many starts, constant mean known."""
     where = survey.name
-    pick = np.random.default_rng(0).choice(len(survey.places_m), sizes.soundings, replace=False)
-    places, depths = survey.places_m[pick], survey.depths_m[pick]
+    pick = np.random.default_rng(0).choice(len(survey.locations_m), sizes.soundings, replace=False)
+    locations, depths = survey.locations_m[pick], survey.depths_m[pick]
     begin = clock()
-    result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=sizes.restarts)
+    result = fit(locations, depths, mean_depth_m=float(depths.mean()), restarts=sizes.restarts)
     seconds = clock() - begin
     name = f"fit, {sizes.soundings} soundings of the {where}, {sizes.restarts} starts"
     few, few_depths = made_up(20)
     data = {
-        "places": few,
+        "locations": few,
         "depths": few_depths,
         "queries": few,
         "new": few[:1],
@@ -658,7 +663,7 @@ def hyperparameters(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         "length": 70.0,
         "noise_std": 0.3,
         "mean": 15.0,
-        "fit_places": places,
+        "fit_positions": locations,
         "fit_depths": depths,
     }
     theirs = rivals(data, sizes)["scikit-learn"]

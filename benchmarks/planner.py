@@ -3,7 +3,7 @@
 All in processor time, so that it can be measured on a machine that has other things to do.
 
 Ratios to scikit-learn and GPyTorch are of the same work: the values of the same paths by conditioning the library's
-own posterior on the path's places. Where a library is not installed its rows are left out.
+own posterior on the path's locations. Where a library is not installed its rows are left out.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from benchmarks.rows import Row, row
 
-#: Places of a naive path, after three legs of a plan.
+#: Locations of a naive path, after three legs of a plan.
 NAIVE = 97
 #: Methods whose decision of step 0 is timed, with its goal (ms), if any. That of `tour` is its longest.
 DECIDED = {"augmented": 100.0, "plain": None, "tour": 3000.0}
@@ -76,9 +76,9 @@ def centers(count: int, seed: int = 0) -> Centers:
     rng = np.random.default_rng(seed)
     kept = np.empty((0, 2))
     while len(kept) < count:
-        place = rng.uniform([-40.0, -40.0], [540.0, 640.0])
-        if not len(kept) or np.min((kept[:, 0] - place[0]) ** 2 + (kept[:, 1] - place[1]) ** 2) > 8.0**2:
-            kept = np.vstack([kept, place])
+        location = rng.uniform([-40.0, -40.0], [540.0, 640.0])
+        if not len(kept) or np.min((kept[:, 0] - location[0]) ** 2 + (kept[:, 1] - location[1]) ** 2) > 8.0**2:
+            kept = np.vstack([kept, location])
     depths = 15.0 + 8.0 * np.sin(kept[:, 0] / 60.0) * np.cos(kept[:, 1] / 75.0)
     return Centers(kept, depths, np.full(count, 0.3))
 
@@ -113,14 +113,14 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
     posterior.follow(centers(sizes.centers))
     reward = PathReward(posterior, LevelSet())
     made = planner("augmented", sizes.centers)
-    naive_places = made.rollout.path(made.settings.mission.steps - NAIVE, np.zeros(3), (), LAWNMOWERS[0]).places_m
+    naive_locations = made.rollout.path(made.settings.mission.steps - NAIVE, np.zeros(3), (), LAWNMOWERS[0]).locations_m
     rng = np.random.default_rng(2)
     new = rng.uniform([0.0, 0.0], [500.0, 600.0], (3 * BATCH, 2))
-    whole = np.concatenate([new[:3], naive_places])
+    whole = np.concatenate([new[:3], naive_locations])
 
     def together() -> Any:
-        """As the search asks: the places of all paths at once, then their values."""
-        columns = posterior.at(np.concatenate([new, np.tile(naive_places, (BATCH, 1))]))
+        """As the search asks: the locations of all paths at once, then their values."""
+        columns = posterior.at(np.concatenate([new, np.tile(naive_locations, (BATCH, 1))]))
         paths = join_by_path(columns.slice(0, len(new)), columns.slice(len(new), len(columns)), BATCH)
         return reward.values_of_equal(paths, len(whole))
 
@@ -129,8 +129,14 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
     alone = per_second(lambda: reward.value(posterior.at(whole)), 1, sizes.least_s)
     rows = [
         row(f"exact values of paths of 3 legs, {BATCH} at once", short, "1/s"),
-        row(f"exact values of 100-place paths, {BATCH} at once", batched, "1/s", goal=">= 1000", holds=batched >= 1000),
-        row("exact values of 100-place paths, one by one", alone, "1/s", goal=">= 1000", holds=alone >= 1000),
+        row(
+            f"exact values of 100-location paths, {BATCH} at once",
+            batched,
+            "1/s",
+            goal=">= 1000",
+            holds=batched >= 1000,
+        ),
+        row("exact values of 100-location paths, one by one", alone, "1/s", goal=">= 1000", holds=alone >= 1000),
     ]
     exact = reward.value(posterior.at(whole))
     for name, library in (("scikit-learn", _sklearn), ("GPyTorch", _gpytorch)):
@@ -156,7 +162,7 @@ def anytime(sizes: Sizes = FULL) -> list[Row]:
     posterior = Posterior(GpConfig())
     posterior.follow(centers(count))
     area = OperatingArea(AreaConfig())
-    fine, coarse = (CachedPoints(posterior, area.grid(spacing).places_m) for spacing in (20.0, 24.0))
+    fine, coarse = (CachedPoints(posterior, area.grid(spacing).locations_m) for spacing in (20.0, 24.0))
     rng = np.random.default_rng(3)
     paths = [_walk(rng, legs) for _ in range(1 + TOUR_MATES)]
     mates = [(np.arange(legs) + 0.4 * number, path) for number, path in enumerate(paths[1:], 1)]
@@ -194,11 +200,11 @@ def _walk(rng: np.random.Generator, legs: int) -> Any:
     return low + width - np.abs((ends - low) % (2.0 * width) - width)
 
 
-def _difference(reward: AnytimeReward, places_m: Any, number: int) -> float:
+def _difference(reward: AnytimeReward, locations_m: Any, number: int) -> float:
     """Slope of the gradient's value in one coordinate, by differences of fourth order."""
-    aside = np.zeros(places_m.size)
+    aside = np.zeros(locations_m.size)
     aside[number] = 0.02
-    at = [reward.value_and_gradient(places_m + k * aside.reshape(-1, 2))[0] for k in (-2, -1, 1, 2)]
+    at = [reward.value_and_gradient(locations_m + k * aside.reshape(-1, 2))[0] for k in (-2, -1, 1, 2)]
     return float((at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * 0.02))
 
 
@@ -218,7 +224,7 @@ def _sklearn(whole: Any, data: Centers) -> Callable[[], float]:
     config = GpConfig()
     kernel = ConstantKernel(config.signal_std_m**2) * Matern(config.length_scale_m, nu=2.5)
     model = GaussianProcessRegressor(kernel, alpha=config.noise_std_m**2, optimizer=None)
-    model.fit(data.places_m, data.depths_m - config.mean_depth_m)
+    model.fit(data.locations_m, data.depths_m - config.mean_depth_m)
 
     def value() -> float:
         mean, covariance = model.predict(whole, return_cov=True)
@@ -246,7 +252,7 @@ def _gpytorch(whole: Any, data: Centers) -> Callable[[], float]:
         def forward(self, x: Any) -> Any:
             return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
 
-    x, y = torch.tensor(data.places_m), torch.tensor(data.depths_m)
+    x, y = torch.tensor(data.locations_m), torch.tensor(data.depths_m)
     likelihood = gpytorch.likelihoods.GaussianLikelihood().double()
     model = Model(x, y, likelihood).double()
     likelihood.noise = config.noise_std_m**2
@@ -339,7 +345,7 @@ def under_way(sizes: Sizes = FULL) -> list[Row]:
 
 
 def samples_cost(sizes: Sizes = FULL) -> list[Row]:
-    """What several measurement places along a leg cost."""
+    """What several measurement locations along a leg cost."""
     rows = []
     for samples in (1, 2, 3):
         options = {"samples_per_leg": samples, **sizes.options}

@@ -46,7 +46,7 @@ MISSIONS: dict[str, dict[str, Any]] = {
     "plain": {"planner.method": "plain", "mission.steps": 50, "mission.seed": 4},
     "lawnmower": {"planner.method": "lawnmower", "mission.seed": 6},
     "straddle": {"planner.method": "straddle", "mission.vehicles": 1, "mission.steps": 60, "mission.seed": 8},
-    "three_places_a_leg": {
+    "three_positions_a_leg": {
         "planner.samples_per_leg": 3,
         "planner.method": "augmented",
         "gp.kernel": "wendland_c2",

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
 from benchmarks.faults.kills import NODES, Program
 from benchmarks.faults.sockets import family_of
 from benchmarks.rows import Row, row
@@ -53,14 +53,14 @@ def memory_mb(pids: list[int]) -> tuple[float, dict[int, float]]:
             text = Path(f"/proc/{pid}/smaps").read_text()
         except OSError:
             continue  # it has ended
-        place, size, shares[pid] = ("", ""), {"Rss": 0.0, "Pss": 0.0, "Anonymous": 0.0}, 0.0
+        position, size, shares[pid] = ("", ""), {"Rss": 0.0, "Pss": 0.0, "Anonymous": 0.0}, 0.0
         for line in [*text.splitlines(), "0-0 - 0 - 0"]:
             if match := _MAPPING.match(line):
-                of_file = max(0.0, size["Rss"] - size["Anonymous"]) if place[0].startswith("/") else 0.0
-                files[place] = max(files[place], of_file)
-                others_kb += min(size["Pss"], size["Anonymous"]) if place[0].startswith("/") else size["Pss"]
+                of_file = max(0.0, size["Rss"] - size["Anonymous"]) if position[0].startswith("/") else 0.0
+                files[position] = max(files[position], of_file)
+                others_kb += min(size["Pss"], size["Anonymous"]) if position[0].startswith("/") else size["Pss"]
                 shares[pid] += size["Pss"] / 1e3
-                place, size = (match[2], match[1]), dict.fromkeys(size, 0.0)
+                position, size = (match[2], match[1]), dict.fromkeys(size, 0.0)
             else:
                 name, _, value = line.partition(":")
                 if name in size:
@@ -91,7 +91,7 @@ def _fly(folder: Path, window_s: float, domains: tuple[int, ...]) -> list[Row]:
         for k in (2, 1):
             os.sched_setaffinity(0, set(cores[:1] if k == 1 else cores[1:] or cores))  # inherited
             own = (f"auv{k}", str(file), "--out", str(folder / f"auv{k}"))
-            programs.append(Program("auv_lse_common.commands.vehicle", *own, "--domain", str(domains[k])))
+            programs.append(Program("auv_lse_run.vehicle.run_vehicle", *own, "--domain", str(domains[k])))
         os.sched_setaffinity(0, set(cores))
         _await(lambda: all(set(NODES) <= set(program.nodes) for program in programs[1:]), programs)
         time.sleep(1.0 if window_s < 10.0 else _START_S)

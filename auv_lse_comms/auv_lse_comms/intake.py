@@ -41,7 +41,7 @@ class BridgeIntake:
         self._soundings.extend(soundings)
 
     def set_dead_reckoning(self, raw: DeadReckoning) -> None:
-        """Sets the vehicle's raw place, replacing a waiting one."""
+        """Sets the vehicle's dead-reckoned position, replacing a waiting one."""
         self._raw = raw
 
     def add_fix(self, fix: Fix) -> None:
@@ -78,8 +78,8 @@ class BridgeIntake:
             self.problems.append(f"soundings that are not finite are not sent: {counts['samples.bad']} so far")
         if counts["samples.unplaced"] > unplaced:
             self.problems.append(
-                f"soundings without a raw place are not sent: {counts['samples.unplaced']} so far; use a driver that "
-                "sets raw_north_m and raw_east_m, or set packet.navigation: false for the whole team"
+                f"soundings without a dead-reckoned position are not sent: {counts['samples.unplaced']} so far; use a "
+                "driver that sets raw_north_m and raw_east_m, or set packet.navigation: false for the whole team"
             )
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
         answers, self._answers = sorted(self._answers, key=lambda answer: answer[:2]), []

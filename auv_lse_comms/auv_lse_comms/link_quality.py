@@ -27,8 +27,8 @@ _REFUSALS = {
     "stale": "they belong to other slots: its clock is about {off} this vehicle's, or old packets are replayed; "
     "correct the clock that is wrong",
     "replay": "they were received before: an echo, or packets are replayed",
-    "implausible": "place or step does not follow its last packets: two vehicles have that number, it started again, "
-    "or forged packets",
+    "implausible": "position or step does not follow its last packets: two vehicles have that number, it started "
+    "again, or forged packets",
     "unproven": "a clock was set back by about {off_s:.0f} s; they are accepted once they echo a packet of this "
     "vehicle, which takes some cycles",
 }

@@ -130,7 +130,7 @@ class ModemNode(VehicleNode):
             self._team_plans.publish(PlanReport(stamp_s=stamp_s, vehicle=source, plan=packet.plan))
             self._published["plans"] += 1
             self._pass_on_abort(received)
-            if received.navigation is not None:  # before the samples, whose places depend on it
+            if received.navigation is not None:  # before the samples, whose positions depend on it
                 self._team_navigation.publish(received.navigation)
                 self._published["navigation"] += 1
             if len(packet.samples):

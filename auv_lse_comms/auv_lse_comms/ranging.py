@@ -15,7 +15,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, MateNavigati
 from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_comms.tdma import SlotKey, Tdma
 
-#: A raw place older than this is too old for a transmission (s).
+#: A dead-reckoned position older than this is too old for a transmission (s).
 FRESH_S = 2.0
 #: Times closer than this (s) are equal: a message's stamp has nanoseconds, UTC as a float has less resolution.
 SAME_TIME_S = 1e-3
@@ -41,10 +41,10 @@ UNTIMED = Timing()
 
 
 class Ranging:
-    """The ranges of one vehicle, and its own raw place, which is needed to resolve them."""
+    """The ranges of one vehicle, and its own dead-reckoned position, which is needed to resolve them."""
 
     def __init__(self, tdma: Tdma, second_lead_s: float | None = None, pings: bool = False) -> None:
-        """Starts without a raw place.
+        """Starts without a dead-reckoned position.
 
         Args:
             tdma: The slots of the vehicle.
@@ -54,16 +54,17 @@ class Ranging:
         """
         self._tdma, self._second_lead_s, self._pings = tdma, second_lead_s, pings
         self._raw: DeadReckoning | None = None
-        self._before: DeadReckoning | None = None  # the raw place before that
+        self._before: DeadReckoning | None = None  # the dead-reckoned position before that
         self._pinged = 0  # the mate pinged last
         self._slot: SlotKey | None = None  # the slot of that ping
 
     def set_dead_reckoning(self, raw: DeadReckoning) -> None:
-        """Sets the vehicle's raw place."""
+        """Sets the vehicle's dead-reckoned position."""
         self._before, self._raw = self._raw, raw
 
     def raw_at_start(self, now_s: float) -> DeadReckoning | None:
-        """The raw place at the transmission's start of a packet that is given out now; None if it is not known."""
+        """The dead-reckoned position at the transmission's start of a packet that is given out now; None if it is not
+        known."""
         raw, before = self._raw, self._before
         if raw is None or now_s - raw.stamp_s > FRESH_S:
             return None
@@ -100,7 +101,7 @@ class Ranging:
     def _with_whole_seconds(self, timing: Timing, navigation: Navigation) -> Timing:
         """The timing with the whole seconds of travel time that the modem cannot measure.
 
-        They follow from the raw places of both vehicles, whose error is far below the 1.5 km of a second.
+        They follow from the dead-reckoned positions of both vehicles, whose error is far below the 1.5 km of a second.
         """
         if self._second_lead_s is None or self._raw is None or not math.isfinite(timing.travel_s):
             return timing

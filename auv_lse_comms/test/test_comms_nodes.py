@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
-from auv_lse_common.process.dive import DIVE_VARIABLE, tagged_frame
+from auv_lse_common.node.dive import DIVE_VARIABLE, tagged_frame
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate

@@ -45,12 +45,12 @@ def test_a_sounding_that_is_not_finite_is_reported_once() -> None:
     assert own.problems == []
 
 
-def test_a_sounding_without_a_raw_place_is_reported_where_packets_need_one() -> None:
+def test_a_sounding_without_a_raw_position_is_reported_where_packets_need_one() -> None:
     own = BridgeIntake(ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 3))
     own.add_soundings([(1.0, 0.0, 0.0, 12.0, 0.5, 0.5), (2.0, 0.0, 0.0, 12.0, math.nan, math.nan)])
     own.process()
     (problem,) = own.problems
-    assert problem.startswith("soundings without a raw place are not sent: 1 so far; ")
+    assert problem.startswith("soundings without a dead-reckoned position are not sent: 1 so far; ")
     assert own.bridge.unsent == 1
 
 

@@ -25,7 +25,7 @@ def _raw(stamp_s: float, north_m: float, east_m: float) -> DeadReckoning:
     return DeadReckoning(stamp_s=stamp_s, heading_rad=0.0, north_m=north_m, east_m=east_m, depth_m=3.0)
 
 
-def test_a_packet_holds_the_place_at_its_transmission() -> None:
+def test_a_packet_holds_the_position_at_its_transmission() -> None:
     """It starts on the next second that is at least .4 s away; the vehicle goes on as in the last second."""
     ranging = Ranging(Tdma(TdmaConfig(), 1, 2), second_lead_s=0.4)
     assert ranging.raw_at_start(100.0) is None

@@ -149,7 +149,7 @@ def sounds_of_a_team(
     """
     clocks = rng.uniform(-skew_s, skew_s, vehicles)
     clocks[rng.integers(0, vehicles)] = skew_s * rng.choice([-1.0, 1.0])
-    places = rng.uniform(-0.5, 0.5, (vehicles, 2)) * config.max_range_m / math.sqrt(2.0)
+    positions = rng.uniform(-0.5, 0.5, (vehicles, 2)) * config.max_range_m / math.sqrt(2.0)
     members = [Tdma(config, a, vehicles) for a in range(1, vehicles + 1)]
     if change is not None:
         for member in members:
@@ -169,7 +169,7 @@ def sounds_of_a_team(
     for receiver in range(vehicles):
         heard = []
         for start, sender, duration in sends:
-            travel = float(np.linalg.norm(places[sender - 1] - places[receiver])) / config.sound_speed_mps
+            travel = float(np.linalg.norm(positions[sender - 1] - positions[receiver])) / config.sound_speed_mps
             heard.append((start + travel, start + travel + duration))
         heard.sort()
         bad += sum(overlaps(a, b) for a, b in itertools.pairwise(heard))

@@ -26,18 +26,18 @@ BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0"
 @pytest.mark.parametrize(
     ("text", "address"),
     [
-        ("/dev/ttyUSB0", Address(kind="serial", place="/dev/ttyUSB0", number=19200)),
-        ("serial:///dev/ttyACM0:115200", Address(kind="serial", place="/dev/ttyACM0", number=115200)),
+        ("/dev/ttyUSB0", Address(kind="serial", position="/dev/ttyUSB0", number=19200)),
+        ("serial:///dev/ttyACM0:115200", Address(kind="serial", position="/dev/ttyACM0", number=115200)),
         *(
-            (f"{prefix}{BY_PATH}{suffix}", Address(kind="serial", place=BY_PATH, number=number))
+            (f"{prefix}{BY_PATH}{suffix}", Address(kind="serial", position=BY_PATH, number=number))
             for prefix in ("", "serial://")
             for suffix, number in (("", 19200), (":57600", 57600))
         ),
-        ("/dev/ttyS0:0115200", Address(kind="serial", place="/dev/ttyS0:0115200", number=19200)),
-        ("/tmp/lake é 1/modem", Address(kind="serial", place="/tmp/lake é 1/modem", number=19200)),
-        ("tcp://127.0.0.1:4001", Address(kind="tcp", place="127.0.0.1", number=4001)),
-        ("udpin://0.0.0.0:14550", Address(kind="udpin", place="0.0.0.0", number=14550)),
-        ("udpout://[::1]:14550", Address(kind="udpout", place="::1", number=14550)),
+        ("/dev/ttyS0:0115200", Address(kind="serial", position="/dev/ttyS0:0115200", number=19200)),
+        ("/tmp/lake é 1/modem", Address(kind="serial", position="/tmp/lake é 1/modem", number=19200)),
+        ("tcp://127.0.0.1:4001", Address(kind="tcp", position="127.0.0.1", number=4001)),
+        ("udpin://0.0.0.0:14550", Address(kind="udpin", position="0.0.0.0", number=14550)),
+        ("udpout://[::1]:14550", Address(kind="udpout", position="::1", number=14550)),
     ],
 )
 def test_addresses(text, address):
@@ -93,10 +93,10 @@ def test_serial_port_both_ways_and_its_end():
     port.close()
 
 
-@pytest.mark.parametrize("place", ["/dev/does-not-exist", "/dev/null"])
-def test_what_is_no_serial_device_is_named(place):
-    with pytest.raises(TransportError, match=place):
-        open_transport(read_address(place))
+@pytest.mark.parametrize("position", ["/dev/does-not-exist", "/dev/null"])
+def test_what_is_no_serial_device_is_named(position):
+    with pytest.raises(TransportError, match=position):
+        open_transport(read_address(position))
 
 
 def test_rts_and_dtr_of_a_modem_are_low_before_its_port_is_opened(monkeypatch):
@@ -280,7 +280,9 @@ def test_a_watcher_stopped_between_its_bytes_and_its_wait_ends():
 
 
 def test_only_an_expected_datagram_changes_the_peer_of_udpin():
-    port = open_transport(Address(kind="udpin", place="127.0.0.1", number=0), lambda data: data.startswith(b"friend"))
+    port = open_transport(
+        Address(kind="udpin", position="127.0.0.1", number=0), lambda data: data.startswith(b"friend")
+    )
     there = ("127.0.0.1", port.local_port)
     friend, stranger, moved = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
     try:

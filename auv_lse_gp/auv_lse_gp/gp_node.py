@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_common.mission_file.sections.places import places_of
+from auv_lse_common.mission_file.sections.positions import positions_of
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
@@ -28,7 +28,7 @@ from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
-from auv_lse_gp.places.position_corrector import corrector_for
+from auv_lse_gp.positions.position_corrector import corrector_for
 
 
 class GpNode(VehicleNode):
@@ -40,15 +40,15 @@ class GpNode(VehicleNode):
         level_set = section(LevelSet, self.parameters, "level_set", self.where)
         area = section(AreaConfig, self.parameters, "area", self.where)
         self._map = DepthMap(config, level_set, OperatingArea(area))
-        places = places_of(self.parameters, self.where)
-        self._intake = MapIntake(self._map, corrector_for(self.vehicle, places, self._map))
+        positions = positions_of(self.parameters, self.where)
+        self._intake = MapIntake(self._map, corrector_for(self.vehicle, positions, self._map))
         self._maps = Periodic(self._map.publish_period_s)
         self._reports = Periodic(config.publish_period_s)
         self._maps_took_s = 0.0
         self._is_over = self._is_final_map_due = False  # the mission is; its complete map is not published yet
-        self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
+        self.show_parameters({"gp": config, "level_set": level_set, "area": area, "positions": positions})
         self._revisions = 0  # number of revisions published, which count from 0
-        self._places = 0  # number of corrected positions published
+        self._positions = 0  # number of corrected positions published
         self._placed_s = -float("inf")
         self._update_s = 0.0
         self._recent = Recent()
@@ -63,7 +63,7 @@ class GpNode(VehicleNode):
         self.listen("team/navigation", self._intake.add_navigation)
         self.listen("team/samples", self._on_samples)
         self.listen("mission/state", self._on_state)
-        self.phase("gp", self.step, lambda: (self._revisions, self._places))
+        self.phase("gp", self.step, lambda: (self._revisions, self._positions))
         self._intake.restore(self.journal.records)
         self.begin()
 
@@ -84,10 +84,10 @@ class GpNode(VehicleNode):
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(_centers_report(now_s, self._map))
-        place = None if self._intake.corrector is None else self._intake.corrector.place
-        if place is not None and place.stamp_s != self._placed_s:
-            self._placed_s, self._places = place.stamp_s, self._places + 1
-            self._corrected.publish(place)
+        position = None if self._intake.corrector is None else self._intake.corrector.position
+        if position is not None and position.stamp_s != self._placed_s:
+            self._placed_s, self._positions = position.stamp_s, self._positions + 1
+            self._corrected.publish(position)
         if taken:
             self._update_s = time.perf_counter() - began
         if self._is_final_map_due or self._maps.is_due(now_s):
@@ -125,10 +125,10 @@ def _centers_report(now_s: float, depth_map: DepthMap) -> CentersReport:
     return CentersReport(
         stamp_s=now_s,
         revision=depth_map.revision,
-        places_m=centers.places_m,
+        locations_m=centers.locations_m,
         depths_m=centers.depths_m,
         noise_std_m=centers.noise_std_m,
-        place_effect_m=centers.place_effect_m,
+        position_effect_m=centers.position_effect_m,
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.position_corrector import PositionCorrector
+from auv_lse_gp.positions.position_corrector import PositionCorrector
 
 #: Warn after this time (s) without a sounding of this vehicle.
 QUIET_S = 60.0

@@ -16,7 +16,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.position_corrector import Checkpoint, PositionCorrector
+from auv_lse_gp.positions.position_corrector import Checkpoint, PositionCorrector
 
 
 class MapIntake:
@@ -39,17 +39,17 @@ class MapIntake:
         self._mates: list[MateNavigation] = []
 
     def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Queues own soundings as rows of the fields of `Sounding` in order; the raw position is optional."""
+        """Queues own soundings as rows of the fields of `Sounding` in order; the dead-reckoned position is optional."""
         self._soundings.extend(Sounding(*row) for row in rows)  # type: ignore[arg-type]  # vehicle: a whole number
 
     def add_samples(self, stamp_s: float, source: int, samples: ArrayLike) -> None:
         """Queues a mate's samples: end of reception (s), number of the sender, and north, east, depth (m), (n, 3)."""
         self._samples.append((stamp_s, source, samples))
 
-    def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """Queues the vehicle's raw position; ignored without a corrector, like all navigation."""
+    def add_dead_reckoning(self, position: DeadReckoning) -> None:
+        """Queues the vehicle's dead-reckoned position; ignored without a corrector, like all navigation."""
         if self.corrector is not None:
-            self._tracks.append(place)
+            self._tracks.append(position)
 
     def add_fix(self, fix: Fix) -> None:
         """Queues a position fix of the vehicle."""
@@ -66,7 +66,7 @@ class MapIntake:
         found: dict[str, list[Any]] = {
             "soundings": [[float(v) for v in (s if math.isfinite(s.raw_north_m) else s[:4])] for s in self._soundings],
             "samples": [[stamp_s, source, np.asarray(rows).tolist()] for stamp_s, source, rows in self._samples],
-            "tracks": [dataclasses.asdict(place) for place in self._tracks],
+            "tracks": [dataclasses.asdict(position) for position in self._tracks],
             "fixes": [dataclasses.asdict(fix) for fix in self._fixes],
             "mates": [dataclasses.asdict(mate) for mate in self._mates],
         }
@@ -119,7 +119,10 @@ class MapIntake:
         """Whether one step with the queued inputs and those of the next step gives the same log as two steps."""
         if self._samples or self._fixes or self._mates:
             return False
-        queued = [sounding.stamp_s for sounding in self._soundings[-1:]], [place.stamp_s for place in self._tracks[-1:]]
+        queued = (
+            [sounding.stamp_s for sounding in self._soundings[-1:]],
+            [position.stamp_s for position in self._tracks[-1:]],
+        )
         following = [row[0] for row in waiting.get("soundings", ())], [t["stamp_s"] for t in waiting.get("tracks", ())]
         return all(a <= b for one, other in zip(queued, following, strict=True) for a, b in pairwise(one + other))
 
@@ -137,8 +140,8 @@ class MapIntake:
         if self.corrector is None:
             self._take()
             return waited
-        for place in sorted(self._tracks, key=lambda place: place.stamp_s):
-            self.corrector.add_dead_reckoning(place)
+        for position in sorted(self._tracks, key=lambda position: position.stamp_s):
+            self.corrector.add_dead_reckoning(position)
         for fix in sorted(self._fixes, key=lambda fix: fix.stamp_s):
             self.corrector.add_fix(fix)
         for mate in sorted(self._mates, key=lambda mate: (mate.stamp_s, mate.source)):

@@ -1,7 +1,7 @@
 """Reads soundings from tables (CSV) and npz grids.
 
 A table has a header and rows with fields separated by comma, semicolon, tab or blanks. Lines that begin with # and
-columns with other names are ignored. Places are in metres (north_m, east_m, or northing, easting), in degrees (lat,
+columns with other names are ignored. Positions are in metres (north_m, east_m, or northing, easting), in degrees (lat,
 lon), or both. Depths are depth_m, positive down, or elevation_m, positive up.
 """
 
@@ -24,7 +24,8 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 
 Array = NDArray[np.float64]
 
-#: If all places are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong origin).
+#: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
+#: origin).
 FAR_M = 100_000.0
 
 #: Values that commonly mark missing data, with either sign.
@@ -66,12 +67,12 @@ class SoundingsTable:
         depth_name: Name of the column of depths or elevations.
         upward: Whether the values are elevations, positive up.
         values: Depths or elevations (m).
-        north_m, east_m: Places (m), if the table has them.
-        lat_deg, lon_deg: Places (WGS84), if the table has them.
+        north_m, east_m: Positions (m), if the table has them.
+        lat_deg, lon_deg: Positions (WGS84), if the table has them.
         time_s: Times (s), if the table has them.
         vehicles: Which vehicle took each sounding, if the table has a column `vehicle`.
-        place_std_m: Standard deviations of the places north and east (m), (n, 2), NaN where a field is empty, if the
-            table has north_std_m and east_std_m.
+        position_std_m: Standard deviations of the positions north and east (m), (n, 2), NaN where a field is empty, if
+            the table has north_std_m and east_std_m.
         tvu_m: Total vertical uncertainty at 95 % (m), NaN where a field is empty, if the table has it.
     """
 
@@ -86,19 +87,19 @@ class SoundingsTable:
     lon_deg: Array | None
     time_s: Array | None = None
     vehicles: NDArray[np.str_] | None = None
-    place_std_m: Array | None = None
+    position_std_m: Array | None = None
     tvu_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LocalPlaces:
-    """Places in metres from a local origin.
+class LocalPositions:
+    """Positions in metres from a local origin.
 
     Attributes:
-        north_m, east_m: Places (m), shape (n,).
+        north_m, east_m: Positions (m), shape (n,).
         origin: WGS84 latitude and longitude (deg) of the local origin; None if unknown.
-        from_degrees: Whether the places come from lat, lon rather than from metres.
-        notes: Remarks for the user on how the places were computed.
+        from_degrees: Whether the positions come from lat, lon rather than from metres.
+        notes: Remarks for the user on how the positions were computed.
     """
 
     north_m: Array
@@ -162,9 +163,11 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
-    places = local_places(table)
+    positions = local_positions(table)
     depth = -table.values if table.upward else table.values
-    return np.column_stack([places.north_m, places.east_m, depth]), places.origin if places.from_degrees else None
+    return np.column_stack(
+        [positions.north_m, positions.east_m, depth]
+    ), positions.origin if positions.from_degrees else None
 
 
 def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
@@ -173,13 +176,13 @@ def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def is_far(north_m: Array, east_m: Array) -> bool:
-    """Whether all places (m) are farther from the local origin than `FAR_M`."""
+    """Whether all positions (m) are farther from the local origin than `FAR_M`."""
     nearest = [max(float(v.min()), -float(v.max())) for v in (north_m, east_m)]
     return not max(nearest) <= FAR_M
 
 
-def local_places(table: SoundingsTable, origin: tuple[float, float] | None = None) -> LocalPlaces:
-    """A table's places in metres from a local origin.
+def local_positions(table: SoundingsTable, origin: tuple[float, float] | None = None) -> LocalPositions:
+    """A table's positions in metres from a local origin.
 
     Metres are used unchanged; degrees, if also given, determine the origin. If degrees are given, metres far from any
     local origin (projected coordinates) are ignored.
@@ -192,11 +195,11 @@ def local_places(table: SoundingsTable, origin: tuple[float, float] | None = Non
     north, east, lat, lon = table.north_m, table.east_m, table.lat_deg, table.lon_deg
     if north is not None and east is not None:
         if lat is None or lon is None:
-            return LocalPlaces(north_m=north, east_m=east, origin=origin)
+            return LocalPositions(north_m=north, east_m=east, origin=origin)
         if not is_far(north, east):
             fitted = _origin_of(north, east, lat, lon)
             notes = () if fitted is not None else ("lat, lon ignored: they do not match east_m, north_m",)
-            return LocalPlaces(north_m=north, east_m=east, origin=fitted, notes=notes)
+            return LocalPositions(north_m=north, east_m=east, origin=fitted, notes=notes)
         notes = ("metres ignored: far from any local origin (projected?); using lat, lon",)
     assert lat is not None
     assert lon is not None
@@ -204,7 +207,7 @@ def local_places(table: SoundingsTable, origin: tuple[float, float] | None = Non
         origin = (float((lat.min() + lat.max()) / 2.0), longitude_180(float((lon.min() + lon.max()) / 2.0)))
         notes = (*notes, "origin set to the middle of the soundings")
     north, east = local_from_geodetic(lat, lon, *origin)
-    return LocalPlaces(north_m=north, east_m=east, origin=origin, from_degrees=True, notes=notes)
+    return LocalPositions(north_m=north, east_m=east, origin=origin, from_degrees=True, notes=notes)
 
 
 def longitude_180(lon_deg: float) -> float:
@@ -301,16 +304,18 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         lon_deg=arrays.get("lon"),
         time_s=arrays.get("time"),
         vehicles=None if vehicle is None else np.array(vehicles),
-        place_std_m=None if "north_std" not in arrays else np.column_stack([arrays["north_std"], arrays["east_std"]]),
+        position_std_m=None
+        if "north_std" not in arrays
+        else np.column_stack([arrays["north_std"], arrays["east_std"]]),
         tvu_m=arrays.get("tvu"),
     )
 
 
 def _columns(header: list[str], where: str) -> dict[str, int]:
-    """Numbers of the columns of places, depths or elevations, times, and uncertainties.
+    """Numbers of the columns of positions, depths or elevations, times, and uncertainties.
 
     Raises:
-        SoundingsError: if places or depths are missing.
+        SoundingsError: if positions or depths are missing.
     """
 
     def column(names: tuple[str, ...]) -> int | None:

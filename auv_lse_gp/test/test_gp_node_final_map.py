@@ -32,7 +32,7 @@ PARAMETERS = """\
   ros__parameters:
     area: {polygon_m: [0.0, 0.0, 900.0, 0.0, 900.0, 900.0, 0.0, 900.0], raster_m: 20.0}
     gp: {publish_period_s: 1000.0, map_resolution_m: 20.0, length_scale_m: 60.0}
-    places: {correct: false}
+    positions: {correct: false}
 """
 
 

@@ -29,7 +29,7 @@ def test_own_soundings_come_first_then_samples_by_stamp_and_source() -> None:
     own.add_samples(1.0, 3, [[150.0, 0.0, 13.0]])
     own.add_soundings([(5.0, 100.0, 0.0, 12.0), (4.0, 50.0, 0.0, 11.0)])
     assert own.step(1.0)
-    assert np.array_equal(own.map.centers.places_m[:, 0], [50.0, 100.0, 150.0, 200.0, 250.0])
+    assert np.array_equal(own.map.centers.locations_m[:, 0], [50.0, 100.0, 150.0, 200.0, 250.0])
     assert not own.step(1.0), "each is taken once"
     assert len(own.map.centers) == 5
 
@@ -88,4 +88,4 @@ def test_queued_inputs_survive_the_journal_exactly() -> None:
     assert other.waiting() == one.waiting()
     assert one.step(6.0)
     assert other.step(6.0)
-    assert np.array_equal(one.map.centers.places_m, other.map.centers.places_m)
+    assert np.array_equal(one.map.centers.locations_m, other.map.centers.locations_m)

@@ -5,19 +5,19 @@ import json
 
 import numpy as np
 import pytest
-from places_helpers import Ground, messages, sail, surface
+from positions_helpers import Ground, messages, sail, surface
 
-from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
-from auv_lse_gp.places import position_corrector
-from auv_lse_gp.places.position_corrector import PositionCorrector
-from auv_lse_gp.places.smoother import PositionSmoother
+from auv_lse_gp.positions import position_corrector
+from auv_lse_gp.positions.position_corrector import PositionCorrector
+from auv_lse_gp.positions.smoother import PositionSmoother
 
 AREA = OperatingArea(AreaConfig(polygon_m=(-400.0, -400.0, 400.0, -400.0, 400.0, 400.0, -400.0, 400.0), raster_m=20.0))
-CONFIG = PlacesConfig(correct=True, heading_std_deg=2.0)
+CONFIG = PositionsConfig(correct=True, heading_std_deg=2.0)
 
 
 def _intake():
@@ -38,8 +38,8 @@ def _mission(legs):
 
     own, depths = team[0], ground.depth_m(team[0].true)
     for i, (time_s, (north, east), heading) in enumerate(zip(own.times, own.raw, own.headings, strict=True)):
-        place = DeadReckoning(stamp_s=time_s, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0)
-        intake.add_dead_reckoning(place)
+        position = DeadReckoning(stamp_s=time_s, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0)
+        intake.add_dead_reckoning(position)
         intake.add_soundings([(time_s, north, east, depths[i], north, east)])
         for fix in own.fixes:
             if fix.stamp_s == time_s:
@@ -55,13 +55,13 @@ def _mission(legs):
 
 def _assert_same(one, other):
     assert np.array_equal(one.corrector.correction.theta, other.corrector.correction.theta)
-    assert one.corrector.place == other.corrector.place
+    assert one.corrector.position == other.corrector.position
     assert one.corrector.rebuilds == other.corrector.rebuilds
     assert one.map.revision == other.map.revision
     assert one.map.counts == other.map.counts
     assert one.map.team == other.map.team
     assert np.array_equal(one.corrector.log.mapped_m, other.corrector.log.mapped_m)
-    for name in ("places_m", "depths_m", "noise_std_m", "place_effect_m"):
+    for name in ("locations_m", "depths_m", "noise_std_m", "position_effect_m"):
         assert getattr(one.map.centers, name) == pytest.approx(getattr(other.map.centers, name), abs=1e-5)
 
 

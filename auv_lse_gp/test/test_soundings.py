@@ -6,7 +6,7 @@ import pytest
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
-from auv_lse_gp.soundings import SoundingsError, local_places, read_soundings_and_origin, read_table
+from auv_lse_gp.soundings import SoundingsError, local_positions, read_soundings_and_origin, read_table
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
@@ -101,9 +101,9 @@ def test_degrees_replace_projected_metres(tmp_path):
     soundings, origin = read_soundings_and_origin(path)
     assert origin == pytest.approx((47.5, (lon[0] + lon[1]) / 2.0), abs=1e-9)
     assert soundings == pytest.approx(np.array([[-10.0, -15.0, 3.0], [10.0, 15.0, 4.0]]), abs=1e-3)
-    places = local_places(read_table(path), origin=(47.5, 9.3))
-    assert places.from_degrees
-    assert np.column_stack([places.north_m, places.east_m]) == pytest.approx(
+    positions = local_positions(read_table(path), origin=(47.5, 9.3))
+    assert positions.from_degrees
+    assert np.column_stack([positions.north_m, positions.east_m]) == pytest.approx(
         np.array([[-10.0, 0.0], [10.0, 30.0]]), abs=1e-3
     )
 
@@ -115,7 +115,7 @@ def test_metres_are_preferred_and_degrees_give_their_origin(tmp_path):
     rows = "".join(f"{n},{e},{a:.9f},{o:.9f},3\n" for n, e, a, o in zip(north, east, lat, lon, strict=True))
     path.write_text("north_m,east_m,lat,lon,depth_m\n" + rows)
     assert read_soundings(path)[:, :2].tolist() == np.column_stack([north, east]).tolist()
-    assert local_places(read_table(path)).origin == pytest.approx((-33.0, 151.0), abs=1e-7)
+    assert local_positions(read_table(path)).origin == pytest.approx((-33.0, 151.0), abs=1e-7)
 
 
 def test_marks_for_missing_data_are_rejected_in_tables_and_ignored_in_grids(tmp_path):
@@ -133,7 +133,7 @@ def test_uncertainties_may_be_empty_but_not_wrong(tmp_path):
     path = tmp_path / "soundings.csv"
     path.write_text("east_m,north_m,depth_m,east_std_m,north_std_m,tvu_m\n0,0,5,2.0,1.5,0.6\n9,0,5,,,\n")
     found = read_table(path)
-    assert found.place_std_m == pytest.approx(np.array([[1.5, 2.0], [np.nan, np.nan]]), nan_ok=True)
+    assert found.position_std_m == pytest.approx(np.array([[1.5, 2.0], [np.nan, np.nan]]), nan_ok=True)
     assert found.tvu_m == pytest.approx([0.6, np.nan], nan_ok=True)
     for wrong in ("-1", "inf", "wide"):
         path.write_text(f"east_m,north_m,depth_m,tvu_m\n0,0,5,{wrong}\n9,0,5,0.6\n")

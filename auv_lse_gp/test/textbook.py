@@ -10,18 +10,19 @@ def covariance(kernel, a_m, b_m):
     return kernel.of_scaled_numpy(kernel.scale(a_m), kernel.scale(b_m))
 
 
-def dense(kernel, prior_mean, centers, planned_m, planned_noise_m2, places_m):
-    """Mean given the data; covariance given the data; covariance given data and planned places, of places (P, 2)."""
+def dense(kernel, prior_mean, centers, planned_m, planned_noise_m2, locations_m):
+    """Mean given the data; covariance given the data; covariance given data and planned locations, of positions (P,
+    2)."""
     n, count = len(centers), len(centers) + len(planned_m)
-    known_m = np.concatenate([centers.places_m, planned_m])
+    known_m = np.concatenate([centers.locations_m, planned_m])
     noise = np.concatenate([centers.noise_std_m**2, np.full(len(planned_m), planned_noise_m2)])
     matrix = covariance(kernel, known_m, known_m) + np.diag(noise)
-    cross = covariance(kernel, known_m, places_m)
-    own = covariance(kernel, places_m, places_m)
-    mean = np.array(prior_mean(places_m), dtype=float)
+    cross = covariance(kernel, known_m, locations_m)
+    own = covariance(kernel, locations_m, locations_m)
+    mean = np.array(prior_mean(locations_m), dtype=float)
     given_data = given_both = own
     if n:
-        residuals = centers.depths_m - prior_mean(centers.places_m)
+        residuals = centers.depths_m - prior_mean(centers.locations_m)
         mean = mean + cross[:n].T @ np.linalg.solve(matrix[:n, :n], residuals)
         given_data = own - cross[:n].T @ np.linalg.solve(matrix[:n, :n], cross[:n])
     if count:

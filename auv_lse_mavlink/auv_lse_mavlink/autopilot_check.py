@@ -109,7 +109,7 @@ class AutopilotCheck:
         self._values: dict[str, float] = {}
         self._since_s = math.nan
         self._now_s = math.nan
-        self._place: AutopilotEstimate | None = None
+        self._position: AutopilotEstimate | None = None
         self._legs: list[Target] = []
         self._leg_since_s = math.nan
         self._flown = 0
@@ -159,18 +159,18 @@ class AutopilotCheck:
         Returns:
             Why they cannot begin; "" if they do.
         """
-        problem = self.link.report.problem or ("" if self._place is not None else "there is no odometry")
-        if problem or self._place is None:
+        problem = self.link.report.problem or ("" if self._position is not None else "there is no odometry")
+        if problem or self._position is None:
             self._flight = problem
             return problem
-        here = self._place
-        places, heading = [(here.north_m, here.east_m)], here.heading_rad
+        here = self._position
+        positions, heading = [(here.north_m, here.east_m)], here.heading_rad
         for turn in (0.0, 0.5 * math.pi):
-            north_m, east_m = places[-1]
+            north_m, east_m = positions[-1]
             way = heading + turn
-            places.append((north_m + LEG_M * math.cos(way), east_m + LEG_M * math.sin(way)))
-        places.append(places[0])
-        for step, ((n0, e0), (n1, e1)) in enumerate(itertools.pairwise(places)):
+            positions.append((north_m + LEG_M * math.cos(way), east_m + LEG_M * math.sin(way)))
+        positions.append(positions[0])
+        for step, ((n0, e0), (n1, e1)) in enumerate(itertools.pairwise(positions)):
             way = math.atan2(e1 - e0, n1 - n0)
             self._legs.append(Target(north_m=n1, east_m=e1, depth_m=here.depth_m, heading_rad=way, step=step))
         self._leg_since_s = now_s
@@ -178,10 +178,10 @@ class AutopilotCheck:
         return ""
 
     def _fly(self, now_s: float) -> None:
-        if not self.flying or self._place is None:
+        if not self.flying or self._position is None:
             return
         target = self._legs[0]
-        off_m = math.hypot(target.north_m - self._place.north_m, target.east_m - self._place.east_m)
+        off_m = math.hypot(target.north_m - self._position.north_m, target.east_m - self._position.east_m)
         if off_m <= self._config.acceptance_m:
             self._flown += 1
             self._leg_since_s = now_s
@@ -208,7 +208,7 @@ class AutopilotCheck:
     def _note(self, events: list[Event]) -> None:
         for event in events:
             if isinstance(event, AutopilotEstimate):
-                self._place = event
+                self._position = event
             elif isinstance(event, Problem):
                 self.problems.append(event.text)
             elif isinstance(event, LinkUp):

@@ -100,7 +100,7 @@ def telemetry_messages(
     Args:
         path: The log.
         kinds: Names of the messages to read, such as "HEARTBEAT".
-        damage: Takes the number of damaged messages and places.
+        damage: Takes the number of damaged messages and positions.
         progress: Takes the share that has been read.
 
     Raises:
@@ -141,7 +141,7 @@ def _frames(data: bytes, damage: Counter[str]) -> Iterator[tuple[float, bytes, f
         elif first == _MAVLINK_1:
             size = 8 + length
         if not size or not _is_time(data[at : at + 8]):
-            damage["places where the log is damaged"] += in_step
+            damage["positions where the log is damaged"] += in_step
             at, in_step = at + 1, False
             continue
         in_step = True

@@ -16,8 +16,9 @@ most `stale_after_s` old. Stamps are the autopilot's own (`clock.py`) where its 
 
 Depth comes from pressure, and depth targets are shifted into the autopilot's datum (`depth_gauge.py`).
 
-Until the autopilot's origin is known, and after one that was refused, places are not in the mission's frame, so neither
-odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the link is
+Until the autopilot's origin is known, and after one that was refused, positions are not in the mission's frame, so
+neither odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the
+link is
 lost) may have another origin and clock: both are requested again.
 
 Waypoints arrive as ends of legs (`targets.py`). While the link is down, targets are kept and the autopilot's own
@@ -94,7 +95,7 @@ class VehicleLink:
         Args:
             config: Section `link`.
             vehicle: Number of the vehicle.
-            origin: The mission's origin; None: local places only, no missions.
+            origin: The mission's origin; None: local positions only, no missions.
             limits: Limits of targets; None: any target passes.
             key: Key with which messages are signed, both ways; None: they are not signed.
             nonce: With a key: a random number that the autopilot must repeat before it counts as heard, so that no
@@ -132,7 +133,7 @@ class VehicleLink:
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._examined_bytes = 0
         self._attitude: Message | None = None
-        self._place: AutopilotEstimate | None = None
+        self._position: AutopilotEstimate | None = None
         self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
         self._raw, self._raw_in = RawTrack(), self.datum
 
@@ -157,7 +158,7 @@ class VehicleLink:
             ValueError: if a number in it is not finite, or it is too deep or too far outside the area.
         """
         self._tick(now_s)
-        self._targets.add(target, self._place)
+        self._targets.add(target, self._position)
         self._advance()
 
     def stop(self, now_s: float, stop: Stop | None) -> None:
@@ -227,7 +228,7 @@ class VehicleLink:
 
     @property
     def placed(self) -> bool:
-        """Whether places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        """Whether positions are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self._origin.placed
 
     @property
@@ -293,7 +294,7 @@ class VehicleLink:
         """Discards what a reboot of the autopilot invalidates: its clock, its origin, its position."""
         self._clock.forget_utc()
         self._origin.forget(rebooted)
-        self._attitude, self._place = None, None
+        self._attitude, self._position = None, None
         self._raw.interrupt()
         self.gauge.forget()
         self._targets.resend()
@@ -312,7 +313,7 @@ class VehicleLink:
         self._events.append(Problem(text=text))
 
     def _advance(self) -> None:
-        self._targets.pass_reached(self._now_s, self._place)
+        self._targets.pass_reached(self._now_s, self._position)
         if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
             ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             boot_ms = self._clock.boot_ms_at(self._now_s)
@@ -381,14 +382,14 @@ class VehicleLink:
             return
         north_m, east_m = self.datum.from_local_ned(message.x, message.y)
         stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
-        if self.datum != self._raw_in:  # places have shifted with the origin
+        if self.datum != self._raw_in:  # positions have shifted with the origin
             self._raw_in = self.datum
             self._raw.interrupt()
         depth_m = self.gauge.depth_m(self._now_s, float(message.z))
         fix = self._raw.move(stamp_s, north_m, east_m, depth_m, float(message.vx), float(message.vy))
         if self._raw.jumps > self.counts["jumps_undone"]:
             self.counts["jumps_undone"] = self._raw.jumps
-        self._place = AutopilotEstimate(
+        self._position = AutopilotEstimate(
             stamp_s=stamp_s,
             heading_rad=float(self._attitude.yaw),
             north_m=north_m,
@@ -401,12 +402,12 @@ class VehicleLink:
         )
         self._placed_s = self._now_s
         if not self.report.problem:
-            self._targets.watch(self._now_s, self._place)
+            self._targets.watch(self._now_s, self._position)
         self.counts["odometries"] += 1
         if fix is not None:
             self.counts["fixes"] += 1
             self._events.append(fix)
-        self._events.append(self._place)
+        self._events.append(self._position)
 
     def _on_gps(self, message: Message) -> None:
         fixed = message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
@@ -419,9 +420,9 @@ class VehicleLink:
         """Takes the depth that mission items count from; checks that local and global position agree."""
         if self._config.mode == "mission":
             self.gauge.own_depth(self._now_s, -message.relative_alt / 1000.0)
-        if self._place is not None:
-            moved_m = 2.0 * self._config.stale_after_s * self._place.speed_mps
-            self._origin.check(message.lat, message.lon, (self._place.north_m, self._place.east_m), moved_m)
+        if self._position is not None:
+            moved_m = 2.0 * self._config.stale_after_s * self._position.speed_mps
+            self._origin.check(message.lat, message.lon, (self._position.north_m, self._position.east_m), moved_m)
 
     def _on_origin(self, message: Message) -> None:
         datum = self.datum

@@ -1,6 +1,6 @@
 """Checks from a vehicle's motion whether its autopilot follows the target.
 
-A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the place where it was
+A vehicle follows its target if it is there, comes nearer, or turns. A stop is a target at the position where it was
 ordered: a vehicle that stands or circles there obeys. A vehicle that does none of these for `IGNORED_S` ignores its
 target. One that heads for its target without coming nearer, as in a strong head current, is reported as slow, and
 ignores its target only after `SLOW_S` more. A jump of the estimate, which GPS or a positioning system may cause, counts
@@ -8,7 +8,7 @@ neither for nor against it.
 
 target                  there                               counts as following
 on a leg, GO_TO         within `acceptance_m`               coming nearer, turning
-HOLD                    within `acceptance_m`, slow         coming nearer, turning near the place
+HOLD                    within `acceptance_m`, slow         coming nearer, turning near the position
 at the surface          shallower than `AFLOAT_M`           rising
 back at depth           within `AT_DEPTH_M` of it           diving
 """
@@ -33,7 +33,7 @@ PROGRESS_M = 0.25
 MOST_TURN_RAD = math.radians(20.0)
 #: Changes below these (rad) are noise: of a moving vehicle, and of one that is slower than this (m/s).
 NOISE_RAD, STANDING_NOISE_RAD, STANDING_MPS = math.radians(1.0), math.radians(5.0), 0.1
-#: A vehicle that holds is slower than this (m/s), or circles within so many turn radii of its place.
+#: A vehicle that holds is slower than this (m/s), or circles within so many turn radii of its position.
 HOLDING_MPS, HOLDING_RADII = 0.3, 4.0
 #: A vehicle is at the surface up to this depth (m).
 AFLOAT_M = 1.0
@@ -65,51 +65,51 @@ class Obedience:
         self._least_m = math.inf  # and what remained to go
         self._shift_m: tuple[float, float] | None = None  # the estimate's jumps so far
 
-    def update(self, now_s: float, target: Target, stopped: bool, diving: bool, place: AutopilotEstimate) -> None:
+    def update(self, now_s: float, target: Target, stopped: bool, diving: bool, position: AutopilotEstimate) -> None:
         """Takes an estimate.
 
         Args:
             now_s: Time (s); it may be set back.
             target: The target that was sent last.
-            stopped: Whether it is the place of a HOLD.
+            stopped: Whether it is the position of a HOLD.
             diving: Whether the vehicle returns from the surface to the target's depth.
-            place: The estimate.
+            position: The estimate.
         """
         vertical = diving or target.at_surface
-        remains_m = self._remains_m(target, diving, place)
-        self._least_m += remains_m - self._remains_m(target, diving, self._without_jump(place))
+        remains_m = self._remains_m(target, diving, position)
+        self._least_m += remains_m - self._remains_m(target, diving, self._without_jump(position))
         if self._is_new(target) or now_s < self._since_s:
-            self._follows(now_s, remains_m, place)
+            self._follows(now_s, remains_m, position)
         self._target = target
-        there = remains_m <= 0.0 and (not stopped or place.speed_mps < HOLDING_MPS)
+        there = remains_m <= 0.0 and (not stopped or position.speed_mps < HOLDING_MPS)
         circles = not stopped or remains_m <= HOLDING_RADII * self._radius_m
-        turns = not vertical and circles and self._has_turned(place)
+        turns = not vertical and circles and self._has_turned(position)
         if there or turns or remains_m <= self._least_m - PROGRESS_M:
-            self._follows(now_s, remains_m, place)
+            self._follows(now_s, remains_m, position)
         still_s = now_s - self._since_s
-        heads = not (vertical or stopped) and _heads_for(target, place)
+        heads = not (vertical or stopped) and _heads_for(target, position)
         if heads and still_s < SLOW_S:
             self._headed_s = now_s
         self.ignored_s = now_s - self._headed_s
         is_slow = heads and still_s >= IGNORED_S
         self.slow = f"no progress towards the target for {still_s:.0f} s: it heads there (head current?)" * is_slow
-        self.problem = "" if self.ignored_s < IGNORED_S else self._describe(target, stopped, diving, place)
+        self.problem = "" if self.ignored_s < IGNORED_S else self._describe(target, stopped, diving, position)
 
-    def _follows(self, now_s: float, remains_m: float, place: AutopilotEstimate) -> None:
+    def _follows(self, now_s: float, remains_m: float, position: AutopilotEstimate) -> None:
         self._since_s = self._headed_s = now_s
         self._least_m = remains_m
-        self._heading_rad, self._turned_rad = place.heading_rad, (0.0, 0.0)
+        self._heading_rad, self._turned_rad = position.heading_rad, (0.0, 0.0)
 
-    def _without_jump(self, place: AutopilotEstimate) -> AutopilotEstimate:
+    def _without_jump(self, position: AutopilotEstimate) -> AutopilotEstimate:
         """The estimate as it would be without a jump since the last one."""
-        if math.isnan(place.raw_north_m):
-            return place
+        if math.isnan(position.raw_north_m):
+            return position
         last_m = self._shift_m
-        self._shift_m = place.north_m - place.raw_north_m, place.east_m - place.raw_east_m
+        self._shift_m = position.north_m - position.raw_north_m, position.east_m - position.raw_east_m
         if last_m is None:
-            return place
-        north_m, east_m = place.raw_north_m + last_m[0], place.raw_east_m + last_m[1]
-        return dataclasses.replace(place, north_m=north_m, east_m=east_m)
+            return position
+        north_m, east_m = position.raw_north_m + last_m[0], position.raw_east_m + last_m[1]
+        return dataclasses.replace(position, north_m=north_m, east_m=east_m)
 
     def _is_new(self, target: Target) -> bool:
         """Whether it leads elsewhere; position corrections move a target by less."""
@@ -118,41 +118,41 @@ class Obedience:
             return True
         return math.dist((last.north_m, last.east_m), (target.north_m, target.east_m)) > self._acceptance_m
 
-    def _remains_m(self, target: Target, diving: bool, place: AutopilotEstimate) -> float:
+    def _remains_m(self, target: Target, diving: bool, position: AutopilotEstimate) -> float:
         """How far (m) the vehicle has to go until it is there; 0 or less if it is."""
         if target.at_surface:
-            return place.depth_m - AFLOAT_M
+            return position.depth_m - AFLOAT_M
         if diving:
-            return target.depth_m - AT_DEPTH_M - place.depth_m
-        return _apart_m(target, place) - self._acceptance_m
+            return target.depth_m - AT_DEPTH_M - position.depth_m
+        return _apart_m(target, position) - self._acceptance_m
 
-    def _has_turned(self, place: AutopilotEstimate) -> bool:
-        possible_rad = IGNORED_S * place.speed_mps / self._radius_m
-        noise_rad = STANDING_NOISE_RAD if place.speed_mps < STANDING_MPS else NOISE_RAD
+    def _has_turned(self, position: AutopilotEstimate) -> bool:
+        possible_rad = IGNORED_S * position.speed_mps / self._radius_m
+        noise_rad = STANDING_NOISE_RAD if position.speed_mps < STANDING_MPS else NOISE_RAD
         enough_rad = min(max(0.5 * possible_rad, noise_rad), MOST_TURN_RAD)
-        turned_rad = float(wrap_pi(place.heading_rad - self._heading_rad))
+        turned_rad = float(wrap_pi(position.heading_rad - self._heading_rad))
         port_rad, starboard_rad = min(self._turned_rad[0], turned_rad), max(self._turned_rad[1], turned_rad)
         self._turned_rad = port_rad, starboard_rad
         return starboard_rad - port_rad >= enough_rad
 
-    def _describe(self, target: Target, stopped: bool, diving: bool, place: AutopilotEstimate) -> str:
-        apart_m, for_s = _apart_m(target, place), f"for {self.ignored_s:.0f} s"
+    def _describe(self, target: Target, stopped: bool, diving: bool, position: AutopilotEstimate) -> str:
+        apart_m, for_s = _apart_m(target, position), f"for {self.ignored_s:.0f} s"
         if target.at_surface:
-            return f"the autopilot does not surface: at {place.depth_m:.1f} m and not rising {for_s}"
+            return f"the autopilot does not surface: at {position.depth_m:.1f} m and not rising {for_s}"
         if diving:
-            return f"the autopilot does not dive to its target: at {place.depth_m:.1f} m and not sinking {for_s}"
+            return f"the autopilot does not dive to its target: at {position.depth_m:.1f} m and not sinking {for_s}"
         if stopped:
             return (
-                f"the autopilot ignores the stop {for_s}: {place.speed_mps:.1f} m/s, {apart_m:.0f} m from the place to "
-                "hold"
+                f"the autopilot ignores the stop {for_s}: {position.speed_mps:.1f} m/s, {apart_m:.0f} m from the "
+                "position to hold"
             )
         return f"the autopilot ignores its target {for_s}: {apart_m:.0f} m away and not coming nearer"
 
 
-def _heads_for(target: Target, place: AutopilotEstimate) -> bool:
-    bearing_rad = math.atan2(target.east_m - place.east_m, target.north_m - place.north_m)
-    return abs(float(wrap_pi(place.heading_rad - bearing_rad))) <= HEADS_FOR_RAD
+def _heads_for(target: Target, position: AutopilotEstimate) -> bool:
+    bearing_rad = math.atan2(target.east_m - position.east_m, target.north_m - position.north_m)
+    return abs(float(wrap_pi(position.heading_rad - bearing_rad))) <= HEADS_FOR_RAD
 
 
-def _apart_m(target: Target, place: AutopilotEstimate) -> float:
-    return math.hypot(target.north_m - place.north_m, target.east_m - place.east_m)
+def _apart_m(target: Target, position: AutopilotEstimate) -> float:
+    return math.hypot(target.north_m - position.north_m, target.east_m - position.east_m)

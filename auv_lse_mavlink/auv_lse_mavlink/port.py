@@ -121,7 +121,7 @@ class AutopilotPort:
 
     def _soundings(self, sounder: Sounder, odometry: AutopilotEstimate) -> list[Sounding]:
         """The soundings that an estimate completes."""
-        if self._sounded_from != self.link.datum:  # places have shifted with the origin
+        if self._sounded_from != self.link.datum:  # positions have shifted with the origin
             self._sounded_from = self.link.datum
             sounder.reset()
         if self.link.report.depth_problem:  # water depth would be as wrong

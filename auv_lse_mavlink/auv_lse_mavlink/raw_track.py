@@ -1,9 +1,10 @@
-"""The raw place of a vehicle with an autopilot: its estimate without the corrections by GPS fixes.
+"""The dead-reckoned position of a vehicle with an autopilot: its estimate without the corrections by GPS fixes.
 
-At the surface an autopilot's estimator jumps or drifts to the GPS position. The raw place follows the estimate's steps
+At the surface an autopilot's estimator jumps or drifts to the GPS position. The dead-reckoned position follows the
+estimate's steps
 with two exceptions, which are replaced by velocity times time: steps that the reported velocity does not explain, and
-all steps at the surface after the first dive. When the vehicle dives after a GPS fix, estimate and raw place are
-reported as a fix.
+all steps at the surface after the first dive. When the vehicle dives after a GPS fix, estimate and dead-reckoned
+position are reported as a fix.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ FIX_STD_M = 2.5
 
 
 class RawTrack:
-    """One vehicle's raw place.
+    """One vehicle's dead-reckoned position.
 
     Attributes:
-        north_m: North of the raw place; NaN before the first estimate.
+        north_m: North of the dead-reckoned position; NaN before the first estimate.
         east_m: East of it.
         jumps: Number of steps that were replaced because velocity does not explain them.
     """
@@ -40,7 +41,7 @@ class RawTrack:
         """Starts without an estimate."""
         self.north_m = self.east_m = math.nan
         self.jumps = 0
-        self._last: tuple[float, float, float, float, float] | None = None  # stamp, place, velocity
+        self._last: tuple[float, float, float, float, float] | None = None  # stamp, position, velocity
         self._dived = False
         self._std_m = math.nan  # of GPS in this surfacing; NaN without a fix
 
@@ -55,7 +56,7 @@ class RawTrack:
     def move(
         self, stamp_s: float, north_m: float, east_m: float, depth_m: float, north_mps: float, east_mps: float
     ) -> Fix | None:
-        """Adds an estimate of place (m), depth (m) and velocity (m/s); returns the fix that it completes, if any."""
+        """Adds an estimate of position (m), depth (m) and velocity (m/s); returns the fix that it completes, if any."""
         if math.isnan(self.north_m):
             self.north_m, self.east_m = north_m, east_m
         elif self._last is not None:

@@ -1,9 +1,9 @@
-"""Soundings from a vehicle's odometry and altitudes: water depth = vehicle depth + altitude, at the vehicle's place.
+"""Soundings from a vehicle's odometry and altitudes: water depth = vehicle depth + altitude, at the vehicle's position.
 
-Time is cut into periods of `every_s`, counted from 0 s. A ping is an altitude; its place and vehicle depth are
+Time is cut into periods of `every_s`, counted from 0 s. A ping is an altitude; its position and vehicle depth are
 interpolated between the odometries before and after it. Each period with enough pings gives one sounding: their median
-water depth at their mean place and time, as the simulator makes them (docs/design/simulation.md). A period is over once
-odometry is `LATE_S` past its end, so that altitudes may come that much later than odometry.
+water depth at their mean position and time, as the simulator makes them (docs/design/simulation.md). A period is over
+once odometry is `LATE_S` past its end, so that altitudes may come that much later than odometry.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Sounder:
         self._altimeter = FrozenSensor(FLATTEST)
 
     def reset(self) -> None:
-        """Discards unfinished periods: places before and after this must not be mixed."""
+        """Discards unfinished periods: positions before and after this must not be mixed."""
         self._odometry.clear()
         self._pings.clear()
         self._over = -math.inf
@@ -75,7 +75,8 @@ class Sounder:
         depth_m: float,
         raw_m: tuple[float, float] = (math.nan, math.nan),
     ) -> list[Sounding]:
-        """Adds the vehicle's place (m; depth positive down), and its raw place: north, east (m), NaN if unknown.
+        """Adds the vehicle's position (m; depth positive down), and its dead-reckoned position: north, east (m), NaN if
+        unknown.
 
         Returns:
             The soundings of the periods that are finished now.

@@ -4,16 +4,17 @@ Theory of operation
 -------------------
 Targets arrive in order, each before the previous one is reached. A target with the step of an earlier one replaces it
 and all later ones. A target whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces
-all: the planner has dropped that leg and plans from the vehicle's place. The first target is the current one; the next
-replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one
+all: the planner has dropped that leg and plans from the vehicle's position. The first target is the current one; the
+next replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current
+one
 is sent at once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first is
 made the current item, because autopilots keep their index.
 
-If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same place is
+If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same position is
 sent at the surface, then at its depth, and later targets wait.
 
-A stop replaces all targets until it is lifted: it is a target at the vehicle's place when the stop arrived, the same at
-the surface, or a place to go to. Then the current target, or the mission, is sent again.
+A stop replaces all targets until it is lifted: it is a target at the vehicle's position when the stop arrived, the same
+at the surface, or a position to go to. Then the current target, or the mission, is sent again.
 
 A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
 
@@ -68,7 +69,7 @@ class TargetLimits:
     turn_radius_m: float = MotionConfig().turn_radius_m
     is_afloat: bool = False
 
-    def check(self, target: Target, place: AutopilotEstimate | None) -> None:
+    def check(self, target: Target, position: AutopilotEstimate | None) -> None:
         """Checks a target; one that leads a vehicle outside the fence back towards it passes.
 
         Raises:
@@ -83,11 +84,11 @@ class TargetLimits:
             return
         outside_m = self.fence.outside_m(target.north_m, target.east_m)
         allowed_m = self.fence.margin_m
-        if place is not None:
-            allowed_m = max(allowed_m, self.fence.outside_m(place.north_m, place.east_m))
+        if position is not None:
+            allowed_m = max(allowed_m, self.fence.outside_m(position.north_m, position.east_m))
         if outside_m > allowed_m:
             raise ValueError(
-                f"target of step {target.step}: got a place {outside_m:.0f} m outside the area (north "
+                f"target of step {target.step}: got a position {outside_m:.0f} m outside the area (north "
                 f"{target.north_m:.0f}, east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m "
                 "(safety.fence_margin_m)"
             )
@@ -158,7 +159,7 @@ class TargetSender:
 
     @property
     def current(self) -> Target | None:
-        """The target to go to now; None: there is none, or the place of a stop is unknown yet."""
+        """The target to go to now; None: there is none, or the position of a stop is unknown yet."""
         if self._stop is not None:
             return self._stopped_at
         if self._surfacing is not None:
@@ -179,22 +180,22 @@ class TargetSender:
             return self._obedience.ignored_s, self._obedience.problem
         return 0.0, self._obedience.slow
 
-    def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
+    def watch(self, now_s: float, position: AutopilotEstimate | None) -> None:
         """Compares an estimate with the current target; None: it cannot be compared now.
 
         While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`.
         """
         target = self.current
-        if place is None or target is None or not (self.settled or self._obedience.problem):
+        if position is None or target is None or not (self.settled or self._obedience.problem):
             self._obedience.excuse()
             return
         stopped = self._stop is not None and self._stop.action is Action.HOLD
         diving = self._stop is None and self._surfacing is not None and not target.at_surface
-        self._obedience.update(now_s, target, stopped, diving, place)
+        self._obedience.update(now_s, target, stopped, diving, position)
         if self._obedience.problem and now_s - self._target_s >= IGNORED_S:
             self._unsent = True
 
-    def add(self, target: Target, place: AutopilotEstimate | None) -> None:
+    def add(self, target: Target, position: AutopilotEstimate | None) -> None:
         """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
 
         Raises:
@@ -203,7 +204,7 @@ class TargetSender:
         if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
             raise ValueError(f"target: got {target}; expected finite numbers")
         try:
-            self._limits.check(target, place)
+            self._limits.check(target, position)
         except ValueError:
             self._counts["targets_refused"] += 1
             raise
@@ -291,16 +292,16 @@ class TargetSender:
         if self._surfacing is not None:
             self._surfacing.gps(now_s, has_fix)
 
-    def pass_reached(self, now_s: float, place: AutopilotEstimate | None) -> None:
-        """Drops reached targets, begins surfacings, and determines the place of a stop."""
+    def pass_reached(self, now_s: float, position: AutopilotEstimate | None) -> None:
+        """Drops reached targets, begins surfacings, and determines the position of a stop."""
         if self._stop is not None:
-            if self._stopped_at is None and place is not None:
-                self._stopped_at = self._place_of(self._stop, place)
+            if self._stopped_at is None and position is not None:
+                self._stopped_at = self._position_of(self._stop, position)
                 self._unsent = True
             return
-        if place is None or (self._surfacing is not None and not self._surfaced(now_s, self._surfacing, place)):
+        if position is None or (self._surfacing is not None and not self._surfaced(now_s, self._surfacing, position)):
             return
-        while self._targets and self._reached(self._targets[0], place):
+        while self._targets and self._reached(self._targets[0], position):
             if self._targets[0].surface:
                 self._targets[0] = dataclasses.replace(self._targets[0], surface=False)
                 self._surfacing, self._unsent = Surfacing(self._targets[0], now_s), True
@@ -313,9 +314,9 @@ class TargetSender:
             if self._config.mode == "position_target":
                 self._unsent = True
 
-    def _surfaced(self, now_s: float, surfacing: Surfacing, place: AutopilotEstimate) -> bool:
+    def _surfaced(self, now_s: float, surfacing: Surfacing, position: AutopilotEstimate) -> bool:
         """Advances a surfacing; returns whether it is over."""
-        if not surfacing.proceed(now_s, place.depth_m):
+        if not surfacing.proceed(now_s, position.depth_m):
             return False
         if surfacing.stage is Stage.DOWN and not surfacing.fixed:
             self._counts["surfacings_without_fix"] += 1
@@ -406,15 +407,17 @@ class TargetSender:
             self._unsent = True  # tried again after upload_timeout_s, with the targets of that time
         self._uploading = ()
 
-    def _place_of(self, stop: Stop, place: AutopilotEstimate) -> Target:
-        depth_m = self._targets[0].depth_m if self._targets else place.depth_m
-        here = Target(north_m=place.north_m, east_m=place.east_m, depth_m=depth_m, heading_rad=place.heading_rad)
+    def _position_of(self, stop: Stop, position: AutopilotEstimate) -> Target:
+        depth_m = self._targets[0].depth_m if self._targets else position.depth_m
+        here = Target(
+            north_m=position.north_m, east_m=position.east_m, depth_m=depth_m, heading_rad=position.heading_rad
+        )
         return _follows(here, stop)
 
-    def _reached(self, target: Target, place: AutopilotEstimate) -> bool:
+    def _reached(self, target: Target, position: AutopilotEstimate) -> bool:
         if target.step == self._surfaced_at:  # it may have drifted at the surface, and continues from there
             return True
-        north, east = target.north_m - place.north_m, target.east_m - place.east_m
+        north, east = target.north_m - position.north_m, target.east_m - position.east_m
         ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
         aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))
         # near it, or past the line across the leg's end, at most twice the acceptance aside
@@ -430,7 +433,7 @@ def _shifted(target: Target, own_depth: Callable[[float], float]) -> Target:
 def _follows(target: Target, stop: Stop) -> Target:
     """The target of a stop that follows `target`."""
     if stop.action is Action.GO_TO:
-        north_m, east_m = stop.place_m
+        north_m, east_m = stop.position_m
         heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
         return dataclasses.replace(
             target, north_m=north_m, east_m=east_m, heading_rad=heading_rad, step=target.step + 1, then=None

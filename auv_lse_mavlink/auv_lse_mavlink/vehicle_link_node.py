@@ -80,7 +80,7 @@ class VehicleLinkNode(DriverNode):
             return  # planner_node was restarted and has repeated its last waypoint
         first, self._last, self._then = self._last is None, decided, waypoint.then
         if self._late or (first and (step or decided[1] < self._started_s)):
-            self._late.append(waypoint)  # this node was restarted during the mission: wait for place and state
+            self._late.append(waypoint)  # this node was restarted during the mission: wait for position and state
         else:
             self._command(step, [target_of(waypoint)])
         self.answer_again("vehicle_link")  # the answer to this tick did not count the waypoint

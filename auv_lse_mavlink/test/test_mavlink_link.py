@@ -173,7 +173,7 @@ def test_setting_the_origin_warns_that_the_vehicles_start_is_then_taken_for_it()
     pilot.beat()
     pilot.wait(10.0)
     (problem,) = pilot.of(events.Problem)
-    assert "its estimator will place its start at latitude 46.5" in problem.text
+    assert "its estimator will position its start at latitude 46.5" in problem.text
 
 
 def test_an_autopilot_whose_origin_is_refused_is_asked_again_and_its_origin_is_not_set():
@@ -324,7 +324,7 @@ def test_a_rebooted_autopilots_origin_is_unknown_until_it_reports_it():
     assert len(pilot.heard("COMMAND_LONG")) == 1  # asked for at once
 
 
-def test_a_place_without_a_fresh_heading_gives_no_odometry():
+def test_a_position_without_a_fresh_heading_gives_no_odometry():
     pilot = Autopilot(stale_after_s=3.0).up()
     pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
     assert pilot.of(AutopilotEstimate) == []
@@ -548,7 +548,7 @@ def test_setpoints_are_fast_enough_for_px4_offboard():
     assert len(targets(pilot)) >= 10.0 * 2.5
 
 
-def test_a_target_that_is_no_place_is_refused():
+def test_a_target_that_is_no_position_is_refused():
     with pytest.raises(ValueError, match="expected finite"):
         Autopilot().up().link.command(NOW_S, dataclasses.replace(A, north_m=math.nan))
 
@@ -686,7 +686,7 @@ def test_reached_ends_are_left_out_of_the_next_mission():
         7,
     ],
 )
-def test_a_mission_origin_that_is_no_place_is_named(area):
+def test_a_mission_origin_that_is_no_position_is_named(area):
     with pytest.raises(ParameterError, match=r"m.yaml: area.*: got .*; expected (both|a number|a mapping)"):
         origin_of({"area": area}, "m.yaml")
 
@@ -736,7 +736,7 @@ def test_a_stop_holds_the_vehicle_where_it_was_until_it_is_lifted():
     pilot.link.stop(pilot.now_s, Stop(action=Action.SURFACE))
     pilot.wait(1.0)
     assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(21.0, 0.0, 0.0)}
-    pilot.link.stop(pilot.now_s, Stop(action=Action.GO_TO, place_m=(-5.0, -6.0)))
+    pilot.link.stop(pilot.now_s, Stop(action=Action.GO_TO, position_m=(-5.0, -6.0)))
     pilot.wait(1.0)
     assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(-5.0, -6.0, 4.0)}
     pilot.link.stop(pilot.now_s, None)
@@ -744,7 +744,7 @@ def test_a_stop_holds_the_vehicle_where_it_was_until_it_is_lifted():
     assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(40.0, 0.0, 4.0)}
 
 
-def test_a_stop_that_comes_before_the_place_is_known_waits_for_it():
+def test_a_stop_that_comes_before_the_position_is_known_waits_for_it():
     pilot = Autopilot().up()
     pilot.link.stop(pilot.now_s, Stop(action=Action.HOLD))
     pilot.wait(1.0)
@@ -755,18 +755,18 @@ def test_a_stop_that_comes_before_the_place_is_known_waits_for_it():
 
 
 @pytest.mark.parametrize(
-    ("then", "place"),
+    ("then", "position"),
     [(Action.HOLD, (20.0, 0.0, 4.0)), (Action.SURFACE, (20.0, 0.0, 0.0)), (Action.GO_TO, (-5.0, -6.0, 4.0))],
 )
-def test_after_the_last_target_the_vehicle_does_what_it_says(then, place):
+def test_after_the_last_target_the_vehicle_does_what_it_says(then, position):
     pilot = Autopilot().up()
-    stop = Stop(action=then, place_m=(-5.0, -6.0) if then is Action.GO_TO else (math.nan, math.nan))
+    stop = Stop(action=then, position_m=(-5.0, -6.0) if then is Action.GO_TO else (math.nan, math.nan))
     pilot.link.command(pilot.now_s, dataclasses.replace(A, then=stop))
     pilot.at(10.0, 0.0)
     assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == (20.0, 0.0, 4.0)
     pilot.at(19.0, 0.0)
     pilot.wait(0.5)
-    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == place
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == position
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])

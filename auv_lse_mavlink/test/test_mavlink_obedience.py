@@ -32,7 +32,7 @@ class Vehicle:
         self.mav, self.reader = mavlink.MAVLink(None, srcSystem=2, srcComponent=1), mavlink.MAVLink(None)
         self.now_s, self.states, self.boot_ms = NOW_S, [], 5000
         self.mode = 3 if config.mode == "mission" else 4  # ArduSub: AUTO, GUIDED
-        self.place, self.yaw = [0.0, 0.0, 4.0], 0.0
+        self.position, self.yaw = [0.0, 0.0, 4.0], 0.0
         self.beat()
         self.say(mavlink.MAVLink_gps_global_origin_message(465000000, 66000000, 0, 0))
 
@@ -55,12 +55,14 @@ class Vehicle:
             self.now_s += STEP_S
             self.boot_ms += round(1000.0 * STEP_S)
             self.yaw += yaw_rate * STEP_S
-            self.place[0] += speed * math.cos(self.yaw) * STEP_S
-            self.place[1] += speed * math.sin(self.yaw) * STEP_S
-            self.place[2] = max(0.0, self.place[2] + sink * STEP_S)
+            self.position[0] += speed * math.cos(self.yaw) * STEP_S
+            self.position[1] += speed * math.sin(self.yaw) * STEP_S
+            self.position[2] = max(0.0, self.position[2] + sink * STEP_S)
             if number % 5 == 0:
                 self.beat()
-            self.at(*(x + rng.gauss(0.0, jitter_m) for x in self.place), math.remainder(self.yaw, 2.0 * math.pi), speed)
+            self.at(
+                *(x + rng.gauss(0.0, jitter_m) for x in self.position), math.remainder(self.yaw, 2.0 * math.pi), speed
+            )
             self.link.poll(self.now_s)
             self.states += [event for event in self.link.events() if isinstance(event, AutopilotState)]
             answer()
@@ -116,7 +118,7 @@ def test_ignored_targets_are_a_warning_after_5_s_then_an_error(how, motion):
     assert vehicle.states[-1].report.disobeys, "safety_node hears it at once"
     vehicle.move(5.0, **motion)
     assert vehicle.level is Level.ERROR
-    vehicle.yaw = math.atan2(-vehicle.place[1], 300.0 - vehicle.place[0])
+    vehicle.yaw = math.atan2(-vehicle.position[1], 300.0 - vehicle.position[0])
     vehicle.move(1.0)
     assert (vehicle.problem, vehicle.level) == ("", Level.OK)
     assert vehicle.states[-1].report.disobeys == ""
@@ -157,7 +159,7 @@ def test_a_vehicle_that_turns_to_its_target_follows_it(speed, radius_m):
 @pytest.mark.parametrize(("speed", "ignores"), [(1.5, False), (0.5, False), (0.0, True)])
 def test_a_jump_of_the_estimate_away_from_the_target_is_no_disobedience(speed, ignores):
     vehicle = Vehicle().commanded().move(4.0)
-    vehicle.place[0] -= 30.0
+    vehicle.position[0] -= 30.0
     vehicle.yaw = math.pi if ignores else 0.0
     problems = [vehicle.move(1.0, speed).problem for _ in range(20)]
     assert any(problems) == ignores, problems
@@ -167,7 +169,7 @@ def test_a_jump_of_the_estimate_is_no_progress():
     vehicle = Vehicle().commanded().move(1.0)
     vehicle.yaw = math.pi
     for _ in range(3):
-        vehicle.place[0] += 30.0
+        vehicle.position[0] += 30.0
         vehicle.move(2.0, 0.0)
     assert "ignores its target" in vehicle.problem
 
@@ -202,7 +204,7 @@ def test_an_ignored_stop_is_reported_after_5_s(motion):
     assert f"{motion[0]} m/s" in vehicle.problem
 
 
-def test_a_vehicle_that_turns_far_from_the_place_of_a_stop_ignores_it():
+def test_a_vehicle_that_turns_far_from_the_position_of_a_stop_ignores_it():
     vehicle = held()
     for _ in range(20):  # a mission of its own, with turns
         vehicle.move(4.0).move(1.0, 1.5, 0.4)

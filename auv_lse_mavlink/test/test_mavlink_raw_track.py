@@ -37,15 +37,15 @@ def test_a_jump_at_the_surface_is_removed_and_reported_as_a_fix() -> None:
     assert fix.std_m == FIX_STD_M
 
 
-def test_without_gps_there_is_no_fix_and_without_a_jump_the_raw_place_is_the_estimate() -> None:
+def test_without_gps_there_is_no_fix_and_without_a_jump_the_raw_position_is_the_estimate() -> None:
     _, fixes = dive((0.0, 0.0), gps=False)
     assert fixes == []
     track = RawTrack()
     for t in range(50):  # at a depth, in a turn
         heading = 0.1 * t
-        place = 15.0 * np.sin(heading), 15.0 * (1.0 - np.cos(heading))
-        assert track.move(float(t), *place, 3.0, 1.5 * np.cos(heading), 1.5 * np.sin(heading)) is None
-        assert (track.north_m, track.east_m) == pytest.approx(place)
+        position = 15.0 * np.sin(heading), 15.0 * (1.0 - np.cos(heading))
+        assert track.move(float(t), *position, 3.0, 1.5 * np.cos(heading), 1.5 * np.sin(heading)) is None
+        assert (track.north_m, track.east_m) == pytest.approx(position)
 
 
 def test_a_jump_at_depth_and_a_new_frame_are_undone() -> None:

@@ -36,7 +36,7 @@ def travel(
     return soundings
 
 
-def test_ten_pings_a_second_give_one_sounding_a_second_at_their_mean_place() -> None:
+def test_ten_pings_a_second_give_one_sounding_a_second_at_their_mean_position() -> None:
     soundings = travel(Sounder(1.0, 3), 5.5)
     # the ping at 0 s is alone in its period; that of 0.1 ... 1.0 s has its mean at 0.55 s
     assert [s.stamp_s - EPOCH_S for s in soundings] == pytest.approx([0.55, 1.55, 2.55, 3.55, 4.55], abs=1e-5)

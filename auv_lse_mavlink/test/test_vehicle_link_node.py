@@ -22,7 +22,7 @@ from spinning import LOGS, spun
 from std_msgs.msg import Header
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.process.dive import DIVE_VARIABLE, tagged_frame
+from auv_lse_common.node.dive import DIVE_VARIABLE, tagged_frame
 from auv_lse_common.topics.plan_codecs import decode_waypoint
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.records import RunReport
@@ -142,15 +142,15 @@ def test_a_restarted_link_takes_no_short_cut_to_a_newer_waypoint(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("place_m", "steps"),
+    ("position_m", "steps"),
     [((10.0, 1.0), [7]), ((12.0, 9.0), [7]), ((-3.0, 2.0), [6, 7])],
     ids=["on the leg", "inside of its turn", "before it"],
 )
 def test_a_restarted_link_does_not_turn_back_to_the_start_of_the_leg(
-    place_m: tuple[float, float], steps: list[int]
+    position_m: tuple[float, float], steps: list[int]
 ) -> None:
     last = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0, end_east_m=15.0)
-    assert [end.step for end in ends_to_reach(decode_waypoint(last), *place_m)] == steps
+    assert [end.step for end in ends_to_reach(decode_waypoint(last), *position_m)] == steps
 
 
 SIM, DIVE, OTHER = "sim-1123-184534-3f2a", "auv2-1123-184534-77aa", "auv2-1123-184600-88bb"

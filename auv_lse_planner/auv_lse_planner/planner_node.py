@@ -25,7 +25,7 @@ from auv_lse_common.topics.records import (
     RunReport,
     Waypoint,
 )
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition
 from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Command
@@ -140,11 +140,11 @@ class PlannerNode(VehicleNode):
     def _on_odometry(self, odometry: Odometry) -> None:
         self._intake.set_odometry(odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
 
-    def _on_corrected(self, place: CorrectedPlace) -> None:
-        self._intake.set_corrected(place)
+    def _on_corrected(self, location: CorrectedPosition) -> None:
+        self._intake.set_corrected(location)
 
     def _on_centers(self, report: CentersReport) -> None:
-        centers = Centers(report.places_m, report.depths_m, report.noise_std_m, report.place_effect_m)
+        centers = Centers(report.locations_m, report.depths_m, report.noise_std_m, report.position_effect_m)
         self._intake.set_centers(centers, report.revision)
 
     def _on_team_plan(self, report: PlanReport) -> None:

@@ -49,11 +49,11 @@ class Safety:
             raise ParameterError(f"{where}: {error}") from error
         fence = Fence(area.polygon_m, safety.fence_margin_m)
         for key, stop in (("vehicle.at_end", own.stop_at_end), ("safety.abort", on_abort)):
-            if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.place_m)) > fence.margin_m:
+            if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.position_m)) > fence.margin_m:
                 raise ParameterError(
-                    f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.place_m[0]:g}, {stop.place_m[1]:g} m, "
-                    f"the target of {key}: {outside_m:.0f} m outside area.polygon_m; expected at most "
-                    f"safety.fence_margin_m = {fence.margin_m:g} m. Move it inward, else the fence trips there"
+                    f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.position_m[0]:g}, "
+                    f"{stop.position_m[1]:g} m, the target of {key}: {outside_m:.0f} m outside area.polygon_m; "
+                    f"expected at most safety.fence_margin_m = {fence.margin_m:g} m. Move it inward, else the fence trips there"
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         # An old folder or another card looks like a first start, so a vehicle that can move never starts by itself.

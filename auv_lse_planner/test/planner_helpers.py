@@ -87,13 +87,13 @@ def context(roll, space, posterior, rng, grid) -> PlanningContext:
 
 
 def centers(rng: np.random.Generator, count: int, noise: float = 0.3) -> Centers:
-    """Data of a wavy ground at random places."""
-    places = rng.uniform([0.0, 0.0], [360.0, 460.0], (count, 2))
-    return Centers(places, depth(places), np.full(count, noise))
+    """Data of a wavy ground at random locations."""
+    locations = rng.uniform([0.0, 0.0], [360.0, 460.0], (count, 2))
+    return Centers(locations, depth(locations), np.full(count, noise))
 
 
-def depth(places):
-    return 15.0 + 8.0 * np.sin(places[:, 0] / 60.0) * np.cos(places[:, 1] / 75.0)
+def depth(locations):
+    return 15.0 + 8.0 * np.sin(locations[:, 0] / 60.0) * np.cos(locations[:, 1] / 75.0)
 
 
 def dense_posterior(config: GpConfig, data: Centers, measured, at):
@@ -110,11 +110,11 @@ def dense_posterior(config: GpConfig, data: Centers, measured, at):
     noise = np.asarray(data.noise_std_m) ** 2
     mean = np.full(len(at), config.mean_depth_m)
     if len(data):
-        cov = kernel(data.places_m, data.places_m) + np.diag(noise)
-        mean = mean + kernel(at, data.places_m) @ np.linalg.solve(cov, data.depths_m - config.mean_depth_m)
-    both = np.concatenate([data.places_m, measured]) if len(measured) else data.places_m
+        cov = kernel(data.locations_m, data.locations_m) + np.diag(noise)
+        mean = mean + kernel(at, data.locations_m) @ np.linalg.solve(cov, data.depths_m - config.mean_depth_m)
+    both = np.concatenate([data.locations_m, measured]) if len(measured) else data.locations_m
     all_noise = np.concatenate([noise, np.full(len(measured), config.noise_std_m**2)])
-    return mean, variance(data.places_m, noise), variance(both, all_noise)
+    return mean, variance(data.locations_m, noise), variance(both, all_noise)
 
 
 def expected_risk(level: LevelSet, mean, before, after):
@@ -123,16 +123,16 @@ def expected_risk(level: LevelSet, mean, before, after):
 
 
 def track_of(motion, state, action, spacing_m):
-    """Places along the leg of an action from a state, both ends among them, at most so far apart."""
+    """Locations along the leg of an action from a state, both ends among them, at most so far apart."""
     leg = motion.leg(0, state, action)
     return np.array(
         [leg.state_at(s)[1:] for s in np.linspace(0.0, leg.length_m, math.ceil(leg.length_m / spacing_m) + 1)]
     )
 
 
-def clearance_m(space, places):
-    """Clearance of places as planning sees it."""
-    return np.array([clearance_at(space.arguments(), *place) for place in places])
+def clearance_m(space, locations):
+    """Clearance of locations as planning sees it."""
+    return np.array([clearance_at(space.arguments(), *location) for location in locations])
 
 
 def is_safe(space, state):
@@ -157,11 +157,11 @@ def actions_by_chance(space, state, randoms):
     return random_actions(space.arguments(), *state, randoms)
 
 
-def border_distance(operating_area: OperatingArea, places):
-    """Exact distance of places to the nearest border line."""
-    best = np.full(len(places), np.inf)
+def border_distance(operating_area: OperatingArea, locations):
+    """Exact distance of locations to the nearest border line."""
+    best = np.full(len(locations), np.inf)
     for polygon in (operating_area.polygon, *operating_area.no_go.values()):
         for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-            along = np.clip((places - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-            best = np.minimum(best, np.hypot(*(places - (a + along[:, None] * (b - a))).T))
+            along = np.clip((locations - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+            best = np.minimum(best, np.hypot(*(locations - (a + along[:, None] * (b - a))).T))
     return best

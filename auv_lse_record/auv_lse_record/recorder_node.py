@@ -23,8 +23,8 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionCo
 from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.dive import dive_of, is_simulation, sender_of, vehicle_of
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.process.dive import dive_of, is_simulation, sender_of, vehicle_of
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics

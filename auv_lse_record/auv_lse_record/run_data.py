@@ -110,7 +110,7 @@ class PacketReceived:
 _COLUMNS = {
     "truth": 4,
     "odometry": 4,
-    "place_std_m": 2,
+    "position_std_m": 2,
     "dead_reckoning": 5,
 }
 
@@ -129,8 +129,8 @@ class VehicleRun:
         soundings: Own measurements, at estimated positions.
         received: Samples received from the team, stamped with their arrival, in order of time.
         decisions: Every decision of its planner, in time order.
-        place_std_m: Standard deviation (m) of the position in each row of `odometry`, columns (north, east); no rows if
-            unknown.
+        position_std_m: Standard deviation (m) of the position in each row of `odometry`, columns (north, east); no rows
+            if unknown.
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
         mates: Navigation data of received packets, in order of time.
@@ -142,7 +142,7 @@ class VehicleRun:
     soundings: Soundings = field(default_factory=lambda: Soundings.from_rows(()))
     received: Soundings = field(default_factory=lambda: Soundings.from_rows(()))
     decisions: list[DecisionRecord] = field(default_factory=list)
-    place_std_m: Array = field(default_factory=lambda: _rows(2))
+    position_std_m: Array = field(default_factory=lambda: _rows(2))
     dead_reckoning: Array = field(default_factory=lambda: _rows(5))
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
@@ -160,18 +160,18 @@ class VehicleRun:
             if rows.ndim != 2 or rows.shape[1] != columns:
                 raise ValueError(f"auv{self.vehicle} {name}: got shape {rows.shape}; expected (n, {columns})")
             setattr(self, name, rows)
-        count, expected = len(self.place_std_m), len(self.odometry)
+        count, expected = len(self.position_std_m), len(self.odometry)
         if count not in (0, expected):
             raise ValueError(
-                f"auv{self.vehicle} place_std_m: got {count} rows; expected 0 or {expected}, as odometry has"
+                f"auv{self.vehicle} position_std_m: got {count} rows; expected 0 or {expected}, as odometry has"
             )
 
-    def place_std_at(self, stamps_s: Array) -> Array:
+    def position_std_at(self, stamps_s: Array) -> Array:
         """Standard deviation (m) of the vehicle's position at times (n,), columns (north, east); NaN if unknown."""
-        if len(self.place_std_m) == 0:
+        if len(self.position_std_m) == 0:
             return np.full((len(stamps_s), 2), np.nan)
         times = self.odometry[:, 0]
-        return np.column_stack([np.interp(stamps_s, times, self.place_std_m[:, c]) for c in (0, 1)])
+        return np.column_stack([np.interp(stamps_s, times, self.position_std_m[:, c]) for c in (0, 1)])
 
     @property
     def steps(self) -> int:
@@ -187,7 +187,7 @@ class GroundGrid:
         north_m: North of the rows, shape (R,), ascending.
         east_m: East of the columns, shape (C,), ascending.
         depth_m: True depth (m), shape (R, C); NaN where unknown or land.
-        inside: Whether a place is in the operating area, shape (R, C).
+        inside: Whether a position is in the operating area, shape (R, C).
     """
 
     north_m: Array
@@ -207,14 +207,14 @@ class GroundGrid:
         return scored
 
     @property
-    def places_m(self) -> Array:
-        """All places of the grid, row by row, shape (R * C, 2): north, east."""
+    def locations_m(self) -> Array:
+        """All positions of the grid, row by row, shape (R * C, 2): north, east."""
         north, east = np.meshgrid(self.north_m, self.east_m, indexing="ij")
         return np.column_stack([north.ravel(), east.ravel()])
 
     @classmethod
     def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: NDArray[np.bool_]) -> GroundGrid:
-        """The true ground on a grid; `inside` (R, C): whether a place is in the operating area."""
+        """The true ground on a grid; `inside` (R, C): whether a position is in the operating area."""
         north, east = np.meshgrid(north_m, east_m, indexing="ij")
         depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)
         return cls(north_m=np.asarray(north_m), east_m=np.asarray(east_m), depth_m=depth, inside=np.asarray(inside))

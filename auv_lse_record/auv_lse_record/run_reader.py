@@ -144,7 +144,7 @@ def _method(parameters: Mapping[str, Mapping[str, Any]], vehicle: int) -> str:
 def _vehicle_run(number: int, log: Mapping[str, list[Any]], method: str) -> VehicleRun:
     """One vehicle's values as arrays, in order of time."""
     odometry = sorted(log["odometry"], key=lambda o: o.stamp_s)
-    stds = np.array([o.place_std_m for o in odometry]).reshape(-1, 2)
+    stds = np.array([o.position_std_m for o in odometry]).reshape(-1, 2)
     raw = sorted(log["dead_reckoning"], key=lambda o: o.stamp_s)
     return VehicleRun(
         vehicle=number,
@@ -153,16 +153,16 @@ def _vehicle_run(number: int, log: Mapping[str, list[Any]], method: str) -> Vehi
         soundings=Soundings.from_rows(log["sounding"]).in_order(),
         received=Soundings.join(log["team/samples"]).in_order(),
         decisions=_decisions(log["plan"], log["planner/bound"], method),
-        place_std_m=stds if stds.any() else np.empty((0, 2)),  # all zero: unknown (nav_msgs has no other mark)
-        dead_reckoning=np.column_stack([_track(raw), [place.depth_m for place in raw]]),
+        position_std_m=stds if stds.any() else np.empty((0, 2)),  # all zero: unknown (nav_msgs has no other mark)
+        dead_reckoning=np.column_stack([_track(raw), [position.depth_m for position in raw]]),
         fixes=sorted(log["fix"], key=lambda fix: fix.stamp_s),
         mates=sorted(log["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
     )
 
 
-def _track(places: Sequence[Odometry | DeadReckoning]) -> Array:
+def _track(positions: Sequence[Odometry | DeadReckoning]) -> Array:
     """Rows (time s, north m, east m, heading rad)."""
-    return np.array([(p.stamp_s, p.north_m, p.east_m, p.heading_rad) for p in places], dtype=float).reshape(-1, 4)
+    return np.array([(p.stamp_s, p.north_m, p.east_m, p.heading_rad) for p in positions], dtype=float).reshape(-1, 4)
 
 
 def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], method: str) -> list[DecisionRecord]:

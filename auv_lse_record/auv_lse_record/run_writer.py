@@ -87,7 +87,7 @@ def _record(topic: Topic, stamp_s: float, value: Any, vehicle: int) -> Record:
 def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
     """The contents of one vehicle's messages: topic, stamp (s), value."""
     topics = VEHICLE_TOPICS
-    stds = run.place_std_m.tolist() if len(run.place_std_m) else [(0.0, 0.0)] * len(run.odometry)
+    stds = run.position_std_m.tolist() if len(run.position_std_m) else [(0.0, 0.0)] * len(run.odometry)
     for row, (north_std_m, east_std_m) in zip(run.odometry.tolist(), stds, strict=True):
         yield topics["odometry"], row[0], _odometry(row, north_std_m, east_std_m)
     for row in run.truth.tolist():

@@ -40,8 +40,8 @@ def test_run_survives_the_recording(tmp_path, synthetic_run):
         same(a.received.rows, b.received.rows)
         assert a.received.vehicle.tolist() == b.received.vehicle.tolist()
         same(a.odometry[:, :3], b.odometry[:, :3])
-        same(a.place_std_m, b.place_std_m)
-        assert len(b.place_std_m) == len(b.odometry)
+        same(a.position_std_m, b.position_std_m)
+        assert len(b.position_std_m) == len(b.odometry)
         same(np.exp(1j * a.truth[:, 3]), np.exp(1j * b.truth[:, 3]))  # headings, whatever the turn
         same(a.truth[:, :3], b.truth[:, :3])
         assert len(a.decisions) == len(b.decisions)
@@ -71,12 +71,12 @@ def test_raw_positions_fixes_and_mate_navigation_survive_the_recording(tmp_path,
     run.received[0] = replace(run.received[0], sent_s=9.0, arrival_s=9.25, travel_s=0.25)
     write_run(run, tmp_path)
     back = read_run(tmp_path)
-    same(back.vehicles[0].soundings.raw_places_m, one.soundings.raw_places_m)
+    same(back.vehicles[0].soundings.raw_positions_m, one.soundings.raw_positions_m)
     same(back.vehicles[0].dead_reckoning, one.dead_reckoning)
     assert back.vehicles[0].fixes == one.fixes
     assert [mate.has_fix for mate in back.vehicles[1].mates] == [False, True]
     assert back.vehicles[1].mates[1] == two.mates[1]
-    assert np.isnan(back.vehicles[1].soundings.raw_places_m).all()
+    assert np.isnan(back.vehicles[1].soundings.raw_positions_m).all()
     heard = back.received[0]
     assert (heard.sent_s, heard.arrival_s, heard.travel_s) == (9.0, 9.25, 0.25)
 
@@ -84,11 +84,11 @@ def test_raw_positions_fixes_and_mate_navigation_survive_the_recording(tmp_path,
 def test_odometry_without_covariance_has_no_position_error(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     for vehicle in run.vehicles:
-        vehicle.place_std_m = np.empty((0, 2))
+        vehicle.position_std_m = np.empty((0, 2))
     write_run(run, tmp_path)
     back = read_run(tmp_path)
-    assert all(len(v.place_std_m) == 0 for v in back.vehicles)
-    assert np.isnan(back.vehicles[0].place_std_at(np.array([1.0, 2.0]))).all()
+    assert all(len(v.position_std_m) == 0 for v in back.vehicles)
+    assert np.isnan(back.vehicles[0].position_std_at(np.array([1.0, 2.0]))).all()
 
 
 def test_recording_with_the_old_name_of_the_naive_path_is_read(tmp_path, synthetic_run, monkeypatch):

@@ -94,13 +94,13 @@ def _error(name: str, value: float, error: float) -> str:
     return f"({value * math.exp(-error):.4g} to {value * math.exp(error):.4g})"
 
 
-def _widened(result: Fit, level_m: float, places_m: Array) -> Fit:
+def _widened(result: Fit, level_m: float, locations_m: Array) -> Fit:
     """The fit with a standard deviation that does not exclude a level (m), and a warning; as it is if it suits.
 
     Raises:
         ValueError: if no configuration allows so large a standard deviation.
     """
-    found = excluded_level(result.config, level_m, places_m)
+    found = excluded_level(result.config, level_m, locations_m)
     if found is None:
         return result
     try:

@@ -94,13 +94,13 @@ def write_survey(folder):
     )
     (folder / SURVEY_FILES[0]).write_text("lat,lon,east_m,north_m,depth_m\n" + text + "\n")
     axes = [np.arange(np.floor(a.min()), a.max(), 10.0) for a in (north, east)]
-    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     np.savez(
         folder / SURVEY_FILES[1],
         north_m=axes[0],
         east_m=axes[1],
-        depth_m=LinearNDInterpolator(rows[:, :2], depth)(places),
-        dist_to_sounding_m=cKDTree(rows[:, :2]).query(places)[0],
+        depth_m=LinearNDInterpolator(rows[:, :2], depth)(positions),
+        dist_to_sounding_m=cKDTree(rows[:, :2]).query(positions)[0],
         lat0=SURVEY_ORIGIN[0],
         lon0=SURVEY_ORIGIN[1],
     )

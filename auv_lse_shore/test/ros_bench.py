@@ -13,10 +13,10 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.process.domain import node_environment, own_domain
-from auv_lse_common.process.keeper import ProcessKeeper, node_task
-from auv_lse_common.process.processes import Process
 from auv_lse_common.topics.quality import EVERY
+from auv_lse_run.process.domain import node_environment, own_domain
+from auv_lse_run.process.keeper import ProcessKeeper, node_task
+from auv_lse_run.process.processes import Process
 
 ROOT = Path(__file__).resolve().parents[2]
 

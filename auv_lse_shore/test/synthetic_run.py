@@ -78,14 +78,14 @@ def drive(vehicle, state, steps, drift_mps, rng):
     for row, estimate in zip(truth[1:], odometry[1:], strict=True):
         depth = ground.depth_m(row[1], row[2]) + 0.05 * rng.standard_normal()
         soundings.append((row[0], estimate[1], estimate[2], float(depth)))
-    place_std = abs(drift_mps) * truth[:, :1] * np.array([[1.0, 0.5]])  # north, east
+    position_std = abs(drift_mps) * truth[:, :1] * np.array([[1.0, 0.5]])  # north, east
     return VehicleRun(
         vehicle=vehicle,
         truth=truth,
         odometry=odometry,
         soundings=Soundings.from_rows(soundings),
         decisions=decisions,
-        place_std_m=place_std,
+        position_std_m=position_std,
     )
 
 

@@ -21,17 +21,17 @@ SCATTERED = np.random.default_rng(0).uniform(0, 300, (40, 2))
 def drawn(config, n=250, size=500.0, seed=0):
     """Soundings of a lake drawn from the prior of `config`."""
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0, size, (n, 2))
-    covariance = Kernel(config)(places, places) + config.noise_std_m**2 * np.eye(n)
-    mean = config.mean_depth_m + places @ [config.mean_slope_north, config.mean_slope_east]
-    return places, mean + np.linalg.cholesky(covariance) @ rng.normal(size=n)
+    positions = rng.uniform(0, size, (n, 2))
+    covariance = Kernel(config)(positions, positions) + config.noise_std_m**2 * np.eye(n)
+    mean = config.mean_depth_m + positions @ [config.mean_slope_north, config.mean_slope_east]
+    return positions, mean + np.linalg.cholesky(covariance) @ rng.normal(size=n)
 
 
 @pytest.mark.parametrize("two_axes", [False, True])
 @pytest.mark.parametrize("name", KERNELS)
 def test_gradients(name, two_axes):
-    places, depths = drawn(GpConfig(), n=60)
-    target = MarginalLikelihood(places, depths, name, "plane", two_axes)
+    positions, depths = drawn(GpConfig(), n=60)
+    target = MarginalLikelihood(positions, depths, name, "plane", two_axes)
     x = np.array([4.4, 3.9, 0.7, -4.0]) if two_axes else np.array([4.3, -4.0])
     assert target(x)[1] == pytest.approx(approx_fprime(x, lambda v: target(v)[0], 1e-6), rel=1e-4, abs=1e-4)
     signal, _ = target.best_signal(x)
@@ -46,11 +46,11 @@ def test_gradients(name, two_axes):
 @pytest.mark.parametrize("name", KERNELS)
 def test_the_value_is_the_likelihood(name):
     config = GpConfig(kernel=name, length_scale_m=70.0, length_scale_2_m=40.0, rotation_deg=35.0, signal_std_m=5.0)
-    places, depths = drawn(config, n=50)
-    target = MarginalLikelihood(places, depths, name, two_axes=True, mean_depth_m=15.0)
+    positions, depths = drawn(config, n=50)
+    target = MarginalLikelihood(positions, depths, name, two_axes=True, mean_depth_m=15.0)
     x = np.array([math.log(70.0), math.log(40.0), math.radians(35.0), math.log(0.09 / 25.0)])
     signal, _ = target.best_signal(x)
-    covariance = Kernel(config)(places, places) / 25.0 + 0.09 / 25.0 * np.eye(50)
+    covariance = Kernel(config)(positions, positions) / 25.0 + 0.09 / 25.0 * np.eye(50)
     wanted = multivariate_normal(np.full(50, 15.0), signal**2 * covariance).logpdf(depths)
     assert -target(x)[0] == pytest.approx(wanted, rel=1e-10)
 
@@ -71,8 +71,8 @@ def test_finds_what_the_data_were_drawn_from(name):
 def test_finds_two_axes_and_a_plane():
     truth = GpConfig(signal_std_m=3.0, length_scale_m=120.0, length_scale_2_m=30.0, rotation_deg=40.0, mean="plane",
                      mean_slope_north=0.03, mean_slope_east=-0.02)  # fmt: skip
-    places, depths = drawn(truth, n=300)
-    result = fit(places, depths, mean="plane", two_axes=True, restarts=3)
+    positions, depths = drawn(truth, n=300)
+    result = fit(positions, depths, mean="plane", two_axes=True, restarts=3)
     config = result.config
     if config.length_scale_m < config.length_scale_2_m:  # which axis is called the first is arbitrary
         lengths, rotation = (config.length_scale_2_m, config.length_scale_m), config.rotation_deg + 90.0
@@ -82,39 +82,39 @@ def test_finds_two_axes_and_a_plane():
     assert math.remainder(rotation - 40.0, 180.0) == pytest.approx(0.0, abs=8.0)
     for name in ("mean_slope_north", "mean_slope_east"):
         assert abs(getattr(config, name) - getattr(truth, name)) < 3.5 * result.standard_errors[name]
-    single = fit(places, depths, mean="plane", restarts=2)
+    single = fit(positions, depths, mean="plane", restarts=2)
     assert result.log_likelihood > single.log_likelihood + 10.0
 
 
 def test_warns_of_what_the_data_do_not_determine():
     rng = np.random.default_rng(0)
-    places = rng.uniform(0, 100, (40, 2))
-    nothing = fit(places, 15.0 + rng.normal(0, 1.0, 40))
+    positions = rng.uniform(0, 100, (40, 2))
+    nothing = fit(positions, 15.0 + rng.normal(0, 1.0, 40))
     assert any("length_scale_m" in warning for warning in nothing.warnings)
-    trend = fit(places, 15.0 + places[:, 0] / 10.0 + rng.normal(0, 0.1, 40), kernel="squared_exponential")
+    trend = fit(positions, 15.0 + positions[:, 0] / 10.0 + rng.normal(0, 0.1, 40), kernel="squared_exponential")
     assert any("try --mean plane" in warning for warning in trend.warnings)
     same = fit(*drawn(GpConfig(signal_std_m=3.0, length_scale_m=50.0), n=200), two_axes=True, restarts=2)
     assert any("one length scale is enough" in w or w.startswith("rotation_deg") for w in same.warnings)
 
 
 @pytest.mark.parametrize(
-    ("places", "depths", "options", "message"),
+    ("positions", "depths", "options", "message"),
     [
         (np.zeros((5, 2)), np.zeros(5), {}, "soundings: got 5; expected at least 10"),
-        (np.zeros((20, 2)), np.arange(20.0), {}, "got one place for all"),
+        (np.zeros((20, 2)), np.arange(20.0), {}, "got one position for all"),
         (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"got the depth 1\.0 m for all"),
         (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "depths on one plane; expected depths"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
     ],
 )
-def test_refusals(places, depths, options, message):
+def test_refusals(positions, depths, options, message):
     with pytest.raises(ValueError, match=message):
-        fit(places, depths, **options)
+        fit(positions, depths, **options)
 
 
-def write_csv(path, places, depths):
-    rows = "".join(f"{n:.3f},{e:.3f},{d:.3f}\n" for (n, e), d in zip(places, depths, strict=True))
+def write_csv(path, positions, depths):
+    rows = "".join(f"{n:.3f},{e:.3f},{d:.3f}\n" for (n, e), d in zip(positions, depths, strict=True))
     path.write_text("north_m,east_m,depth_m\n" + rows)
 
 
@@ -135,8 +135,8 @@ def test_command_writes_a_parameter_file_for_a_mission(tmp_path, capsys):
 
 def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys):
     source, out = tmp_path / "lake.csv", tmp_path / "gp.yaml"
-    places, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=100)
-    lat, lon = geodetic_from_local(places[:, 0], places[:, 1], 37.2, -80.4)
+    positions, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=100)
+    lat, lon = geodetic_from_local(positions[:, 0], positions[:, 1], 37.2, -80.4)
     rows = "".join(f"{a:.8f};{b:.8f};{d:.3f}\n" for a, b, d in zip(lat, lon, depths, strict=True))
     source.write_text("# lake\nlat;lon;depth_m\n" + rows)
     assert main([str(source), "--restarts", "1", "--mean", "plane", "--out", str(out)]) == 0
@@ -186,9 +186,9 @@ def test_command_usage(capsys, arguments, message):
 
 def test_a_level_that_the_fitted_prior_nearly_excludes_gets_a_wider_one(tmp_path, capsys):
     """The lake of mean 4.2 and standard deviation 4.4 m, searched for its 15 m isobath."""
-    places, depths = drawn(GpConfig(signal_std_m=4.4, mean_depth_m=4.2, length_scale_m=60.0), n=120)
+    positions, depths = drawn(GpConfig(signal_std_m=4.4, mean_depth_m=4.2, length_scale_m=60.0), n=120)
     table = tmp_path / "survey.csv"
-    rows = (f"{north},{east},{depth}" for (north, east), depth in zip(places, depths, strict=True))
+    rows = (f"{north},{east},{depth}" for (north, east), depth in zip(positions, depths, strict=True))
     table.write_text("\n".join(["north_m,east_m,depth_m", *rows]))
     fitted = {}
     for level in (5.0, 25.0):
@@ -231,8 +231,8 @@ def test_reads_a_recorded_run(tmp_path):
 
 
 def test_reaches_the_best_of_scikit_learn():
-    places, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=200, seed=4)
-    result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=2)
+    positions, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=200, seed=4)
+    result = fit(positions, depths, mean_depth_m=float(depths.mean()), restarts=2)
     # scikit-learn 1.9.1, best of five starts (benchmarks/navigation/gp_rivals.py): constant * Matern + white
     assert result.log_likelihood == pytest.approx(-361.48280766, abs=1e-3)  # where its optimizer stops
 

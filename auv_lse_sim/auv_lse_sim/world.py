@@ -78,7 +78,7 @@ class World:
     def __init__(
         self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
     ) -> None:
-        """Places the vehicles at their starts."""
+        """Positions the vehicles at their starts."""
         self.config = sim
         self.ground = ground
         operating_area = OperatingArea(area) if area is not None else None
@@ -131,8 +131,8 @@ class World:
         stamps = np.arange(done + 1, self._substeps + 1) / rate
         n = len(stamps)
         currents = self._current.advance(done / rate, stamps)
-        places = [vehicle.move(stamps, currents) for vehicle in self.vehicles.values()]
-        north, east = np.concatenate([p[0] for p in places]), np.concatenate([p[1] for p in places])
+        positions = [vehicle.move(stamps, currents) for vehicle in self.vehicles.values()]
+        north, east = np.concatenate([p[0] for p in positions]), np.concatenate([p[1] for p in positions])
         water = self.ground.depth_m(north, east)
         self._tracks.append((stamps, {number: vehicle.track for number, vehicle in self.vehicles.items()}))
         self._tracks = [entry for entry in self._tracks if len(entry[0]) and entry[0][-1] > now_s - LONGEST_TRAVEL_S]
@@ -157,13 +157,16 @@ class World:
 
     def _timed(self, arrival: Arrival) -> Arrival:
         """Adds the measured travel time to an arrival, unless the channel has no delay."""
-        source, receiver = self._place(arrival.source, arrival.sent_s), self._place(arrival.receiver, arrival.start_s)
+        source, receiver = (
+            self._position(arrival.source, arrival.sent_s),
+            self._position(arrival.receiver, arrival.start_s),
+        )
         travel_s = self._ranging.travel_s(
             arrival.source, arrival.receiver, arrival.sent_s, float(np.linalg.norm(source - receiver))
         )
         return replace(arrival, travel_s=travel_s if self.channel.config.delay else math.nan)
 
-    def _place(self, vehicle: int, now_s: float) -> Array:
+    def _position(self, vehicle: int, now_s: float) -> Array:
         """True north, east, depth (m) of a vehicle at a time of the last ticks, shape (3,)."""
         stamps = np.concatenate([entry[0] for entry in self._tracks])
         track = np.concatenate([entry[1][vehicle] for entry in self._tracks])

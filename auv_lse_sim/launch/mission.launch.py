@@ -20,10 +20,10 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.dive import DIVE_VARIABLE
-from auv_lse_common.process.domain import ONE_THREAD, dive_on, simulation_domain, wanted_domain
-from auv_lse_common.process.processes import LAST_STOP_S
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.support.confinement import confined, watch_variables
+from auv_lse_run.process.domain import ONE_THREAD, dive_on, simulation_domain, wanted_domain
+from auv_lse_run.process.processes import LAST_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 

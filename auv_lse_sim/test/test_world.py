@@ -1,4 +1,4 @@
-"""The world as the engines see it: ticks, soundings at estimated places, packets."""
+"""The world as the engines see it: ticks, soundings at estimated positions, packets."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_ideal_soundings_are_the_ground():
         assert last.pressure_depth_m == pytest.approx(2.0 + k)
 
 
-def test_soundings_belong_to_the_true_place_but_carry_the_estimated_one():
+def test_soundings_belong_to_the_true_position_but_carry_the_estimated_one():
     w = world(
         1, compass={"bias_deg": 8.0}, altimeter={"ideal": True}, pressure={"ideal": True}, dynamics={"ideal": True}
     )
@@ -156,10 +156,10 @@ def test_the_distance_is_from_the_sender_then_to_the_receiver_when_it_hears():
     )
     for t in range(1, 11):
         w.tick(float(t))
-    place = w.positions()[2][1]
+    position = w.positions()[2][1]
     w.transmit(1, 10.0, bytes(252))
     (arrival,) = [a for t in (11.0, 12.0, 13.0) for a in w.tick(t)[2].arrivals]
-    apart = np.hypot(place - 1.5 * arrival.travel_s, w.positions()[2][2] - w.positions()[1][2])
+    apart = np.hypot(position - 1.5 * arrival.travel_s, w.positions()[2][2] - w.positions()[1][2])
     assert arrival.travel_s * 1500.0 == pytest.approx(apart, abs=0.01)
     assert arrival.heard_s == 10.0 + arrival.travel_s
 

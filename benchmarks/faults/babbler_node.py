@@ -7,12 +7,12 @@ from types import TracebackType
 import numpy as np
 import rclpy
 
-from auv_lse_common.process.dive import tagged_frame
-from auv_lse_common.process.domain import dive_on
+from auv_lse_common.node.dive import tagged_frame
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
 from auv_lse_msgs.msg import ModemRx
+from auv_lse_run.process.domain import dive_on
 
 
 class Babbler:
@@ -24,7 +24,7 @@ class Babbler:
         Args:
             domain: The mission's ROS domain.
             mates: How many mates' names are used, from vehicle 2.
-            seed: Seed of the places and depths in the packets.
+            seed: Seed of the positions and depths in the packets.
         """
         self.sent = 0
         self._frame = tagged_frame(dive_on(domain) or "", "map")  # as if the modem had heard it
@@ -51,9 +51,9 @@ class Babbler:
     def babble(self, now_s: float) -> None:
         """One packet in each mate's name, received at `now_s` (s, by the mission's clock)."""
         for mate in range(2, 2 + self._mates):
-            places = self._rng.uniform(50.0, 500.0, (15, 2))
-            plan = Plan.at(int(now_s / 15.7), np.array([0.3, *places[0]]), (5,) * 10, NONE)
-            payload = encode(Packet(plan, np.column_stack([places, self._rng.uniform(10.0, 30.0, 15)])))
+            positions = self._rng.uniform(50.0, 500.0, (15, 2))
+            plan = Plan.at(int(now_s / 15.7), np.array([0.3, *positions[0]]), (5,) * 10, NONE)
+            payload = encode(Packet(plan, np.column_stack([positions, self._rng.uniform(10.0, 30.0, 15)])))
             message = ModemRx(source=mate, payload=payload, sent_s=now_s - 2.5, arrival_s=now_s - 2.0, travel_s=0.5)
             message.header.stamp.sec, message.header.stamp.nanosec = int(now_s), int(now_s % 1.0 * 1e9)
             message.header.frame_id = self._frame

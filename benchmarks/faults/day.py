@@ -1,11 +1,11 @@
 """A working day of a team: each vehicle has kills of its nodes and power losses at its own steps; nothing may be lost.
 
 The nodes are real, and the water moves the vehicles faster than real time. The nodes' clock is that of the wall, so
-slots, health and a decision's lead are not shortened; places are corrected as often as in a mission at real speed. The
-speed-up that the machine sustains is measured. No check depends on it: a vehicle waits at a leg's end for the next.
+slots, health and a decision's lead are not shortened; positions are corrected as often as in a mission at real speed.
+The speed-up that the machine sustains is measured. No check depends on it: a vehicle waits at a leg's end for the next.
 
-Raw positions are exact and terrain is not matched, so corrections move no sounding, and a map's centers can be looked
-for in later maps.
+Dead-reckoned positions are exact and terrain is not matched, so corrections move no sounding, and a map's centers can
+be looked for in later maps.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.mission_run import RunState
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
-from benchmarks.faults.bed.ledger import journal_problem, lost_places
+from benchmarks.faults.bed.ledger import journal_problem, lost_positions
 from benchmarks.faults.kills import LEG_S
 from benchmarks.faults.nodes import look, memory_mb
 from benchmarks.faults.report import Report
@@ -180,7 +180,7 @@ class VehicleDay:
         lost = [f"steps {steps} were not decided"] if (steps := ledger.lost_steps(legs)) else []
         lost += [f"its map lost {number} soundings" for number in ledger.lost_soundings()]
         final_m = self.vehicle.witness.centers_m()
-        missing = sum(lost_places(each, final_m, _center_tolerance_m()) for each in self._maps_m)
+        missing = sum(lost_positions(each, final_m, _center_tolerance_m()) for each in self._maps_m)
         lost += [f"{missing} centers of earlier maps are not in the last one"] if missing else []
         known = [text for strike in self.strikes for text in strike.wrong]
         return lost + [text for text in ledger.broken if text not in known]
@@ -248,7 +248,7 @@ class VehicleDay:
             if problem := journal_problem(journal, self._logged(node), self._kills[node]):
                 lost.append(f"{node}: {problem}")
         if "gp_node" in self._struck:
-            missing = lost_places(self._maps_m[-1], witness.centers_m(), _center_tolerance_m())
+            missing = lost_positions(self._maps_m[-1], witness.centers_m(), _center_tolerance_m())
             lost += [f"{missing} of {len(self._maps_m[-1])} centers are not in the next map"] if missing else []
         return lost + sorted(witness.problems) + witness.ledger.broken[self._broken :]
 
@@ -293,8 +293,8 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     faults = schedule(vehicles, legs, kills, reboots, np.random.default_rng(options.seed))
     with dive_bed(folder, vehicles) as bed:
         faster = CATCH_UP * options.speed_up
-        places = {"interval_s": PlacesConfig().interval_s / faster, "terrain": False}
-        bed.dive("resume", legs, SPEED_MPS * faster, options.method, {"places": places})
+        positions = {"interval_s": PositionsConfig().interval_s / faster, "terrain": False}
+        bed.dive("resume", legs, SPEED_MPS * faster, options.method, {"positions": positions})
         began_s = time.monotonic()
         first = {k: vehicle.witness.ledger.last_step for k, vehicle in bed.vehicles.items()}
         days = [VehicleDay(bed, vehicle, faults[k], say) for k, vehicle in bed.vehicles.items()]

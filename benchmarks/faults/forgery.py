@@ -77,28 +77,28 @@ class Forger:
         self._rng = np.random.default_rng([seed, 23])
         self._steps = fleet.settings.mission.steps
 
-    def _samples(self, packet: Packet, places_m: Array) -> Array:
-        """As many samples at the places (n, 2) as fit, on the wrong side of the level."""
-        depths = self._fleet.ground.depth_m(places_m[:, 0], places_m[:, 1])
+    def _samples(self, packet: Packet, locations_m: Array) -> Array:
+        """As many samples at the positions (n, 2) as fit, on the wrong side of the level."""
+        depths = self._fleet.ground.depth_m(locations_m[:, 0], locations_m[:, 1])
         level = self._fleet.settings.level_set.level_m
         shallower, deeper = np.minimum(depths - WRONG_M, level - 1.0), np.maximum(depths + WRONG_M, level)
         wrong = np.where(depths >= level, shallower, deeper)
         known = np.isfinite(wrong)
         room = room_for_samples(packet.plan, 0, packet.navigation)
-        found: Array = np.column_stack([places_m, wrong])[known][:room]
+        found: Array = np.column_stack([locations_m, wrong])[known][:room]
         return found
 
     def scattered(self, last: Packet) -> Packet:
         """Wrong samples all over the area."""
         grid = self._fleet.cores[0].map.grid
-        places = grid.places_m[self._rng.choice(len(grid.places_m), 40, replace=False)]
-        return dataclasses.replace(last, samples=self._samples(last, places))
+        positions = grid.locations_m[self._rng.choice(len(grid.locations_m), 40, replace=False)]
+        return dataclasses.replace(last, samples=self._samples(last, positions))
 
     def along(self, last: Packet) -> Packet:
-        """Wrong samples within 40 m of the victim's last place."""
-        place = np.array(last.plan.state[1:] if last.navigation is None else last.navigation.raw_m)
-        places = place + self._rng.uniform(-28.0, 28.0, (40, 2))
-        return dataclasses.replace(last, samples=self._samples(last, places))
+        """Wrong samples within 40 m of the victim's last position."""
+        position = np.array(last.plan.state[1:] if last.navigation is None else last.navigation.raw_m)
+        positions = position + self._rng.uniform(-28.0, 28.0, (40, 2))
+        return dataclasses.replace(last, samples=self._samples(last, positions))
 
     def high_step(self, last: Packet) -> Packet:
         """The victim's plan as if it were far ahead."""
@@ -106,9 +106,9 @@ class Forger:
         return dataclasses.replace(last, plan=dataclasses.replace(last.plan, step=step), samples=np.zeros((0, 3)))
 
     def elsewhere(self, last: Packet) -> Packet:
-        """A packet from a random place, with a random step."""
+        """A packet from a random position, with a random step."""
         grid = self._fleet.cores[0].map.grid
-        north_m, east_m = grid.places_m[self._rng.integers(len(grid.places_m))].tolist()
+        north_m, east_m = grid.locations_m[self._rng.integers(len(grid.locations_m))].tolist()
         step = int(self._rng.integers(self._steps))
         navigation = None
         if last.navigation is not None:

@@ -26,12 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
-from auv_lse_common.process.processes import last_lines
 from auv_lse_common.support.confinement import NETWORK_VARIABLES
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import Recording, recording_in
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.process.processes import last_lines
 from benchmarks.faults.report import Report
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
@@ -174,7 +174,7 @@ def _fly(
         _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
         for k in (1, 2):
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
-            processes.append(Program("auv_lse_common.commands.vehicle", *own, "--domain", str(domains[k])))
+            processes.append(Program("auv_lse_run.vehicle.run_vehicle", *own, "--domain", str(domains[k])))
         _until(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )

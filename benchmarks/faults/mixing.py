@@ -22,12 +22,13 @@ from pathlib import Path
 
 import yaml
 
-from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
-from auv_lse_common.process.keeper import ProcessKeeper, node_task
-from auv_lse_common.process.processes import Process, vehicle_nodes
+from auv_lse_common.node.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_record.recording import recording_in
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
+from auv_lse_run.process.keeper import ProcessKeeper, node_task
+from auv_lse_run.process.processes import Process
 from benchmarks.faults.kills import Program
 from benchmarks.faults.report import Report
 
@@ -110,7 +111,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
     file, pairs = _vehicle_file(folder / "vehicles.yaml", alone), []
     with own_domain(VEHICLE_DOMAINS) as free:
         first = Program(
-            "auv_lse_common.commands.vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
+            "auv_lse_run.vehicle.run_vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
         )
         with _ended(first):
             _until(lambda: any("started" in line for line in first.text), first, "the vehicle does not start")
@@ -118,7 +119,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
             pairs.append(
                 _refused(
                     "two vehicles with one name",
-                    Program("auv_lse_common.commands.vehicle", *again),
+                    Program("auv_lse_run.vehicle.run_vehicle", *again),
                     "where the nodes of auv1 run already",
                 )
             )
@@ -148,7 +149,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
         pairs.append(
             _refused(
                 "a vehicle beside a simulation",
-                Program("auv_lse_common.commands.vehicle", *vehicle),
+                Program("auv_lse_run.vehicle.run_vehicle", *vehicle),
                 "expected 81 to 101 or 0 for a vehicle",
             )
         )

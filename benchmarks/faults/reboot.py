@@ -36,8 +36,8 @@ def tear(path: Path, rng: np.random.Generator) -> None:
         del data[int(rng.integers(len(data))) :]
     else:
         length = 24 + int.from_bytes(data[newest + 16 : newest + 20], "little")
-        place = newest + int(rng.integers(length))
-        data[place : newest + length] = rng.bytes(newest + length - place)
+        position = newest + int(rng.integers(length))
+        data[position : newest + length] = rng.bytes(newest + length - position)
     path.write_bytes(data)
 
 

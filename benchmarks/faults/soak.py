@@ -62,10 +62,10 @@ def _loaded(
     noisy_m = repeated.depth_m + 0.05 * rng.standard_normal(len(repeated))
     arrivals = list(output.arrivals)
     for number in range(BABBLERS * PACKETS_HZ if fleet.settings.mission.vehicles > BABBLERS else 0):
-        places = rng.uniform(corners.min(axis=0), corners.max(axis=0), (15, 2))
-        depths = np.nan_to_num(fleet.ground.depth_m(places[:, 0], places[:, 1]), nan=10.0)
-        plan = Plan.at(int(now_s / 15.7), np.array([0.3, *places[0]]), (5,) * 10, NONE)
-        payload = encode(Packet(plan, np.column_stack([places, depths])))
+        positions = rng.uniform(corners.min(axis=0), corners.max(axis=0), (15, 2))
+        depths = np.nan_to_num(fleet.ground.depth_m(positions[:, 0], positions[:, 1]), nan=10.0)
+        plan = Plan.at(int(now_s / 15.7), np.array([0.3, *positions[0]]), (5,) * 10, NONE)
+        payload = encode(Packet(plan, np.column_stack([positions, depths])))
         arrival = Arrival(
             receiver=1,
             source=2 + number % BABBLERS,

@@ -287,7 +287,7 @@ def _draw(found: Mapping[str, Sequence[Outcome]], path: Path) -> None:
         axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
         axis.invert_yaxis()
         axis.set_xlim(left=0.0)
-        axis.set_xlabel(f"{title} at the end, cost/place")
+        axis.set_xlabel(f"{title} at the end, cost/position")
         axis.grid(axis="x", alpha=0.3)
     figure.savefig(path, dpi=120)
     plt.close(figure)

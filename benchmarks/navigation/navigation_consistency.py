@@ -1,7 +1,7 @@
 """Is the navigation filter consistent, and how far does it drift? Many dives of one vehicle over flat ground.
 
 NEES is the squared error over the filter's own covariance. For a consistent filter its mean is the number of states
-(Bar-Shalom, Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of
+(Bar-Shalom, Li & Kirubarajan 2001, section 5.4): 2 for the position, 3 with the heading. The table and the test of
 consistency use `measure()`.
 
     python -m benchmarks.navigation.navigation_consistency 160
@@ -34,15 +34,15 @@ class Consistency:
 
     Attributes:
         nees: Normalized squared error of north, east, heading: one row per dive, one column per time.
-        nees_place: The same of north, east.
-        error_m: Distance between estimated and true place.
-        std_m: Standard deviation of the place by the filter (root of the summed variances).
+        nees_position: The same of north, east.
+        error_m: Distance between estimated and true position.
+        std_m: Standard deviation of the position by the filter (root of the summed variances).
         travelled_m: Distance travelled.
         times_s: The columns' times.
     """
 
     nees: Array
-    nees_place: Array
+    nees_position: Array
     error_m: Array
     std_m: Array
     travelled_m: Array
@@ -76,7 +76,7 @@ def measure(
     table = MotionTable(MotionConfig())
     times = np.arange(every_s, duration_s + 0.5, every_s)
     shape = (dives, len(times))
-    nees, place, error, std, gone = (np.zeros(shape) for _ in range(5))
+    nees, position, error, std, gone = (np.zeros(shape) for _ in range(5))
     for dive in range(dives):
         seed = first_seed + dive
         vehicle = SimVehicle(1, VehicleConfig(start_delay_s=30.0), sim, stream(seed, "sensors", 1))
@@ -104,11 +104,11 @@ def measure(
             if len(column):
                 e, p = vehicle.error[:3], vehicle.covariance[:3, :3]
                 nees[dive, column] = e @ np.linalg.solve(p, e)
-                place[dive, column] = e[:2] @ np.linalg.solve(p[:2, :2], e[:2])
+                position[dive, column] = e[:2] @ np.linalg.solve(p[:2, :2], e[:2])
                 error[dive, column] = np.hypot(e[0], e[1])
                 std[dive, column] = np.sqrt(p[0, 0] + p[1, 1])
                 gone[dive, column] = vehicle.truth(float(tick)).travelled_m
-    return Consistency(nees=nees, nees_place=place, error_m=error, std_m=std, travelled_m=gone, times_s=times)
+    return Consistency(nees=nees, nees_position=position, error_m=error, std_m=std, travelled_m=gone, times_s=times)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -128,14 +128,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         low, high = result.bounds(3)
         low2, high2 = result.bounds(2)
         print(
-            f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, place {low2:.2f} to {high2:.2f}"
+            f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, position {low2:.2f} to {high2:.2f}"
         )
-        print("   time s  NEES  place  rms error m  filter's std m  travelled m")
+        print("   time s  NEES  position  rms error m  filter's std m  travelled m")
         for i, time in enumerate(result.times_s):
             rms = np.sqrt((result.error_m[:, i] ** 2).mean())
             std = np.sqrt((result.std_m[:, i] ** 2).mean())
             print(
-                f"  {time:7.0f} {result.nees[:, i].mean():5.2f} {result.nees_place[:, i].mean():6.2f} {rms:12.2f} "
+                f"  {time:7.0f} {result.nees[:, i].mean():5.2f} {result.nees_position[:, i].mean():6.2f} {rms:12.2f} "
                 f"{std:15.2f} {result.travelled_m[:, i].mean():12.0f}"
             )
         print(f"  drift at the end: {100.0 * result.drift:.2f} % of the distance travelled")

@@ -78,7 +78,7 @@ def judged(settings: Settings, ground: Ground, rows: Array, gate: SoundingGate) 
         intake.step(float(row[0]))
     field, level = depth_map.field(), settings.level_set
     inside = depth_map.grid.inside
-    north, east = depth_map.grid.places_m.T
+    north, east = depth_map.grid.locations_m.T
     safe = ground.depth_m(north, east) >= level.level_m
     said = field.p_safe[inside] * level.cost_false_unsafe >= (1.0 - field.p_safe[inside]) * level.cost_false_safe
     cost = np.where(said & ~safe, level.cost_false_safe, 0.0) + np.where(~said & safe, level.cost_false_unsafe, 0.0)

@@ -3,7 +3,7 @@
     python -m benchmarks.navigation.surfacing_loop --seeds 7700 2
 
 Each mission is simulated without surfacing, and with surfacing where that pays; it is judged after the dive.
-Section `places` has the instruments' true accuracy.
+Section `positions` has the instruments' true accuracy.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with, parser_of
-from benchmarks.navigation.places_drift import flown, judged
+from benchmarks.navigation.positions_drift import flown, judged
 
 DRIFTS = (0.1, 1.0, 10.0)
-FIGURES = ("isobath_m", "place_m", "risk", "loss", "error_over_std", "nees")
+FIGURES = ("isobath_m", "position_m", "risk", "loss", "error_over_std", "nees")
 
 
 def settings_of(seed: int, drift: float, surfaces: bool, steps: int = 100) -> Settings:
@@ -26,10 +26,10 @@ def settings_of(seed: int, drift: float, surfaces: bool, steps: int = 100) -> Se
     settings: dict[str, object] = {
         "mission.seed": seed,
         "mission.steps": steps,
-        "places.heading_std_deg": 0.71 * drift,
-        "places.heading_walk_deg_rth": 0.5 * drift,
-        "places.harmonic_std_deg": min(1.0, drift),
-        "places.scale_std": 0.003 * drift,
+        "positions.heading_std_deg": 0.71 * drift,
+        "positions.heading_walk_deg_rth": 0.5 * drift,
+        "positions.harmonic_std_deg": min(1.0, drift),
+        "positions.scale_std": 0.003 * drift,
         "sim.compass.bias_deg": 1.0 * drift,
         "sim.compass.bias_walk_deg_rth": 0.3 * drift,
         "sim.compass.harmonic_deg": 0.0,
@@ -46,7 +46,7 @@ def row(seed: int, drift: float, surfaces: bool, steps: int) -> dict[str, float]
     by = judged(run)
     return {
         **by["corrected"],
-        "true_m": by["true places"]["isobath_m"],
+        "true_m": by["true positions"]["isobath_m"],
         "surfacings": float(sum(len(v.fixes) for v in run.vehicles)),
     }
 
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first, count = options.seeds
     names = ("surfacings", "isobath_m", "true_m", *FIGURES[1:])
     print(
-        "| drift | surfaces | missions | surfacings | isobath error (m) | at true places (m) | place error (m) "
+        "| drift | surfaces | missions | surfacings | isobath error (m) | at true positions (m) | position error (m) "
         "| final risk | true loss | (error/std)^2 | NEES |"
     )
     print("|---" * 11 + "|", flush=True)

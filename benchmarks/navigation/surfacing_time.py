@@ -4,7 +4,8 @@
 
 Three vehicles mow the default area, with a compass error by heading of one degree, so that little but the time of the
 fix changes. Where they surface a second time, the second fix is left out. Each flight is judged after the dive, with
-the fix and without it, against the same soundings at their true places. Beside it stands how far off the place is by
+the fix and without it, against the same soundings at their true positions. Beside it stands how far off the position is
+by
 which a vehicle is led, that of its own filter: so far its legs are from where they were planned.
 """
 
@@ -19,7 +20,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with, parser_of
-from benchmarks.navigation.places_drift import flown, judged, settings_of
+from benchmarks.navigation.positions_drift import flown, judged, settings_of
 
 #: Parts of the mission at which the vehicles begin to climb.
 PARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
@@ -50,7 +51,7 @@ def with_first_fix(run: RunData) -> RunData:
 
 
 def led_off_m(run: RunData) -> float:
-    """Root mean square distance (m) of the place by which the vehicles are led from where they are."""
+    """Root mean square distance (m) of the position by which the vehicles are led from where they are."""
     apart = [vehicle.odometry[:, 1:3] - vehicle.truth[:, 1:3] for vehicle in run.vehicles]
     return float(np.sqrt((np.concatenate(apart) ** 2).sum(axis=1).mean()))
 
@@ -59,12 +60,12 @@ def row(seed: int, part: float, steps: int) -> dict[str, float]:
     """Figures of one flight."""
     run = flown(settings_at(seed, part, steps))
     by = judged(with_first_fix(run))
-    fixed, without, true = by["corrected"], by["corrected, nobody surfaces"], by["true places"]
+    fixed, without, true = by["corrected"], by["corrected, nobody surfaces"], by["true positions"]
     return {
         "isobath_m": fixed["isobath_m"] - true["isobath_m"],
         "isobath_without_m": without["isobath_m"] - true["isobath_m"],
-        "place_m": fixed["place_m"],
-        "place_without_m": without["place_m"],
+        "position_m": fixed["position_m"],
+        "position_without_m": without["position_m"],
         "risk": without["risk"] - fixed["risk"],
         "loss": without["loss"] - fixed["loss"],
         "led_m": led_off_m(run),
@@ -79,13 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     first, count = options.seeds
     print(
-        "| fix at | missions | isobath above true places (m) | without the fix | place error (m) | without "
+        "| fix at | missions | isobath above true positions (m) | without the fix | position error (m) | without "
         "| risk saved | loss saved | led off (m) |"
     )
     print("|---" * 9 + "|")
     for part in PARTS:
         rows = [row(seed, part, options.steps) for seed in range(first, first + count)]
-        names = ("isobath_m", "isobath_without_m", "place_m", "place_without_m", "risk", "loss", "led_m")
+        names = ("isobath_m", "isobath_without_m", "position_m", "position_without_m", "risk", "loss", "led_m")
         cells = " | ".join(str(interval([one[name] for one in rows])) for name in names)
         print(f"| {part:.0%} | {count} | {cells} |", flush=True)
     return 0

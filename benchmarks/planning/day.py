@@ -27,7 +27,7 @@ FULL = ((100, 1), (300, 1), (1000, 1), (1200, 1), (2000, 1), (100, 3), (300, 3),
 SMOKE = ((4, 1),)
 #: Area (m^2) for each leg of each vehicle.
 AREA_M2 = 600.0 * 700.0 / 300.0
-PARTS = ("planner", "map", "places", "packets", "world")
+PARTS = ("planner", "map", "locations", "packets", "world")
 #: Legs of a mission of at least twice as many that its last quarter is compared with.
 EARLY = (50, 100)
 #: Goals: milliseconds of an idle core, and the cost of a leg relative to that of the shortest mission.
@@ -63,7 +63,7 @@ def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
     for cores in fleet.cores:
         watch(cores, "update_map", "map")
         if cores.corrector is not None:
-            watch(cores.corrector, "correct", "places")
+            watch(cores.corrector, "correct", "locations")
         for name in ("receive", "next_packet"):
             watch(cores, name, "packets")
         watch(cores.planner, "decide", "planner")
@@ -79,7 +79,7 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
 
     def spent() -> dict[str, float]:
         found = {part: sum(map(sum, times_s[part])) for part in PARTS}
-        found["map"] -= found["places"]  # places are corrected while the map takes what came
+        found["map"] -= found["locations"]  # locations are corrected while the map takes what came
         return found
 
     at = (*(EARLY if legs >= 2 * EARLY[1] else ()), 0.75 * legs)

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 from auv_lse_shore.campaign.statistics import Interval, interval
 from benchmarks.command import end_with
-from benchmarks.navigation.places_table import Arguments, Row, print_rows, value
+from benchmarks.navigation.positions_table import Arguments, Row, print_rows, value
 
 #: Columns of the means: of a row, heading, and decimal places.
 COLUMNS = (
@@ -24,7 +24,7 @@ COLUMNS = (
     ("loss_expected", "expected loss", 3),
     ("isobath_found", "found", 2),
     ("isobath_found_error_m", "error of found (m)", 1),
-    ("place_error_m", "place error (m)", 1),
+    ("position_error_m", "location error (m)", 1),
     ("error_over_std", "(error/std)^2", 2),
 )
 #: What is compared in pairs: in percent, and as a difference.
@@ -44,7 +44,7 @@ def means(groups: Groups) -> list[str]:
     lines = [f"| setting | lakes | {titles} | above lawnmower's expected end |"]
     lines.append("|---" * (len(COLUMNS) + 3) + "|")
     for label, rows in groups.items():
-        cells = [f"{_mean(rows, name):.{places}f}" for name, _, places in COLUMNS]
+        cells = [f"{_mean(rows, name):.{locations}f}" for name, _, locations in COLUMNS]
         above = sum(value(row, "risk_after") > value(row, "mowing_risk") for row in rows.values())
         lines.append(f"| {label} | {len(rows)} | " + " | ".join(cells) + f" | {above} of {len(rows)} |")
     return lines

@@ -102,7 +102,8 @@ class Sea:
         self.low_m, self.high_m = operating.polygon.min(axis=0) + margin, operating.polygon.max(axis=0) - margin
         self._grids = {m: operating.grid(m) for m in (JUDGED_M, MUTATED_M)}
         self._truth = {
-            m: np.asarray(ground.depth_m(grid.places_m[:, 0], grid.places_m[:, 1])) for m, grid in self._grids.items()
+            m: np.asarray(ground.depth_m(grid.locations_m[:, 0], grid.locations_m[:, 1]))
+            for m, grid in self._grids.items()
         }
         self._isobath = {m: self._traced(m, truth) for m, truth in self._truth.items()}
         v = settings.vehicle
@@ -120,28 +121,30 @@ class Sea:
 
     def roughly(self, waypoints_m: Sequence[Array]) -> Judged:
         """Fast evaluation of all vehicles' waypoints: few soundings without noise on a coarse grid."""
-        places = np.concatenate([self._coarse.leg_places(*self.steered(w)).reshape(-1, 2) for w in waypoints_m])
-        depths = np.asarray(self._ground.depth_m(places[:, 0], places[:, 1]))
+        locations = np.concatenate([self._coarse.leg_locations(*self.steered(w)).reshape(-1, 2) for w in waypoints_m])
+        depths = np.asarray(self._ground.depth_m(locations[:, 0], locations[:, 1]))
         known = np.isfinite(depths)
         posterior = Posterior(self.settings.gp)
         noise = np.full(int(known.sum()), self.settings.gp.noise_std_m)
-        posterior.follow(Centers(places[known], depths[known], noise))
-        mean, variance = posterior.moments(self._grids[MUTATED_M].places_m)
+        posterior.follow(Centers(locations[known], depths[known], noise))
+        mean, variance = posterior.moments(self._grids[MUTATED_M].locations_m)
         return self._judged(MUTATED_M, mean, np.sqrt(variance))
 
     def judge(self, waypoints_m: Sequence[Array]) -> Judged:
         """Full evaluation of all vehicles' waypoints: soundings as a vehicle takes and keeps them, on the fine grid."""
         rng = stream(self._seed, "soundings")
         # leg after leg, the vehicles in turn
-        places = np.stack([self._fine.leg_places(*self.steered(w)) for w in waypoints_m], axis=1).reshape(-1, 2)
-        depths = np.asarray(self._ground.depth_m(places[:, 0], places[:, 1])) + 0.2 * rng.normal(size=len(places))
+        locations = np.stack([self._fine.leg_locations(*self.steered(w)) for w in waypoints_m], axis=1).reshape(-1, 2)
+        depths = np.asarray(self._ground.depth_m(locations[:, 0], locations[:, 1])) + 0.2 * rng.normal(
+            size=len(locations)
+        )
         gp = OnlineGp(self.settings.gp)
-        for (north, east), depth in zip(places, depths, strict=True):
+        for (north, east), depth in zip(locations, depths, strict=True):
             try:
                 gp.add(float(north), float(east), max(float(depth), 0.1))
             except SoundingError:
                 continue  # no ground is known there
-        return self._judged(JUDGED_M, *gp.predict(self._grids[JUDGED_M].places_m))
+        return self._judged(JUDGED_M, *gp.predict(self._grids[JUDGED_M].locations_m))
 
     def _judged(self, grid_m: float, mean: Array, std: Array) -> Judged:
         level, truth = LevelSet.of(self.settings.level_set), self._truth[grid_m]
@@ -154,7 +157,7 @@ class Sea:
         )
 
     def _traced(self, grid_m: float, depth_m: Array) -> list[Array]:
-        """The isobath of depths (P,) of a grid's places."""
+        """The isobath of depths (P,) of a grid's locations."""
         grid = self._grids[grid_m]
         return trace(grid.north_m, grid.east_m, grid.fill(depth_m), self.settings.level_set.level_m)
 
@@ -193,7 +196,7 @@ def on_lake(options: argparse.Namespace, number: int) -> dict[str, Judged]:
     for method in dict.fromkeys((MOWING, *options.methods)):
         settings = settings_for(method, options.vehicles, section, mission=mission)
         outcome = light_mission(settings, ground, number)
-        # the end of the last leg is not among the places visited
+        # the end of the last leg is not among the locations visited
         flown[method] = [
             np.array([*boat.visited, (boat.north, boat.east)])[WAYPOINT_LEGS - 1 :: WAYPOINT_LEGS]
             for boat in outcome.boats

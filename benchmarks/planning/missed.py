@@ -9,10 +9,12 @@ there already. Then it prints a table, a line for each missed piece, and each va
 FILE is a lake's grid or soundings; without it no real lake is flown. One vehicle maps 400 m x 500 m, a team 600 m x
 700 m.
 
-`--limits` shows what paths of the same length could find. No vehicle flies: places are exact, turns take no distance,
-and every sounding is known to all at once. *Lanes* are straight and equally far apart, in both directions, with 1, 1.5
+`--limits` shows what paths of the same length could find. No vehicle flies: locations are exact, turns take no
+distance, and every sounding is known to all at once. *Lanes* are straight and equally far apart, in both directions,
+with 1, 1.5
 and 2 times the team's distance. *Free* soundings, as many as the distance holds at `FREE_APART_M`, go one after the
-other to the place where the map so far leaves the isobath least certain, however far away it is: no path reaches that.
+other to the location where the map so far leaves the isobath least certain, however far away it is: no path reaches
+that.
 """
 
 from __future__ import annotations
@@ -92,11 +94,11 @@ class Missed:
     """A stretch of the true isobath that is longer than `LEAST_M` and that the estimate does not come near.
 
     Attributes:
-        places_m: Places along it, (n, 2).
+        locations_m: Locations along it, (n, 2).
         line_m: Length (m) of the whole line that it belongs to.
     """
 
-    places_m: Array
+    locations_m: Array
     length_m: float
     line_m: float
 
@@ -107,15 +109,15 @@ def missed_pieces(truth: Sequence[Array], estimate: Sequence[Array], within_m: f
     tree = cKDTree(points) if len(points) else None
     pieces = []
     for line in truth:
-        places = resample([line])
-        away = np.ones(len(places), dtype=bool) if tree is None else tree.query(places)[0] > within_m
+        locations = resample([line])
+        away = np.ones(len(locations), dtype=bool) if tree is None else tree.query(locations)[0] > within_m
         if np.array_equal(line[0], line[-1]) and not away.all():  # a closed line begins where nothing is missed
             first = int(np.argmin(away))
-            away, places = np.roll(away, -first), np.roll(places, -first, axis=0)
+            away, locations = np.roll(away, -first), np.roll(locations, -first, axis=0)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], away, [False]]).astype(int)))
         whole = isobath.length_m([line])
         for start, end in edges.reshape(-1, 2):
-            pieces.append(Missed(places[start:end], whole * int(end - start) / len(places), whole))
+            pieces.append(Missed(locations[start:end], whole * int(end - start) / len(locations), whole))
     return [piece for piece in pieces if piece.length_m > LEAST_M]
 
 
@@ -129,14 +131,14 @@ def described(e: Evaluation, piece: Missed) -> Line:
     field, ground = e.team, e.run.ground
     assert ground is not None
     north, east = field.grid.north_m, field.grid.east_m
-    index = cKDTree(field.grid.places_m).query(piece.places_m)[1]
+    index = cKDTree(field.grid.locations_m).query(piece.locations_m)[1]
     mean, std = (values[field.grid.inside][index] for values in (field.mean_m, field.std_m))
     slope = np.hypot(*np.gradient(ground.depth_m, north, east))[field.grid.inside][index]
     tracks = np.concatenate([v.truth[:, 1:3] for v in e.run.vehicles])
     return {
         "length_m": round(piece.length_m, 1),
         "line_m": round(piece.line_m, 1),
-        "track_m": float(cKDTree(tracks).query(piece.places_m)[0].mean()),
+        "track_m": float(cKDTree(tracks).query(piece.locations_m)[0].mean()),
         "std_m": float(std.mean()),
         "error_stds": float(np.mean(np.abs(mean - e.team_map.level_m) / std)),
         "slope": float(np.nanmean(slope)),
@@ -145,17 +147,17 @@ def described(e: Evaluation, piece: Missed) -> Line:
 
 def length_off(e: Evaluation) -> dict[str, list[float]]:
     """Length (m) of the true isobath, and of what the estimate does not come near, by where it lies."""
-    places = resample(e.truth)
-    step = isobath.length_m(e.truth) / max(len(places), 1)
-    off = ~near(e.team_map.isobath.lines)(places)
-    track_m = cKDTree(np.concatenate([v.truth[:, 1:3] for v in e.run.vehicles])).query(places)[0]
+    locations = resample(e.truth)
+    step = isobath.length_m(e.truth) / max(len(locations), 1)
+    off = ~near(e.team_map.isobath.lines)(locations)
+    track_m = cKDTree(np.concatenate([v.truth[:, 1:3] for v in e.run.vehicles])).query(locations)[0]
     near_m, far_m = TRACK_M
     parts = {
         f"less than {near_m:g} m from a track": track_m < near_m,
         f"{near_m:g} to {far_m:g} m from a track": (track_m >= near_m) & (track_m < far_m),
         f"more than {far_m:g} m from a track": track_m >= far_m,
     }
-    parts[f"within {BORDER_M:g} m of the border"] = e.area.clearance_m(places) < BORDER_M
+    parts[f"within {BORDER_M:g} m of the border"] = e.area.clearance_m(locations) < BORDER_M
     return {name: [step * int(np.sum(part)), step * int(np.sum(part & off))] for name, part in parts.items()}
 
 
@@ -280,7 +282,7 @@ def pairs(lines: Sequence[Line]) -> list[str]:
 
 
 def lanes(extent_m: Sequence[float], length_m: float, north: bool) -> Array:
-    """Places (P, 2) along parallel lanes that are `length_m` long together with the ways between them.
+    """Locations (P, 2) along parallel lanes that are `length_m` long together with the ways between them.
 
     Args:
         extent_m: South, north, west and east border (m) of the area.
@@ -292,12 +294,14 @@ def lanes(extent_m: Sequence[float], length_m: float, north: bool) -> Array:
         south, top, west, east = west, east, south, top
     apart = (east - west) * (top - south) / (length_m - (east - west))
     along, across = np.arange(south, top, ALONG_M), np.arange(west + 0.5 * apart, east, apart)
-    places = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).transpose(1, 0, 2).reshape(-1, 2)
-    return places if north else places[:, ::-1]
+    locations = np.stack(np.meshgrid(along, across, indexing="ij"), axis=-1).transpose(1, 0, 2).reshape(-1, 2)
+    return locations if north else locations[:, ::-1]
 
 
-def free_places(settings: PlannerSettings, depth_m: Any, cells_m: Array, count: int, rng: np.random.Generator) -> Array:
-    """Places (count, 2) of soundings among cells (M, 2), each chosen given the depths of all before it."""
+def free_locations(
+    settings: PlannerSettings, depth_m: Any, cells_m: Array, count: int, rng: np.random.Generator
+) -> Array:
+    """Locations (count, 2) of soundings among cells (M, 2), each chosen given the depths of all before it."""
     posterior = Posterior(settings.gp)
     scaled, noise = posterior.kernel.scale(cells_m), settings.gp.noise_std_m**2
     covariance = np.array(posterior.kernel.of_scaled(scaled, scaled), dtype=float)
@@ -325,15 +329,15 @@ def ideal(way: str, times: float, vehicles: int, name: str) -> Line:
     operating, rng = OperatingArea(settings.area), stream(int(name), "missed limits")
     length_m = times * vehicles * settings.mission.steps * MotionTable(settings.motion).leg_length_m
     if way == "free":
-        cells = operating.grid(FREE_APART_M).places_m
-        places = free_places(settings, ground.depth_m, cells, int(length_m / FREE_APART_M), rng)
+        cells = operating.grid(FREE_APART_M).locations_m
+        locations = free_locations(settings, ground.depth_m, cells, int(length_m / FREE_APART_M), rng)
     else:
-        places = lanes(operating.extent_m, length_m, way == "north")
-    depth = np.asarray(ground.depth_m(places[:, 0], places[:, 1])) + NOISE_M * rng.standard_normal(len(places))
+        locations = lanes(operating.extent_m, length_m, way == "north")
+    depth = np.asarray(ground.depth_m(locations[:, 0], locations[:, 1])) + NOISE_M * rng.standard_normal(len(locations))
     depth_map = DepthMap(settings.gp, settings.level_set, operating)
-    depth_map.gp.add_all(np.column_stack([places, depth])[np.isfinite(depth)])
+    depth_map.gp.add_all(np.column_stack([locations, depth])[np.isfinite(depth)])
     grid, level = depth_map.grid, settings.level_set.level_m
-    truth = contours(grid, grid.fill(np.asarray(ground.depth_m(*grid.places_m.T))), level)
+    truth = contours(grid, grid.fill(np.asarray(ground.depth_m(*grid.locations_m.T))), level)
     estimate = depth_map.isobath().lines
     found = isobath.compare(estimate, truth)
     lengths = [round(piece.length_m, 1) for piece in missed_pieces(truth, estimate)]

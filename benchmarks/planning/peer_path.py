@@ -4,7 +4,7 @@
 
 sgptools 2.0.7: inducing points joined by a travelling salesman's path, then `ContinuousSGP` with `IPPTransform`, which
 shifts them to explain the area best within the length allowed. A request with variances gets a path of `GCBCover` for
-each: places chosen greedily until one measurement each brings the variance everywhere to at most that.
+each: locations chosen greedily until one measurement each brings the variance everywhere to at most that.
 """
 
 import contextlib
@@ -30,11 +30,11 @@ def planned(request):
     tf.random.set_seed(seed)
     (south, west), (north, east) = request["low_m"], request["high_m"]
     grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
-    places = np.stack(grid, -1).reshape(-1, 2)
+    locations = np.stack(grid, -1).reshape(-1, 2)
     kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
     start = np.array([request["start_m"]])
     first, _ = run_tsp(
-        get_inducing_pts(places, request["waypoints"], seed=seed), start_nodes=start, time_limit=request["tsp_s"]
+        get_inducing_pts(locations, request["waypoints"], seed=seed), start_nodes=start, time_limit=request["tsp_s"]
     )
     first = np.asarray(first[0])
     transform = IPPTransform(
@@ -45,7 +45,7 @@ def planned(request):
         aggregate_fov=False,  # the slower and better one
         constraint_weight=100.0,
     )
-    model = ContinuousSGP(len(first), places, kernel, request["noise_std_m"] ** 2, transform, X_init=first)
+    model = ContinuousSGP(len(first), locations, kernel, request["noise_std_m"] ** 2, transform, X_init=first)
     return np.asarray(model.optimize(max_steps=500))[0].tolist()
 
 
@@ -58,10 +58,10 @@ def covering(request):
     (south, west), (north, east) = request["low_m"], request["high_m"]
     grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
     kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
-    places = np.stack(grid, -1).reshape(-1, 2)
+    locations = np.stack(grid, -1).reshape(-1, 2)
     start, paths = np.array([request["start_m"]]), []
     for variance in request["variances_m2"]:
-        model = GCBCover(len(places), places, kernel=kernel, noise_variance=request["noise_std_m"] ** 2)
+        model = GCBCover(len(locations), locations, kernel=kernel, noise_variance=request["noise_std_m"] ** 2)
         paths.append(np.asarray(model.optimize(post_var_threshold=variance, start_nodes=start))[0].tolist())
     return paths
 

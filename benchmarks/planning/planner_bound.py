@@ -68,7 +68,7 @@ class PriorLake:
         self._mean = config.mean_depth_m
 
     def depth_m(self, north_m: Any, east_m: Any) -> Any:
-        """Depth at any places."""
+        """Depth at any locations."""
         north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
         angle = north[..., None] * self._waves[:, 0] + east[..., None] * self._waves[:, 1] + self._phases
         return self._mean + self._scale * np.cos(angle).sum(axis=-1)
@@ -76,7 +76,7 @@ class PriorLake:
 
 def risk(posterior: Posterior, settings: PlannerSettings) -> float:
     """Bayes risk over the map."""
-    columns = posterior.at(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).places_m)
+    columns = posterior.at(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).locations_m)
     return float(LevelSet.of(settings.level_set).risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 

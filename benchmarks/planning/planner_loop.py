@@ -69,7 +69,8 @@ def settings_for(
     planner: dict[str, Any] | None = None,
     **sections: Any,
 ) -> PlannerSettings:
-    """Mission settings of a method. No vehicle surfaces: places are exact, and all methods have equally many legs."""
+    """Mission settings of a method. No vehicle surfaces: locations are exact, and all methods have equally many
+    legs."""
     return PlannerSettings.from_parameters(
         {
             "area": area or {},
@@ -188,19 +189,19 @@ def judged_map(
         third_s: Time of a third of the mission.
     """
     grid = OperatingArea(settings.area).grid(5.0)
-    places = grid.places_m
-    truth = np.asarray(ground.depth_m(places[:, 0], places[:, 1]))
+    locations = grid.locations_m
+    truth = np.asarray(ground.depth_m(locations[:, 0], locations[:, 1]))
     known = np.isfinite(truth)
     gp = OnlineGp(settings.gp)
     risks = []
     level = LevelSet.of(settings.level_set)
     index = 0
-    mean = std = np.zeros(len(places))
+    mean = std = np.zeros(len(locations))
     for until in (third_s, np.inf):
         while index < len(rows) and rows[index][0] <= until:
             gp.add(*rows[index][1:])
             index += 1
-        mean, std = gp.predict(places)
+        mean, std = gp.predict(locations)
         risks.append(float(level.risk(mean, std)[known].mean()))
     called, is_safe = level.safe(mean, std)[known], truth[known] >= level.level_m
     hits = int(np.sum(called & is_safe))

@@ -3,7 +3,7 @@
     python -m benchmarks.planning.planner_memory
 
 A planner of the default method decides on maps of random centers. At the cap the map is made again and again, as by a
-correction of places, which moves every center.
+correction of locations, which moves every center.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     intake = PlannerIntake(planner)
     rng = np.random.default_rng(1)
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
-    places = rng.uniform(corners.min(axis=0), corners.max(axis=0), (most, 2))
+    locations = rng.uniform(corners.min(axis=0), corners.max(axis=0), (most, 2))
     depths, effects = 20.0 + 3.0 * rng.standard_normal(most), 0.1 * rng.standard_normal((most, 8))
     vehicle, now_s = own.vehicle, 0.0
     print("| centers | memory of its own | longest decision, processor time |\n|---|---|---|")
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         longest_s = 0.0
         for _ in range(times):
             now_s += 16.0
-            moved = places[:n] + rng.normal(0.0, 0.5, (n, 2))
+            moved = locations[:n] + rng.normal(0.0, 0.5, (n, 2))
             planner.set_centers(Centers(moved, depths[:n], np.full(n, 0.3), effects[:n]), now_s)
             intake.set_odometry(now_s, 0.0, vehicle.start_north_m, vehicle.start_east_m)
             intake.take(now_s)

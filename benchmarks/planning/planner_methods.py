@@ -69,11 +69,11 @@ class Shifted:
     """A gridded real lake, moved so that the window's corner is the local origin's surroundings."""
 
     def __init__(self, ground: Any, north_m: float, east_m: float) -> None:
-        """Adds (north_m, east_m) to every requested place."""
+        """Adds (north_m, east_m) to every requested location."""
         self._ground, self._north, self._east = ground, north_m, east_m
 
     def depth_m(self, north_m: Any, east_m: Any) -> Any:
-        """Depth at places relative to the window."""
+        """Depth at locations relative to the window."""
         return self._ground.depth_m(np.asarray(north_m) + self._north, np.asarray(east_m) + self._east)
 
 

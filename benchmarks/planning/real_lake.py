@@ -1,11 +1,12 @@
-"""Real and concave lakes in the whole simulator: navigation, packets, corrected places (docs/evidence/planner.md).
+"""Real and concave lakes in the whole simulator: navigation, packets, corrected positions (docs/evidence/planner.md).
 
     python -m benchmarks.planning.real_lake FILE
     python -m benchmarks.planning.real_lake FILE --whole
 
 FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each of its windows is mown and flown by
-`tour`, with places as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are flown
-by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the made-up
+`tour`, with locations as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are
+flown by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the
+made-up
 lakes were fixed before any was flown: drowned valleys whose banks rise to land, with side valleys and islands. `FRESH`
 is flown with --fresh.
 """
@@ -27,14 +28,14 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.command import end_with, existing_file, parser_of
-from benchmarks.navigation.places_table import Row
+from benchmarks.navigation.positions_table import Row
 from benchmarks.planning.headline_table import means, pairs
 from benchmarks.planning.planner_methods import area, spread_windows
 
 #: Settings by name; the first is compared with the others.
 SETTINGS: dict[str, dict[str, Any]] = {
     "tour": {},
-    "tour, places as booked": {"places.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
+    "tour, locations as booked": {"positions.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
     "lawnmower": {"planner.method": "lawnmower"},
 }
 #: Methods flown on whole lakes; `OPEN` ignores the shore.

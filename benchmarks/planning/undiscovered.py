@@ -56,17 +56,17 @@ def figures(line: Row) -> Row:
     rows = np.array(line["soundings"])
     depth_map.add_soundings(rows)
     field, grid = depth_map.field(), depth_map.grid
-    places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
-    pieces = certainty.classify(depth_map.isobath().lines, field, chosen.gp.signal_std_m, places)
+    locations = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
+    pieces = certainty.classify(depth_map.isobath().lines, field, chosen.gp.signal_std_m, locations)
     sure = [p for p in pieces if p.kind == certainty.FOUND]
     ground = ground_of(line["kind"], line["lake"], where_of(line["vehicles"]), line["real"])
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
     truth = isobath.trace(grid.north_m, grid.east_m, depth, level)
     is_found = near(certainty.lines_of(pieces, certainty.FOUND))
 
-    def left_out(places_m: Array) -> Mask:
-        unknown = ~np.isfinite(ground.depth_m(places_m[:, 0], places_m[:, 1]))
-        return is_found(places_m) | unknown
+    def left_out(locations_m: Array) -> Mask:
+        unknown = ~np.isfinite(ground.depth_m(locations_m[:, 0], locations_m[:, 1]))
+        return is_found(locations_m) | unknown
 
     located = left_out if np.isnan(depth[grid.inside]).any() else is_found
     missing = undiscovered(chosen.gp, depth_map.centers, level, coarse_grid(area, chosen.gp.map_resolution_m), located)

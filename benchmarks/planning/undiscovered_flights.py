@@ -43,15 +43,15 @@ class Waves:
         self._phases = rng.uniform(0.0, 2.0 * math.pi, 1500)
 
     def depth_m(self, north_m: Any, east_m: Any) -> Array:
-        """Depth (m) at places."""
-        places = np.stack(np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float)), axis=-1)
-        rows = places.reshape(-1, 2)
+        """Depth (m) at locations."""
+        locations = np.stack(np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float)), axis=-1)
+        rows = locations.reshape(-1, 2)
         values = [
             np.cos(part @ self._waves.T + self._phases).sum(axis=1)
             for part in np.array_split(rows, 1 + len(rows) // 4096)
         ]
         field = self._std * math.sqrt(2.0 / 1500) * np.concatenate(values)
-        return np.maximum(self._mean + field, LEAST_M).reshape(places.shape[:-1])
+        return np.maximum(self._mean + field, LEAST_M).reshape(locations.shape[:-1])
 
 
 class Shoals:
@@ -62,15 +62,15 @@ class Shoals:
         rng = stream(seed, "shoals")
         height, width, margin = span
         self._ground = ground
-        self._places = rng.uniform([-margin, -margin], [height - margin, width - margin], (8, 2))
+        self._locations = rng.uniform([-margin, -margin], [height - margin, width - margin], (8, 2))
         self._size = rng.uniform(12.0, 35.0, 8)
         self._rise = rng.uniform(4.0, 14.0, 8) * np.array([1.0] * 6 + [-1.0] * 2)
 
     def depth_m(self, north_m: Any, east_m: Any) -> Array:
-        """Depth (m) at places."""
+        """Depth (m) at locations."""
         north, east = np.asarray(north_m, float), np.asarray(east_m, float)
         depth = np.asarray(self._ground.depth_m(north, east), float)
-        for (n, e), size, rise in zip(self._places, self._size, self._rise, strict=True):
+        for (n, e), size, rise in zip(self._locations, self._size, self._rise, strict=True):
             depth = depth - rise * np.exp(-0.5 * ((north - n) ** 2 + (east - e) ** 2) / size**2)
         return np.maximum(depth, LEAST_M)  # NaN stays NaN
 

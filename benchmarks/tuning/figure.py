@@ -60,6 +60,6 @@ def tuning_figure(knob: Knob, missions: Sequence[Evaluation], means: Sequence[Ma
             draw_pieces(axis, e.pieces)
     outer_labels(axes, len(missions))
     whose = "auv1's own map" if knob.own_map else "all soundings"
-    add_color_bar(figure, image, list(axes), f"Bayes risk per place\n({whose})", shrink=0.8, aspect=26)
+    add_color_bar(figure, image, list(axes), f"Bayes risk per location\n({whose})", shrink=0.8, aspect=26)
     map_legend(figure, handles)
     return figure

@@ -24,7 +24,7 @@ from benchmarks.command import end_with, parser_of
 sys.path.append(str(Path(__file__).resolve().parents[2] / "auv_lse_shore" / "test"))
 from browser import Browser  # the tests' own
 
-#: Number of moves of each kind; seed of the places of jumps; step (s) as by the key "right".
+#: Number of moves of each kind; seed of the positions of jumps; step (s) as by the key "right".
 MOVES, SEED, STEP_S = 60, 1, 10.0
 #: Wall clock (s) without another event after which the page has all.
 QUIET_S = 5.0

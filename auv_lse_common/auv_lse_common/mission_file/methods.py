@@ -13,9 +13,10 @@ from typing import Any
 
 from auv_lse_common.vocabulary.naive_ids import FITTED_OF_GROUP
 
-#: Least number of places on each leg for the map's reward. With one place, the remaining risk is overestimated twice as
+#: Least number of positions on each leg for the map's reward. With one position, the remaining risk is overestimated
+#: twice as
 #: much for turning paths as for straight lanes (docs/design/planner.md).
-MAP_PLACES_PER_LEG = 2
+MAP_LOCATIONS_PER_LEG = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,17 +24,17 @@ class Family:
     """Properties of a family of methods, whose plans are made in the same way.
 
     Attributes:
-        bound_of: Places at which reward and bound count the drop of risk: the whole "map", or this vehicle's "path".
+        bound_of: Positions at which reward and bound count the drop of risk: the whole "map", or this vehicle's "path".
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
         all_mates: Whether the plans of all team mates count; otherwise only of those with lower numbers (paper).
-        places_per_leg: Least number of places on each leg at which this vehicle's paths are evaluated.
+        positions_per_leg: Least number of positions on each leg at which this vehicle's paths are evaluated.
         sends_tours: Whether plans are sent as tours or as long sequences of actions.
     """
 
     bound_of: str = "path"
     to_the_end: bool = False
     all_mates: bool = False
-    places_per_leg: int = 1
+    positions_per_leg: int = 1
     sends_tours: bool = False
 
 
@@ -55,7 +56,7 @@ class MethodEntry:
 #: Families by name: the values of `planner.proposals`.
 FAMILIES: dict[str, Family] = {
     "tour": Family(
-        bound_of="map", to_the_end=True, all_mates=True, places_per_leg=MAP_PLACES_PER_LEG, sends_tours=True
+        bound_of="map", to_the_end=True, all_mates=True, positions_per_leg=MAP_LOCATIONS_PER_LEG, sends_tours=True
     ),
     "path": Family(),
     "naive": Family(to_the_end=True),

@@ -34,7 +34,7 @@ class Grid:
     resolution_m: float
 
     @property
-    def places_m(self) -> Array:
+    def locations_m(self) -> Array:
         """Centers (P, 2) of the cells inside the area, row by row."""
         rows, columns = np.nonzero(self.inside)
         return np.column_stack([self.north_m[rows], self.east_m[columns]])
@@ -59,7 +59,7 @@ class OperatingArea:
         """Rasterizes the distance to the border.
 
         Raises:
-            ParameterError: if the raster would be too large, or the no-go areas leave no place.
+            ParameterError: if the raster would be too large, or the no-go areas leave no position.
         """
         self.config = config
         self.polygon = corners("area.polygon_m", config.polygon_m)
@@ -89,27 +89,29 @@ class OperatingArea:
                 there &= ~inside
         return float(np.count_nonzero(left_out & there)) * step**2
 
-    def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
-        """Mask (P,) of the places (P, 2) inside the polygon and outside all no-go areas."""
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        inside = _in_polygon(self.polygon, places)
+    def contains(self, locations_m: ArrayLike) -> NDArray[np.bool_]:
+        """Mask (P,) of the positions (P, 2) inside the polygon and outside all no-go areas."""
+        positions = np.asarray(locations_m, dtype=float).reshape(-1, 2)
+        inside = _in_polygon(self.polygon, positions)
         for polygon in self.no_go.values():
-            inside &= ~_in_polygon(polygon, places)
+            inside &= ~_in_polygon(polygon, positions)
         return inside
 
-    def clearance_m(self, places_m: ArrayLike) -> Array:
-        """Distance (m) of places (P, 2) to the nearest border, (P,); negative outside the area and in no-go areas.
+    def clearance_m(self, locations_m: ArrayLike) -> Array:
+        """Distance (m) of positions (P, 2) to the nearest border, (P,); negative outside the area and in no-go areas.
 
         It is zero on the border; the planner's `FreeSpace.clearance_m` is zero at `margin_m` from it. The value comes
         from a raster: within the polygon's extent, the true distance is 0 to 2 raster_m more. So `clearance_m(p) >=
-        margin_m` never accepts a place that is too close.
+        margin_m` never accepts a position that is too close.
         """
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        positions = np.asarray(locations_m, dtype=float).reshape(-1, 2)
         step = self.config.raster_m
-        row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
-        column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
-        off = np.hypot(places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step))
-        # The signed distance changes by at most the distance between the two places.
+        row = np.clip(np.rint((positions[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
+        column = np.clip(np.rint((positions[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
+        off = np.hypot(
+            positions[:, 0] - (self._north0_m + row * step), positions[:, 1] - (self._east0_m + column * step)
+        )
+        # The signed distance changes by at most the distance between the two positions.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
     def grid(self, resolution_m: float, name: str = "resolution_m") -> Grid:
@@ -168,13 +170,13 @@ class OperatingArea:
             )
 
 
-def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
+def _in_polygon(polygon: Array, positions: Array) -> NDArray[np.bool_]:
     """Mask (P,) by the even-odd rule, exact up to rounding.
 
-    Shapely is unsuitable: it puts places on the border outside, and grids and rasters have centers there.
+    Shapely is unsuitable: it puts positions on the border outside, and grids and rasters have centers there.
     """
-    inside = np.zeros(len(places), dtype=bool)
-    north, east = places[:, 0], places[:, 1]
+    inside = np.zeros(len(positions), dtype=bool)
+    north, east = positions[:, 0], positions[:, 1]
     for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         if n0 == n1:
             continue
@@ -196,7 +198,7 @@ def _raster_in_polygon(polygon: Array, north: Array, east: Array) -> NDArray[np.
 
 
 def _edge_distance_2(n: Array, e: Array, dn: float, de: float) -> Array:
-    """Squared distance to the edge (0, 0)-(dn, de) of places given relative to its first corner."""
+    """Squared distance to the edge (0, 0)-(dn, de) of positions given relative to its first corner."""
     along = np.clip((n * dn + e * de) / (dn * dn + de * de), 0.0, 1.0)
     squared: Array = (n - along * dn) ** 2 + (e - along * de) ** 2
     return squared

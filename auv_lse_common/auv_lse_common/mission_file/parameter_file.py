@@ -11,18 +11,18 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
-from auv_lse_common.mission_file.places_file import with_places
+from auv_lse_common.mission_file.positions_file import with_positions
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 
 def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; places are in metres.
+    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; positions are in metres.
 
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
     path = Path(path)
-    return with_places(parse_parameters(_read_text(path), str(path)), path.parent, str(path))
+    return with_positions(parse_parameters(_read_text(path), str(path)), path.parent, str(path))
 
 
 def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
@@ -122,8 +122,8 @@ def _parse_yaml(text: str, where: str) -> Any:
         return yaml.load(text, _UniqueKeyLoader)
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
-        place = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
-        raise ParameterError(f"{where}: not valid YAML: {place}{error.problem or error.context}") from error
+        position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
+        raise ParameterError(f"{where}: not valid YAML: {position}{error.problem or error.context}") from error
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {error}") from error
     except (RecursionError, ValueError) as error:  # endless nesting; an impossible date or number

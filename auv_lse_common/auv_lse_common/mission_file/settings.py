@@ -18,10 +18,10 @@ import yaml
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
-from auv_lse_common.mission_file.places_file import with_area_file
+from auv_lse_common.mission_file.positions_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
-from auv_lse_common.mission_file.sections.places import PlacesConfig, in_force
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
+from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
 from auv_lse_common.mission_file.sections.table import (
     TEAM_SECTIONS,
     VEHICLE_SECTIONS,
@@ -109,9 +109,9 @@ class Settings(TeamSections):
         """The planner settings of vehicle `number`."""
         return PlannerSettings.from_parameters(self.parameters(number), self.where, number)
 
-    def places_in_force(self, number: int) -> PlacesConfig:
-        """The section `places` of vehicle `number`, with the default of `correct` resolved by its method."""
-        return in_force(self.places, {"planner": {"method": self.vehicle(number).planner.method}})
+    def positions_in_force(self, number: int) -> PositionsConfig:
+        """The section `positions` of vehicle `number`, with the default of `correct` resolved by its method."""
+        return in_force(self.positions, {"planner": {"method": self.vehicle(number).planner.method}})
 
     @property
     def longest_s(self) -> float:

@@ -17,8 +17,8 @@ from rclpy.publisher import Publisher
 
 from auv_lse_common.mission_file.parameters import describe, merge, nest, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.process.dive import Strangers, own_dive
-from auv_lse_common.process.heartbeat import Heartbeat
+from auv_lse_common.node.dive import Strangers, own_dive
+from auv_lse_common.node.heartbeat import Heartbeat
 from auv_lse_common.topics.table import Topic
 from auv_lse_common.vocabulary.health import NewProblems
 

@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.executable import leave
 from auv_lse_common.node.executor import make_executor
+from auv_lse_common.node.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.node.local_post import POST
-from auv_lse_common.process.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.support.confinement import confine
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS

@@ -11,8 +11,9 @@ parameters or another format is set aside and not read. A power failure loses wh
 written: some seconds.
 
 A journal that cannot be written, as on a full disk, would soon be out of date: an abort would be missing. So it is
-marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the place
-of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer than the
+marked in place, which needs no space: `?` overwrites its first byte, its records are dropped, and `!` takes the
+position of `?`. A later process does not restore the dropped records and finds `stale` set; records after `!` are newer
+than the
 mark and valid.
 """
 

@@ -34,10 +34,10 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.node import state_slots
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.latest_writer import LatestWriter
 from auv_lse_common.node.state_memory import MemoryCopy
 from auv_lse_common.node.state_slots import SlotFile, create, invalidate
-from auv_lse_common.process.dive import DIVE_VARIABLE
 
 #: The environment variable that names this start of a vehicle's programs.
 START_VARIABLE = "AUV_LSE_START"
@@ -279,7 +279,7 @@ def open_state(
     Args:
         path: As `StateFile` takes it.
         identity: As `StateFile` takes it.
-        environment: The node's environment, with the variables of `auv_lse_common.commands.dive_record`.
+        environment: The node's environment, with the variables of `auv_lse_run.vehicle.dive_record`.
         expected: As `StateFile` takes it.
     """
     start, second = environment.get(START_VARIABLE, ""), environment.get(SECOND_VARIABLE, "")

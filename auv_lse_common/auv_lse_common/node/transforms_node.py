@@ -45,7 +45,7 @@ def transforms(vehicle: int, odometry: Any, raw: Any) -> tuple[Transform, Transf
     Args:
         vehicle: Its number.
         odometry: Its navigation's estimate, with `heading_rad`, `north_m`, `east_m`.
-        raw: Its raw position at the same time (`DeadReckoning`).
+        raw: Its dead-reckoned position at the same time (`DeadReckoning`).
     """
     odom = f"auv{vehicle}/odom"
     yaw_rad = yaw_from_heading(raw.heading_rad)

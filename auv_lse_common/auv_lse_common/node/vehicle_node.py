@@ -16,13 +16,12 @@ from rclpy.publisher import Publisher
 
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.dive import sender_of, tagged
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import NODES, StateFile, open_state
-from auv_lse_common.process.dive import sender_of, tagged
-from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.support.free_memory import return_free_memory
 from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.records import HealthReport
@@ -30,6 +29,7 @@ from auv_lse_common.topics.ros_conversions import encoded, message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, PHASES, VEHICLE_TOPICS, Topic, reader_count
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_common.vocabulary.stamps import seconds
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 
 #: Without lockstep, how often (s) a vehicle's node handles its messages.

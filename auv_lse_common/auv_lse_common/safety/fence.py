@@ -27,7 +27,7 @@ class Fence:
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
 
     def outside_m(self, north_m: float, east_m: float) -> float:
-        """Distance (m) of a place outside the polygon; 0 inside. More than the margin is beyond the fence."""
+        """Distance (m) of a position outside the polygon; 0 inside. More than the margin is beyond the fence."""
         inside, nearest = False, math.inf
         for (n0, e0), (n1, e1) in self._edges:
             if (n0 > north_m) != (n1 > north_m) and east_m < e0 + (north_m - n0) / (n1 - n0) * (e1 - e0):

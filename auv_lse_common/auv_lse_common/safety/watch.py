@@ -117,8 +117,8 @@ class SafetyWatch:
         }
         self._times = {name: ExceededTime(config.patience_s) for name in self._responses}
         self._reasons: dict[str, str] = {}  # why each limit was exceeded last
-        self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
-        self._new_places: deque[tuple[float, float, float]] = deque(maxlen=MOST_READINGS)  # since the last step
+        self._position: tuple[float, float, float] | None = None  # north, east, depth (m)
+        self._new_positions: deque[tuple[float, float, float]] = deque(maxlen=MOST_READINGS)  # since the last step
         self._first: tuple[float, float, float] | None = None  # first heading (rad), north, east (m)
         self._has_moved = False
         self._altitude_m = math.nan
@@ -152,11 +152,11 @@ class SafetyWatch:
         state = (heading_rad, north_m, east_m)
         self._first = self._first or state
         self._has_moved = self._has_moved or math.dist(state[1:], self._first[1:]) > MOVED_M
-        still = self._place is not None and self._place[:2] == (north_m, east_m)
+        still = self._position is not None and self._position[:2] == (north_m, east_m)
         if self._has_moved and still and abs(speed_mps) > STANDING_MPS:
             return
-        self._place = (north_m, east_m, depth_m)
-        self._new_places.append(self._place)
+        self._position = (north_m, east_m, depth_m)
+        self._new_positions.append(self._position)
         self._stamp_s = max(self._stamp_s, stamp_s)
         frozen = self._depth_gauge.update(depth_m, north_m, east_m)
         self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
@@ -168,7 +168,7 @@ class SafetyWatch:
         """
         self._altitude_m = altitude_m
         self._new_altitudes.append(altitude_m)
-        north_m, east_m, _ = self._place or (0.0, 0.0, 0.0)
+        north_m, east_m, _ = self._position or (0.0, 0.0, 0.0)
         self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
     def autopilot(self, report: AutopilotReport) -> None:
@@ -184,7 +184,7 @@ class SafetyWatch:
     @property
     def under_water(self) -> bool | None:
         """Whether the vehicle is under water; None if its depth is unknown."""
-        return None if self._place is None else not self._afloat
+        return None if self._position is None else not self._afloat
 
     def snapshot(self) -> dict[str, Any]:
         """State that must survive a restart and that new reports do not restore."""
@@ -228,7 +228,7 @@ class SafetyWatch:
     @property
     def _afloat(self) -> bool:
         """Whether the vehicle is at the surface; True if its depth is unknown."""
-        return self._place is None or self._place[2] <= AFLOAT_M
+        return self._position is None or self._position[2] <= AFLOAT_M
 
     def _pass_time(self, now_s: float) -> float:
         """Takes the time; returns the time (s) since the last step."""
@@ -253,8 +253,8 @@ class SafetyWatch:
         return passed_s
 
     def _check_readings(self) -> None:
-        """Compares each new place and altitude with its limits."""
-        for north_m, east_m, depth_m in self._new_places:
+        """Compares each new position and altitude with its limits."""
+        for north_m, east_m, depth_m in self._new_positions:
             why = ""
             if depth_m > self._deepest_m:
                 why = f"depth {depth_m:.1f} m; expected at most {self._deepest_m:.1f} m"
@@ -274,7 +274,7 @@ class SafetyWatch:
             if altitude_m < least_m and least_m > 0.0:
                 why = f"altitude {altitude_m:.1f} m; expected at least {least_m:.1f} m"
             self._add("altitude", why)
-        self._new_places.clear()
+        self._new_positions.clear()
         self._new_altitudes.clear()
 
     def _check_states(self) -> None:
@@ -292,8 +292,8 @@ class SafetyWatch:
     def _exceeded_states(self) -> dict[str, str]:
         """The exceeded limits among `STATES`, each with the reason."""
         config, found = self._config, {}
-        if self._depth_frozen and self._place is not None:
-            found["depth gauge"] = _frozen_text("depth", self._place[2], self._depth_gauge)
+        if self._depth_frozen and self._position is not None:
+            found["depth gauge"] = _frozen_text("depth", self._position[2], self._depth_gauge)
         if self._altitude_frozen:
             found["altimeter"] = _frozen_text("altitude", self._altitude_m, self._altimeter)
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:

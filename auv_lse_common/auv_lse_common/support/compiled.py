@@ -49,7 +49,7 @@ def _is_private(folder: Path) -> bool:
 
 
 if USE_NUMBA:
-    with contextlib.suppress(OSError):  # no place to write: compiled at each start
+    with contextlib.suppress(OSError):  # no position to write: compiled at each start
         _choose_cache_folder()
 
 

@@ -26,7 +26,7 @@ from auv_lse_common.topics.records import (
     Reception,
     Transmission,
 )
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, MateNavigation, raw_place
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, MateNavigation, raw_position
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.stamps import seconds
@@ -149,10 +149,10 @@ def decode_dead_reckoning(message: Any) -> DeadReckoning:
     )
 
 
-def decode_corrected(message: Any) -> CorrectedPlace:
+def decode_corrected(message: Any) -> CorrectedPosition:
     """The position and its covariance in an Odometry."""
-    place = asdict(decode_dead_reckoning(message))
-    return CorrectedPlace(**place, covariance=decode_odometry(message).covariance)
+    position = asdict(decode_dead_reckoning(message))
+    return CorrectedPosition(**position, covariance=decode_odometry(message).covariance)
 
 
 def decode_odometry(message: Any) -> Odometry:
@@ -204,8 +204,8 @@ def encode_sounding(sounding: Sounding, vehicle: int) -> Fields:
 
 
 def decode_sounding(message: Any) -> Sounding:
-    """The sounding of a message; older recordings have no raw position."""
-    raw = raw_place(getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
+    """The sounding of a message; older recordings have no dead-reckoned position."""
+    raw = raw_position(getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
     return Sounding(seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m, *raw)
 
 

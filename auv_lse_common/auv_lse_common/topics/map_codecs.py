@@ -16,16 +16,16 @@ from auv_lse_common.vocabulary.stamps import seconds
 
 def encode_centers(report: CentersReport, vehicle: int) -> Fields:
     """KernelCenters."""
-    effect = report.place_effect_m
+    effect = report.position_effect_m
     return {
         "header": header_fields(report.stamp_s),
         "revision": report.revision,
-        "north_m": report.places_m[:, 0],
-        "east_m": report.places_m[:, 1],
+        "north_m": report.locations_m[:, 0],
+        "east_m": report.locations_m[:, 1],
         "depth_m": report.depths_m,
         "noise_std_m": report.noise_std_m,
-        "place_modes": 0 if effect is None else effect.shape[1],
-        "place_effect_m": np.zeros(0) if effect is None else effect.ravel(),
+        "position_modes": 0 if effect is None else effect.shape[1],
+        "position_effect_m": np.zeros(0) if effect is None else effect.ravel(),
     }
 
 
@@ -36,20 +36,20 @@ def decode_centers(message: Any) -> CentersReport:
         ValueError: if the message's fields differ in length.
     """
     north, east, depth, noise = columns_of(message, "KernelCenters", ("north_m", "east_m", "depth_m", "noise_std_m"))
-    modes = int(getattr(message, "place_modes", 0))
-    effect = np.asarray(getattr(message, "place_effect_m", ()), dtype=float)
+    modes = int(getattr(message, "position_modes", 0))
+    effect = np.asarray(getattr(message, "position_effect_m", ()), dtype=float)
     if len(effect) != modes * len(north):
         raise ValueError(
-            f"KernelCenters: place_effect_m has {len(effect)} values; expected place_modes = {modes} for each of "
+            f"KernelCenters: position_effect_m has {len(effect)} values; expected position_modes = {modes} for each of "
             f"{len(north)} centers"
         )
     return CentersReport(
         stamp_s=seconds(message.header.stamp),
         revision=int(message.revision),
-        places_m=np.column_stack([north, east]),
+        locations_m=np.column_stack([north, east]),
         depths_m=depth,
         noise_std_m=noise,
-        place_effect_m=effect.reshape(-1, modes) if modes else None,
+        position_effect_m=effect.reshape(-1, modes) if modes else None,
     )
 
 
@@ -130,8 +130,8 @@ def encode_isobath(value: tuple[float, int, Any, float], vehicle: int) -> Fields
     name, (red, green, blue) = MARKERS[index]
     points: list[Fields] = []
     for line in getattr(isobath, name):
-        places = [{"x": east, "y": north, "z": -level_m} for north, east in line.tolist()]
-        points += [end for segment in pairwise(places) for end in segment]
+        positions = [{"x": east, "y": north, "z": -level_m} for north, east in line.tolist()]
+        points += [end for segment in pairwise(positions) for end in segment]
     return {
         "header": header_fields(stamp_s),
         "ns": name,

@@ -65,18 +65,18 @@ def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -
 
 
 def stop_of(action: int, north_m: float, east_m: float) -> Stop | None:
-    """The stop of a message's action (of MissionState) and place; None: the vehicle travels.
+    """The stop of a message's action (of MissionState) and position; None: the vehicle travels.
 
     Raises:
-        ValueError: for an unknown action, or GO_TO without a place.
+        ValueError: for an unknown action, or GO_TO without a position.
     """
     known = Action(action)
-    return None if known is Action.TRAVEL else Stop(action=known, place_m=(north_m, east_m))
+    return None if known is Action.TRAVEL else Stop(action=known, position_m=(north_m, east_m))
 
 
 def stop_fields(stop: Stop | None) -> tuple[int, float, float]:
     """Action, north and east (m) of a stop in a message; None: the vehicle travels."""
-    return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.place_m)
+    return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.position_m)
 
 
 #: Fields of a Waypoint that contain its leg, and the corresponding fields of `Leg`.

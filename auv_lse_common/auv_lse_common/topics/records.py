@@ -45,7 +45,7 @@ class Odometry:
     covariance: Covariance = UNKNOWN
 
     @property
-    def place_std_m(self) -> tuple[float, float]:
+    def position_std_m(self) -> tuple[float, float]:
         """Standard deviation of north and east (m); 0 if unknown."""
         return math.sqrt(max(self.covariance[1][1], 0.0)), math.sqrt(max(self.covariance[2][2], 0.0))
 
@@ -64,16 +64,16 @@ class GeodeticPosition:
     covariance: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
 
     @classmethod
-    def of(cls, place: Any, origin_deg: tuple[float, float]) -> GeodeticPosition:
+    def of(cls, position: Any, origin_deg: tuple[float, float]) -> GeodeticPosition:
         """The position of an `Odometry`, or of an object with the same attributes.
 
         Args:
             origin_deg: Latitude and longitude (deg) of north = east = 0.
         """
-        lat_deg, lon_deg = geodetic_from_local(place.north_m, place.east_m, *origin_deg)
-        _, (_, north, north_east), (_, _, east) = getattr(place, "covariance", UNKNOWN)
+        lat_deg, lon_deg = geodetic_from_local(position.north_m, position.east_m, *origin_deg)
+        _, (_, north, north_east), (_, _, east) = getattr(position, "covariance", UNKNOWN)
         return cls(
-            stamp_s=place.stamp_s,
+            stamp_s=position.stamp_s,
             lat_deg=float(lat_deg),
             lon_deg=float(lon_deg),
             covariance=((east, north_east), (north_east, north)),
@@ -125,10 +125,10 @@ class CentersReport:
 
     stamp_s: float
     revision: int
-    places_m: Array
+    locations_m: Array
     depths_m: Array
     noise_std_m: Array
-    place_effect_m: Array | None = None
+    position_effect_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

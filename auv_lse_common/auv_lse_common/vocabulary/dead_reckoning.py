@@ -2,8 +2,8 @@
 
 After a fix, a navigation filter no longer contains the drift of dead reckoning, which displaced the earlier soundings.
 So each vehicle also keeps its *raw* position: dead-reckoned from its start, without any fix under way. Vehicles send
-raw positions and measurements, not estimates, which receivers would count twice. All positions are north, east (m) in
-the local tangent plane.
+dead-reckoned positions and measurements, not estimates, which receivers would count twice. All positions are north,
+east (m) in the local tangent plane.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ Covariance = Sequence[Sequence[float]] | NDArray[np.float64]
 UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def raw_place(north_m: float, east_m: float) -> tuple[float, float]:
-    """The raw position (m) of a message; NaN, NaN if both fields are exactly 0, as drivers without it leave them."""
+def raw_position(north_m: float, east_m: float) -> tuple[float, float]:
+    """The dead-reckoned position (m) of a message; NaN, NaN if both fields are exactly 0, as drivers without it leave
+    them."""
     return (math.nan, math.nan) if north_m == 0.0 and east_m == 0.0 else (north_m, east_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadReckoning:
-    """The raw position of a vehicle: dead-reckoned from its start, without any fix under way.
+    """The dead-reckoned position of a vehicle: dead-reckoned from its start, without any fix under way.
 
     Attributes:
-        north_m, east_m: Raw position.
+        north_m, east_m: Dead-reckoned position.
         depth_m: Depth of the vehicle below the surface.
     """
 
@@ -43,7 +44,7 @@ class DeadReckoning:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CorrectedPlace(DeadReckoning):
+class CorrectedPosition(DeadReckoning):
     """The position of a vehicle as its map corrects it, with the raw heading.
 
     Attributes:
@@ -59,7 +60,7 @@ class Fix:
 
     Attributes:
         north_m, east_m: GPS position.
-        raw_north_m, raw_east_m: Raw position at the same time.
+        raw_north_m, raw_east_m: Dead-reckoned position at the same time.
         std_m: Standard deviation of the GPS position, each axis.
     """
 
@@ -75,15 +76,16 @@ class Fix:
 class MateNavigation:
     """The navigation data in a packet with its travel time, or a range measured by a ping.
 
-    A ping carries no position: the raw position and `sent_s` are NaN, and the receiver's clock alone measures the
+    A ping carries no position: the dead-reckoned position and `sent_s` are NaN, and the receiver's clock alone measures
+        the
     travel time.
 
     Attributes:
         stamp_s: Start of reception by the receiver's clock (s); for a ping the time of the range.
         source: Number of the sender.
         sent_s: Start of transmission, by the sender's clock (s); NaN if unknown.
-        raw_north_m, raw_east_m: The sender's raw position at transmission; NaN for a ping.
-        fix_raw_north_m, fix_raw_east_m: Its raw position at its last fix under way; NaN without a fix.
+        raw_north_m, raw_east_m: The sender's dead-reckoned position at transmission; NaN for a ping.
+        fix_raw_north_m, fix_raw_east_m: Its dead-reckoned position at its last fix under way; NaN without a fix.
         fix_north_m, fix_east_m: The GPS position of that fix; NaN without a fix.
         travel_s: One-way travel time (s), measured with both clocks or by a ping; NaN if unknown.
     """

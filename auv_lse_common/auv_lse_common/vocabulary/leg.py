@@ -84,7 +84,7 @@ class Leg:
         return self.state_at(self.length_m)
 
     def progress_m(self, north_m: float, east_m: float) -> float:
-        """Arc length (m) of the leg's point nearest to a place.
+        """Arc length (m) of the leg's point nearest to a position.
 
         Negative before the start; more than `length_m` beyond the end, along the extended straight.
         """
@@ -112,6 +112,6 @@ class Leg:
         return min(candidates)[1]
 
     def distance_off_m(self, north_m: float, east_m: float) -> float:
-        """Distance (m) of a place from the leg and its straight continuation."""
+        """Distance (m) of a position from the leg and its straight continuation."""
         at = self.state_at(self.progress_m(north_m, east_m))
         return math.hypot(north_m - at[1], east_m - at[2])

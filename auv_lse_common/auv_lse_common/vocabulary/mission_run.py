@@ -91,28 +91,28 @@ class Stop:
 
     Attributes:
         action: HOLD, SURFACE or GO_TO.
-        place_m: North, east (m) of GO_TO; NaN otherwise.
+        position_m: North, east (m) of GO_TO; NaN otherwise.
     """
 
     action: Action
-    place_m: tuple[float, float] = (math.nan, math.nan)
+    position_m: tuple[float, float] = (math.nan, math.nan)
 
     def __post_init__(self) -> None:
-        """Rejects TRAVEL, and GO_TO without a place.
+        """Rejects TRAVEL, and GO_TO without a position.
 
         Raises:
-            ValueError: naming the action or the place.
+            ValueError: naming the action or the position.
         """
         if self.action is Action.TRAVEL:
             raise ValueError("stop: got TRAVEL; expected HOLD, SURFACE or GO_TO")
-        if self.action is Action.GO_TO and not all(map(math.isfinite, self.place_m)):
-            raise ValueError(f"stop: got GO_TO with the place {self.place_m}; expected its north and east (m)")
+        if self.action is Action.GO_TO and not all(map(math.isfinite, self.position_m)):
+            raise ValueError(f"stop: got GO_TO with the position {self.position_m}; expected its north and east (m)")
 
     def __eq__(self, other: object) -> bool:
-        """Compares the action and, for GO_TO, the place."""
+        """Compares the action and, for GO_TO, the position."""
         if not isinstance(other, Stop):
             return NotImplemented
-        return self.action is other.action and (self.action is not Action.GO_TO or self.place_m == other.place_m)
+        return self.action is other.action and (self.action is not Action.GO_TO or self.position_m == other.position_m)
 
     def __hash__(self) -> int:
         """Hashes the action."""
@@ -221,7 +221,7 @@ class MissionRun:
 
     def snapshot(self) -> dict[str, Any]:
         """The state for a journal, without the autopilot's readiness."""
-        stop = None if self._stop is None else [int(self._stop.action), *self._stop.place_m]
+        stop = None if self._stop is None else [int(self._stop.action), *self._stop.position_m]
         return {
             "state": int(self._state),
             "stop": stop,
@@ -237,7 +237,7 @@ class MissionRun:
         self._stop = None
         if values["stop"] is not None:
             action, north_m, east_m = values["stop"]
-            self._stop = Stop(action=Action(action), place_m=(north_m, east_m))
+            self._stop = Stop(action=Action(action), position_m=(north_m, east_m))
         self.limits = dict(values["limits"])
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
 

@@ -103,8 +103,9 @@ class Tour:
     def through(cls, waypoints_m: Array, segment_legs: int, leg_m: float) -> Tour:
         """The tour along a polyline.
 
-        Each segment leads from the end of the previous rounded one to the place where the polyline first is a segment's
-        length away. So rounding errors of bearings do not accumulate: every waypoint except the last is within pi / 256
+        Each segment leads from the end of the previous rounded one to the position where the polyline first is a
+        segment's length away. So rounding errors of bearings do not accumulate: every waypoint except the last is
+        within pi / 256
         of a segment's length (0.6 m for 47 m) of the polyline. Segments cut corners, so the tour is shorter than the
         polyline. A rest of at least half a segment becomes a whole one. A polyline that never is a segment's length
         away becomes one segment, towards its farthest corner.
@@ -114,7 +115,7 @@ class Tour:
             segment_legs: Length of a segment, in legs.
 
         Raises:
-            ValueError: if the polyline is not of that shape, not finite, a single place, or too long for
+            ValueError: if the polyline is not of that shape, not finite, a single position, or too long for
                 `MAX_SEGMENTS` segments; or if `segment_legs` is out of range.
         """
         corners = np.asarray(waypoints_m, dtype=float)
@@ -155,7 +156,7 @@ class Tour:
 def _leaving(
     inside_m: tuple[float, float], outside_m: tuple[float, float], center_m: tuple[float, float], radius_m: float
 ) -> tuple[float, float]:
-    """North, east (m) where the line from a place inside a circle to one on or outside it leaves the circle."""
+    """North, east (m) where the line from a position inside a circle to one on or outside it leaves the circle."""
     to_n, to_e = outside_m[0] - inside_m[0], outside_m[1] - inside_m[1]
     off_n, off_e = inside_m[0] - center_m[0], inside_m[1] - center_m[1]
     a, b = to_n * to_n + to_e * to_e, off_n * to_n + off_e * to_e

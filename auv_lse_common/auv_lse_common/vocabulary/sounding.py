@@ -21,7 +21,7 @@ class Sounding(NamedTuple):
         stamp_s: Time of the measurement; for a mate's sample, of its packet's arrival.
         north_m, east_m: Estimated position.
         depth_m: Water depth, positive down.
-        raw_north_m, raw_east_m: Raw position (see `dead_reckoning`); NaN if unknown.
+        raw_north_m, raw_east_m: Dead-reckoned position (see `dead_reckoning`); NaN if unknown.
         vehicle: Number of the vehicle that measured it; 0 if unknown.
     """
 
@@ -121,21 +121,21 @@ class Soundings:
         return [self[start:stop] for start, stop in pairwise(edges) if stop > start]
 
     @property
-    def places_m(self) -> Array:
-        """Estimated places, shape (n, 2): north, east."""
+    def locations_m(self) -> Array:
+        """Estimated positions, shape (n, 2): north, east."""
         return np.column_stack([self.north_m, self.east_m])
 
     @property
-    def raw_places_m(self) -> Array:
-        """Raw places, shape (n, 2): north, east; NaN where unknown."""
+    def raw_positions_m(self) -> Array:
+        """Dead-reckoned positions, shape (n, 2): north, east; NaN where unknown."""
         return np.column_stack([self.raw_north_m, self.raw_east_m])
 
     @property
     def points_m(self) -> Array:
-        """Estimated places and depths, shape (n, 3): north, east, depth."""
+        """Estimated positions and depths, shape (n, 3): north, east, depth."""
         return np.column_stack([self.north_m, self.east_m, self.depth_m])
 
     @property
     def rows(self) -> Array:
-        """Stamps (s), estimated places and depths, shape (n, 4): stamp, north, east, depth."""
+        """Stamps (s), estimated positions and depths, shape (n, 4): stamp, north, east, depth."""
         return np.column_stack([self.stamp_s, self.north_m, self.east_m, self.depth_m])

@@ -13,37 +13,37 @@ L_SHAPE = (0.0, 0.0, 200.0, 0.0, 200.0, 100.0, 100.0, 100.0, 100.0, 300.0, 0.0, 
 ISLAND = (30.0, 150.0, 70.0, 150.0, 50.0, 200.0)
 
 
-def distance_to_border(places, polygons):
-    """Exact distance of each place to the nearest edge."""
-    best = np.full(len(places), np.inf)
+def distance_to_border(positions, polygons):
+    """Exact distance of each position to the nearest edge."""
+    best = np.full(len(positions), np.inf)
     for polygon in polygons:
         for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-            t = np.clip(((places - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
-            best = np.minimum(best, np.hypot(*(places - a - t[:, None] * (b - a)).T))
+            t = np.clip(((positions - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
+            best = np.minimum(best, np.hypot(*(positions - a - t[:, None] * (b - a)).T))
     return best
 
 
 @pytest.mark.parametrize("raster_m", [1.0, 2.0, 5.0])
 def test_clearance_is_conservative_and_accurate(raster_m):
     area = OperatingArea(AreaConfig(polygon_m=L_SHAPE, no_go={"island": ISLAND}, raster_m=raster_m))
-    places = np.random.default_rng(0).uniform([-40, -40], [240, 340], (20_000, 2))
-    inside = area.contains(places)
-    true = distance_to_border(places, [area.polygon, *area.no_go.values()]) * np.where(inside, 1.0, -1.0)
-    clearance = area.clearance_m(places)
+    positions = np.random.default_rng(0).uniform([-40, -40], [240, 340], (20_000, 2))
+    inside = area.contains(positions)
+    true = distance_to_border(positions, [area.polygon, *area.no_go.values()]) * np.where(inside, 1.0, -1.0)
+    clearance = area.clearance_m(positions)
     assert np.all(clearance <= true + 1e-9)
-    within = np.all((places >= 0.0) & (places <= [200.0, 300.0]), axis=1)
+    within = np.all((positions >= 0.0) & (positions <= [200.0, 300.0]), axis=1)
     assert np.all(true[within] - clearance[within] < 2.0 * raster_m)
     assert not np.any(clearance[~inside] > 0.0)
 
 
 def test_contains_worked_by_hand():
     area = OperatingArea(AreaConfig(polygon_m=L_SHAPE, no_go={"island": ISLAND}))
-    places = [[50, 50], [150, 50], [150, 150], [50, 250], [50, 170], [-1, 50], [50, 301], [35, 151], [31, 190]]
-    assert area.contains(places).tolist() == [True, True, False, True, False, False, False, False, True]
+    positions = [[50, 50], [150, 50], [150, 150], [50, 250], [50, 170], [-1, 50], [50, 301], [35, 151], [31, 190]]
+    assert area.contains(positions).tolist() == [True, True, False, True, False, False, False, False, True]
     assert area.contains([[50.0, 170.0]]).tolist() == [False]
     reverse = np.array(L_SHAPE).reshape(-1, 2)[::-1].ravel()
     other = OperatingArea(AreaConfig(polygon_m=tuple(reverse), no_go={"island": ISLAND}))
-    assert other.contains(places).tolist() == area.contains(places).tolist()
+    assert other.contains(positions).tolist() == area.contains(positions).tolist()
 
 
 def test_grid_covers_the_area():
@@ -51,11 +51,11 @@ def test_grid_covers_the_area():
     grid = area.grid(4.0)
     assert grid.inside.shape == (len(grid.north_m), len(grid.east_m)) == (50, 75)
     assert grid.north_m[:2].tolist() == [2.0, 6.0]
-    assert grid.places_m.shape == (grid.inside.sum(), 2)
-    assert np.all(area.contains(grid.places_m))
+    assert grid.locations_m.shape == (grid.inside.sum(), 2)
+    assert np.all(area.contains(grid.locations_m))
     assert grid.inside.sum() * 16.0 == pytest.approx(200 * 100 + 100 * 200 - 0.5 * 40 * 50, rel=0.02)  # whole cells
-    filled = grid.fill(np.arange(len(grid.places_m), dtype=float))
-    assert np.array_equal(filled[grid.inside], np.arange(len(grid.places_m)))
+    filled = grid.fill(np.arange(len(grid.locations_m), dtype=float))
+    assert np.array_equal(filled[grid.inside], np.arange(len(grid.locations_m)))
     assert np.all(np.isnan(filled[~grid.inside]))
     with pytest.raises(ValueError, match=r"resolution_m: got 0\.0; expected a finite number > 0"):
         area.grid(0.0)

@@ -7,8 +7,8 @@ import pytest
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, describe
-from auv_lse_common.mission_file.sections.places import places_of
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.mission_file.sections.positions import positions_of
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import DEPTHS_M
 from auv_lse_common.mission_file.settings import Settings
@@ -172,14 +172,14 @@ def test_complete_file_gives_default_depths_to_a_larger_team():
 
 
 def test_method_defaults_follow_an_overridden_method():
-    """`places.correct` is left out: it is off with the paper's methods, and on again with others."""
+    """`positions.correct` is left out: it is off with the paper's methods, and on again with others."""
     settings = Settings.load(None, {"planner.method": "plain"})
-    assert settings.places_in_force(1).correct is False
+    assert settings.positions_in_force(1).correct is False
     again = settings.with_overrides({"planner.method": "tour"})
-    assert again.places_in_force(1).correct is True
+    assert again.positions_in_force(1).correct is True
     own = Settings.load(None, {"auv2.planner.method": "plain"})
-    assert [own.places_in_force(k).correct for k in (1, 2, 3)] == [True, False, True]
-    assert places_of(own.parameters(2), "node").correct is False, "as its nodes take it"
+    assert [own.positions_in_force(k).correct for k in (1, 2, 3)] == [True, False, True]
+    assert positions_of(own.parameters(2), "node").correct is False, "as its nodes take it"
 
 
 @pytest.mark.parametrize("ideal", ["sim.ideal", "sim.navigation.ideal"])

@@ -66,8 +66,8 @@ def test_damaged_bytes_are_skipped(tmp_path: Path) -> None:
         journal = Journal(path, MISSION)
         journal.write("step", 1)
         data = bytearray(path.read_bytes())
-        for place in rng.integers(len(data), size=3):
-            data[place] = rng.integers(256)
+        for position in rng.integers(len(data), size=3):
+            data[position] = rng.integers(256)
         path.write_bytes(bytes(data) + rng.bytes(20))
         assert Journal(path, MISSION).records in ([], [["step", 1]])
 

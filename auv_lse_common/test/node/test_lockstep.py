@@ -67,7 +67,7 @@ def test_phase_begins_when_all_its_inputs_have_arrived() -> None:
     ticks.arrived("team/plans")
     assert ticks.ready() is None, "the map's fourth revision is missing"
     ticks.arrived_up_to("kernel_centers", 4)
-    assert ticks.ready() is None, "the vehicle's place on the map is missing"
+    assert ticks.ready() is None, "the vehicle's position on the map is missing"
     ticks.arrived("corrected")
     assert ticks.ready() == Ready(phase="planner", tick=1, now_s=2.5)
     ticks.handled("planner", 1)

@@ -25,7 +25,7 @@ def raw_at(heading_rad, north_m, east_m, depth_m=4.0):
     return DeadReckoning(stamp_s=12.25, heading_rad=heading_rad, north_m=north_m, east_m=east_m, depth_m=depth_m)
 
 
-def test_together_they_are_the_place_of_navigation():
+def test_together_they_are_the_position_of_navigation():
     rng = np.random.default_rng(1)
     for _ in range(50):
         heading, raw_heading = rng.uniform(-math.pi, math.pi, 2)
@@ -64,7 +64,7 @@ def test_messages_have_frames_and_stamps(sent):
     assert second.transform.rotation.z == pytest.approx(math.sin(math.pi / 4.0))  # north is a yaw of 90 deg
 
 
-def test_a_place_that_is_not_finite_is_left_out(sent):
+def test_a_position_that_is_not_finite_is_left_out(sent):
     odometry = SimpleNamespace(heading_rad=0.0, north_m=math.nan, east_m=20.0)
     TransformPublisher(node(sent), 1).publish(odometry, raw_at(0.0, 9.0, 18.0))
     assert sent == []

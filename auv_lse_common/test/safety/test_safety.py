@@ -26,7 +26,7 @@ class Vehicle:
         self.run = MissionRun(at_once, SURFACE)
         self.watch = SafetyWatch(config, Fence(SQUARE, config.fence_margin_m), 10.0, has_autopilot)
         self.now_s = 1000.0
-        self.place = (50.0, 50.0, 4.0)
+        self.position = (50.0, 50.0, 4.0)
         self.blind = self.frozen = False
         self.heading_rad, self.speed_mps, self.jitter_m = 0.3, 1.0, 1e-6
         self.late_s = 0.0  # age of the stamps of odometry
@@ -36,7 +36,7 @@ class Vehicle:
             self.now_s += step_s
             if not self.blind:
                 self.jitter_m = -self.jitter_m  # an estimate never stands still
-                north_m, east_m, depth_m = self.place
+                north_m, east_m, depth_m = self.position
                 north_m += 0.0 if self.frozen else self.jitter_m
                 self.heading_rad = (self.heading_rad + 0.01) % 6.0
                 stamp_s = self.now_s - self.late_s
@@ -46,7 +46,7 @@ class Vehicle:
 
 
 def too_deep(vehicle: Vehicle) -> None:
-    vehicle.place = (50.0, 50.0, 12.0)
+    vehicle.position = (50.0, 50.0, 12.0)
 
 
 def too_low(vehicle: Vehicle) -> None:
@@ -54,7 +54,7 @@ def too_low(vehicle: Vehicle) -> None:
 
 
 def outside(vehicle: Vehicle) -> None:
-    vehicle.place = (-200.0, 50.0, 4.0)
+    vehicle.position = (-200.0, 50.0, 4.0)
 
 
 def blind(vehicle: Vehicle) -> None:
@@ -109,7 +109,7 @@ def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, 
     vehicle.wait(1.0)
     assert (vehicle.run.status.state, vehicle.run.status.stop) == (state, stop)
     assert words in vehicle.run.limits[limit]
-    vehicle.blind, vehicle.place = False, (50.0, 50.0, 4.0)
+    vehicle.blind, vehicle.position = False, (50.0, 50.0, 4.0)
     vehicle.watch.altitude(30.0)
     vehicle.watch.autopilot(OK)
     vehicle.wait(60.0)
@@ -131,7 +131,7 @@ def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
     for _ in range(20):  # a depth that flutters about its limit for less than half of the time
         too_deep(vehicle)
         vehicle.wait(1.4)
-        vehicle.place = (50.0, 50.0, 4.0)
+        vehicle.position = (50.0, 50.0, 4.0)
         vehicle.wait(1.6)
     assert vehicle.run.limits == {}
 
@@ -140,7 +140,7 @@ def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
 def test_a_plausible_reading_now_and_then_does_not_reset_an_exceeded_limit(step_s: float) -> None:
     vehicle = Vehicle().wait(10.0, step_s)
     for i in range(round(6.0 / step_s) + 1):  # twice the patience
-        vehicle.place = (50.0, 50.0, 4.0 if i % 25 == 24 or i == 2 else 20.0)
+        vehicle.position = (50.0, 50.0, 4.0 if i % 25 == 24 or i == 2 else 20.0)
         vehicle.wait(step_s, step_s)
     assert set(vehicle.run.limits) == {"depth"}
 
@@ -218,7 +218,7 @@ def test_odometry_with_old_stamps_is_checked_all_the_same() -> None:
 
 def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
     vehicle = Vehicle(has_autopilot=True, at_once=False)
-    vehicle.place = (50.0, 50.0, 0.2)
+    vehicle.position = (50.0, 50.0, 0.2)
     too_low(vehicle)
     leaking(vehicle)
     vehicle.wait(60.0)
@@ -244,8 +244,8 @@ def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
 def cruise(vehicle: Vehicle, metres: float, altitude_m: float | None = None, depth_m: float | None = None) -> Vehicle:
     """Moves to the east at 1 m/s; altitude and depth vary by centimetres unless they are given."""
     for second in range(round(metres)):
-        north_m, east_m, _ = vehicle.place
-        vehicle.place = (north_m, east_m + 1.0, 4.0 + 0.01 * (second % 3) if depth_m is None else depth_m)
+        north_m, east_m, _ = vehicle.position
+        vehicle.position = (north_m, east_m + 1.0, 4.0 + 0.01 * (second % 3) if depth_m is None else depth_m)
         vehicle.watch.altitude(12.0 + 0.01 * (second % 5) if altitude_m is None else altitude_m)
         vehicle.wait(1.0, 1.0)
     return vehicle
@@ -290,7 +290,7 @@ def test_a_vehicle_that_comes_from_outside_is_not_fenced_in_before_it_has_arrive
     vehicle = Vehicle()
     outside(vehicle)
     assert vehicle.wait(60.0).run.limits == {}
-    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.position = (50.0, 50.0, 4.0)
     vehicle.wait(5.0)
     outside(vehicle)
     assert set(vehicle.wait(5.0).run.limits) == {"fence"}
@@ -304,7 +304,7 @@ def test_after_a_reset_a_vehicle_outside_of_the_fence_may_come_back() -> None:
     vehicle.run.command(Command.RESET, "test")
     assert vehicle.run.command(Command.GO, "test") == ""
     assert vehicle.wait(60.0).run.status.state is RunState.RUNNING
-    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.position = (50.0, 50.0, 4.0)
     vehicle.wait(5.0)
     outside(vehicle)
     assert set(vehicle.wait(5.0).run.limits) == {"fence"}, "it is back, and fenced in again"
@@ -324,7 +324,7 @@ def test_a_watch_that_is_started_again_goes_on_with_its_time_and_fence() -> None
 def test_odometry_that_no_vehicle_can_have_counts_as_none() -> None:
     vehicle = Vehicle()
     vehicle.wait(5.0)
-    vehicle.place = (math.nan, 50.0, 4.0)
+    vehicle.position = (math.nan, 50.0, 4.0)
     assert set(vehicle.wait(35.0).run.limits) == {"odometry"}
 
 
@@ -332,7 +332,7 @@ def test_odometry_that_hangs_counts_as_none_once_the_vehicle_has_moved() -> None
     vehicle = Vehicle()
     vehicle.frozen = True
     assert vehicle.wait(60.0).run.limits == {}, "it waits at its start"
-    vehicle.place = (55.0, 50.0, 4.0)
+    vehicle.position = (55.0, 50.0, 4.0)
     assert set(vehicle.wait(60.0).run.limits) == {"odometry"}, "though its heading goes on changing"
 
 
@@ -340,7 +340,7 @@ def test_odometry_that_says_it_stands_still_may_stand_still() -> None:
     vehicle = Vehicle()
     vehicle.frozen, vehicle.speed_mps = True, 0.0
     vehicle.wait(5.0)
-    vehicle.place = (55.0, 50.0, 4.0)
+    vehicle.position = (55.0, 50.0, 4.0)
     assert vehicle.wait(60.0).run.limits == {}, "an ideal vehicle waits at the surface for its fix"
 
 

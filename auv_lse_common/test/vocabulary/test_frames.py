@@ -55,7 +55,7 @@ def test_degree_of_latitude_has_the_ellipsoids_length() -> None:
 
 
 @given(st.floats(-5000.0, 5000.0), st.floats(-5000.0, 5000.0))
-def test_places_survive_the_geodetic_round_trip(north_m: float, east_m: float) -> None:
+def test_positions_survive_the_geodetic_round_trip(north_m: float, east_m: float) -> None:
     lat, lon = geodetic_from_local(north_m, east_m, 17.1221, -91.6281)
     north, east = local_from_geodetic(lat, lon, 17.1221, -91.6281)
     assert math.hypot(float(north) - north_m, float(east) - east_m) < 1e-3  # PROJ takes the last 0.6 mm for the origin

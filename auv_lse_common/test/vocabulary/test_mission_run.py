@@ -80,11 +80,11 @@ def test_action_follows_from_the_state() -> None:
     assert "auv2" in run.status.reason
 
 
-def test_abort_can_lead_to_a_known_place() -> None:
-    run = MissionRun(True, Stop(action=Action.GO_TO, place_m=(5.0, -7.0)))
+def test_abort_can_lead_to_a_known_position() -> None:
+    run = MissionRun(True, Stop(action=Action.GO_TO, position_m=(5.0, -7.0)))
     assert run.status.stop is None
     run.command(Command.ABORT, "test")
-    assert run.status.stop == Stop(action=Action.GO_TO, place_m=(5.0, -7.0))
+    assert run.status.stop == Stop(action=Action.GO_TO, position_m=(5.0, -7.0))
     with pytest.raises(ValueError, match=r"nan.*expected its north and east"):
         Stop(action=Action.GO_TO)
     with pytest.raises(ValueError, match="expected HOLD, SURFACE or GO_TO"):

@@ -64,10 +64,10 @@ def test_tour_waypoints_are_identical():
     assert [v.hex() for v in got[-1].tolist()] == ["0x1.853d60d6947b6p+7", "0x1.57e6ca1563d72p+7"]
 
 
-def from_polyline_m(places_m: NDArray[np.float64], polyline_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (m) of places (P, 2) to a polyline (n, 2)."""
+def from_polyline_m(locations_m: NDArray[np.float64], polyline_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (m) of positions (P, 2) to a polyline (n, 2)."""
     starts, steps = polyline_m[:-1], np.diff(polyline_m, axis=0)
-    to = places_m[:, None, :] - starts
+    to = locations_m[:, None, :] - starts
     length = np.maximum((steps**2).sum(axis=1), 1e-300)
     along = np.clip((to * steps).sum(axis=2) / length, 0.0, 1.0)
     return np.hypot(*np.moveaxis(to - along[..., None] * steps, 2, 0)).min(axis=1)

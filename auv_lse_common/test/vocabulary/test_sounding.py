@@ -17,7 +17,7 @@ def test_rows_become_named_columns_with_nan_for_unknown_values():
     assert soundings.depth_m.tolist() == [15.0, 16.0, 17.0]
     assert soundings.points_m[1].tolist() == [11.0, 21.0, 16.0]
     assert soundings.rows.tolist() == [list(row) for row in ROWS]
-    assert np.isnan(soundings.raw_places_m).all()
+    assert np.isnan(soundings.raw_positions_m).all()
     assert soundings.vehicle.tolist() == [0, 0, 0]
 
 
@@ -25,7 +25,7 @@ def test_single_soundings_survive_the_round_trip():
     given = [Sounding(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 2), Sounding(7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 1)]
     soundings = Soundings.from_rows(given)
     assert list(soundings) == given
-    assert soundings.raw_places_m.tolist() == [[5.0, 6.0], [11.0, 12.0]]
+    assert soundings.raw_positions_m.tolist() == [[5.0, 6.0], [11.0, 12.0]]
 
 
 def test_soundings_are_sorted_stably_by_stamp():
@@ -48,7 +48,7 @@ def test_selection_and_joining():
     assert len(soundings[:2]) == 2
     late = soundings[soundings.stamp_s > 1.5]
     joined = Soundings.join([late, Soundings.from_rows(()), soundings[1:2]])
-    assert joined.places_m.tolist() == [[10.0, 20.0], [12.0, 22.0], [11.0, 21.0]]
+    assert joined.locations_m.tolist() == [[10.0, 20.0], [12.0, 22.0], [11.0, 21.0]]
     assert len(Soundings.join([])) == 0
 
 

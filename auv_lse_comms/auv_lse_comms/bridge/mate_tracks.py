@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 #: Largest speed, and progress in steps, as a multiple of this vehicle's own: mates may be faster, and currents help.
 FASTER = 2.0
-#: Margin (m) for raw places, which are continuous, and for places that a fix or a correction may move.
+#: Margin (m) for dead-reckoned positions, which are continuous, and for positions that a fix or a correction may move.
 RAW_SPREAD_M, SPREAD_M = 30.0, 60.0
 #: Steps by which a plan may jump ahead, beside those of a surfacing.
 AHEAD_STEPS = 4
@@ -35,8 +35,8 @@ AGREEING = 4
 MOST_COUNTED = 20
 #: Recent packets of a track that another one may follow: their number, and the time (s) from the first to the last.
 RECENT, RECENT_S = 8, 60.0
-#: Tracks that are kept of a sender, and packets (places) of a track.
-MAX_TRACKS, MAX_PLACES = 16, 500
+#: Tracks that are kept of a sender, and packets (positions) of a track.
+MAX_TRACKS, MAX_LOCATIONS = 16, 500
 #: A track that was silent for this time (s) is dropped.
 SILENT_S = 600.0
 
@@ -58,7 +58,8 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class _Sighting:
-    """A packet: its time (s), its plan's step and start (north, east; m), and its raw place (m) if it has one.
+    """A packet: its time (s), its plan's step and start (north, east; m), and its dead-reckoned position (m) if it has
+    one.
 
     A plan may be sent unchanged for long, and then be replaced by one far ahead: `plan_since_s` is when it was first
     received.
@@ -71,20 +72,21 @@ class _Sighting:
     plan_since_s: float
 
     @property
-    def place_m(self) -> tuple[float, float]:
-        """Place in the frame of the samples."""
+    def position_m(self) -> tuple[float, float]:
+        """Position in the frame of the samples."""
         return self.start_m if self.raw_m is None else self.raw_m
 
 
 @dataclass(slots=True, eq=False)
 class _Track:
-    """Packets that follow one another; `places` are their times and places in the samples' frame, or their plans'."""
+    """Packets that follow one another; `positions` are their times and positions in the samples' frame, or their
+    plans'."""
 
     began_s: float
     first: bool
     count: int = 0
     recent: deque[_Sighting] = field(default_factory=lambda: deque(maxlen=RECENT))
-    places: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=MAX_PLACES))
+    positions: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=MAX_LOCATIONS))
 
     @property
     def last_s(self) -> float:
@@ -97,7 +99,7 @@ class _Track:
     def add(self, seen: _Sighting) -> None:
         self.count = min(self.count + 1, MOST_COUNTED)
         self.recent.append(seen)
-        self.places.append((seen.plan_since_s if seen.raw_m is None else seen.now_s, *seen.place_m))
+        self.positions.append((seen.plan_since_s if seen.raw_m is None else seen.now_s, *seen.position_m))
 
 
 class MateTracks:
@@ -167,8 +169,8 @@ class MateTracks:
         return math.dist(last.start_m, seen.start_m) <= max(plan_way_m, ahead_m) + SPREAD_M
 
     def _reachable(self, track: _Track, samples: Array) -> NDArray[np.bool_]:
-        """Mask (n,) of samples between two places of the track, `since_s` and its first, or its last and now."""
-        known = np.array(track.places)
+        """Mask (n,) of samples between two positions of the track, `since_s` and its first, or its last and now."""
+        known = np.array(track.positions)
         first_s = float(known[0, 0])
         speed_mps = FASTER * self._pace.speed_mps
         spread_m = SPREAD_M if track.recent[-1].raw_m is None else RAW_SPREAD_M

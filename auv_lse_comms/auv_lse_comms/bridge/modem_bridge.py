@@ -176,7 +176,7 @@ class ModemBridge:
         self.remember("plan", dataclasses.asdict(plan))
 
     def set_dead_reckoning(self, raw: DeadReckoning) -> None:
-        """Sets the vehicle's raw place."""
+        """Sets the vehicle's dead-reckoned position."""
         self._ranging.set_dead_reckoning(raw)
 
     def set_fix(self, fix: Fix) -> None:
@@ -187,9 +187,10 @@ class ModemBridge:
     def add_soundings(self, soundings: ArrayLike | Soundings | Sequence[Sounding]) -> int:
         """Queues the vehicle's own soundings for sending.
 
-        With `packet.navigation` their raw places are sent. Unusable soundings are dropped and counted: "samples.bad"
-        have a number that is not finite; "samples.outside" are outside the limits, with which every receiver would
-        refuse the whole packet; "samples.unplaced" lack a raw place that `packet.navigation` needs.
+        With `packet.navigation` their dead-reckoned positions are sent. Unusable soundings are dropped and counted:
+        "samples.bad" have a number that is not finite; "samples.outside" are outside the limits, with which every
+        receiver would
+        refuse the whole packet; "samples.unplaced" lack a dead-reckoned position that `packet.navigation` needs.
 
         Args:
             soundings: Soundings in time order, or rows as `Soundings.from_rows` reads them.
@@ -260,7 +261,7 @@ class ModemBridge:
             return packet
         possible = self.tracks.take(now_s, source, packet)
         if possible is None:
-            raise PacketError("implausible", f"source {source}: place or step does not follow its last packets")
+            raise PacketError("implausible", f"source {source}: position or step does not follow its last packets")
         if possible.all():
             return packet
         self.counts["samples.implausible"] += int((~possible).sum())
@@ -397,7 +398,9 @@ class ModemBridge:
             reserve = self._tagger.reserve
         room = room_for_samples(plan, reserve, navigation)
         if self._config.navigation and navigation is None:
-            room = 0  # without a raw place in the packet, receivers would not take the samples for raw ones
+            room = (
+                0  # without a dead-reckoned position in the packet, receivers would not take the samples for raw ones
+            )
         samples = self._samples.take(room)
         payload = encode(Packet(plan, samples[:, 1:4], abort, navigation), self._limits, reserve)
         if self._tagger is not None:
@@ -410,7 +413,7 @@ class ModemBridge:
         return Plan.at(0, np.array([0.0, *np.mean([limits.north_m, limits.east_m], axis=1)]), (), NONE)
 
     def _navigation(self, now_s: float) -> Navigation | None:
-        """The packet's navigation; a fix or raw place that does not fit is left out and counted."""
+        """The packet's navigation; a fix or dead-reckoned position that does not fit is left out and counted."""
         raw = self._ranging.raw_at_start(now_s) if self._config.navigation else None
         if raw is None:
             return None

@@ -66,11 +66,11 @@ class SampleQueue:
         if not len(given):
             return given.rows
         if self._config.navigation:
-            placed = np.asarray(np.isfinite(given.raw_places_m).all(axis=1))
+            placed = np.asarray(np.isfinite(given.raw_positions_m).all(axis=1))
             self._counts["samples.unplaced"] += int((~placed).sum())
             given = given[placed]
-        places_m = given.raw_places_m if self._config.navigation else given.places_m
-        rows = np.column_stack([given.stamp_s, places_m, given.depth_m])
+        locations_m = given.raw_positions_m if self._config.navigation else given.locations_m
+        rows = np.column_stack([given.stamp_s, locations_m, given.depth_m])
         finite = np.isfinite(rows).all(axis=1)
         if not finite.all():
             self._counts["samples.bad"] += int((~finite).sum())

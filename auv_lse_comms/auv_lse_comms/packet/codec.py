@@ -79,14 +79,14 @@ REASONS = {
     "tour": "a tour without segments, with more than 64, or longer than the mission",
     "naive_path": "a terminal byte that is reserved (0xE5 to 0xE9), a second tour or navigation, or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
-    "gap": "a sample after an unused place",
+    "gap": "a sample after an unused position",
     "spare": "spare bytes that are not 0xFF",
     "source": "not from a member of the team, or from the receiver itself",
     "excess": "more packets than their sender has slots",
     "tag": "the tag does not match: forged, altered, another key or another dive",
     "stale": "the tag belongs to another slot of its sender: an old packet, or clocks that differ",
     "replay": "received before, or sent in an earlier slot than the last packet of this sender",
-    "implausible": "without a tag: its place or step does not follow the last packets of this sender",
+    "implausible": "without a tag: its position or step does not follow the last packets of this sender",
     "unproven": "a clock was set back, and the packet lacks a fresh echo that proves that it is new",
 }
 
@@ -98,8 +98,8 @@ class Limits:
     Attributes:
         steps: Largest mission step.
         n_actions: Size of the action set.
-        north_m: Smallest and largest north (m) of places.
-        east_m: Smallest and largest east (m) of places.
+        north_m: Smallest and largest north (m) of positions.
+        east_m: Smallest and largest east (m) of positions.
         depth_m: Smallest and largest water depth (m) of samples.
     """
 
@@ -152,8 +152,8 @@ class Packet:
         plan: Start of the sender's path, its actions, its tour, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
         abort: Whether the sender calls the team to abort the mission; its plan then has no naive path.
-        navigation: The sender's raw place and last fix; the samples are then in its raw frame. None: the packet has
-            neither, and the samples are at the places that the sender's navigation estimated.
+        navigation: The sender's dead-reckoned position and last fix; the samples are then in its raw frame. None: the
+            packet has neither, and the samples are at the positions that the sender's navigation estimated.
     """
 
     plan: Plan
@@ -295,9 +295,9 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     abort = data[start - 1] == ABORT
     naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
-    places = capacity(len(actions), reserve, segments, size + reached, paired)
-    stop = start + places * SAMPLE_BYTES
-    n = places
+    positions = capacity(len(actions), reserve, segments, size + reached, paired)
+    stop = start + positions * SAMPLE_BYTES
+    n = positions
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
         n -= 1
     if data[stop:last].count(FILL) != last - stop:
@@ -306,9 +306,9 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     try:
         _check_samples(samples, limits)
     except PacketError:
-        place = start + int(np.argmin(np.isfinite(samples).all(axis=1))) * SAMPLE_BYTES
-        if data[place : place + SAMPLE_BYTES] == _UNUSED:
-            raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
+        position = start + int(np.argmin(np.isfinite(samples).all(axis=1))) * SAMPLE_BYTES
+        if data[position : position + SAMPLE_BYTES] == _UNUSED:
+            raise PacketError("gap", f"the sample at byte {position} is unused, a later one is not") from None
         raise
     plan = Plan.at(step, np.array([heading, north, east]), actions, naive_path, tour)
     plan = dataclasses.replace(plan, quality_reached=reached)

@@ -128,7 +128,7 @@ TERMINAL = PacketField(
     meaning="ends the path: 0xFF without a naive path, 0xEE likewise and the team must abort, else the id of the naive "
     "path that continues to the mission's end",
 )
-#: Repeated once per sample; an unused place holds 12 bytes 0xFF.
+#: Repeated once per sample; an unused position holds 12 bytes 0xFF.
 SAMPLE = (
     PacketField(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
     PacketField(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),

@@ -1,14 +1,14 @@
-"""The sender's navigation in a packet: its raw place at transmission, and its last fix.
+"""The sender's navigation in a packet: its dead-reckoned position at transmission, and its last fix.
 
 Bytes, before the path's terminal byte; the first one selects the content:
 
-    0xEC  raw place: north, east (int24, cm)                                                      7 bytes in all
-    0xED  the same; then the last fix: its raw place: north, east (int16, 0.5 m), and the GPS
+    0xEC  dead-reckoned position: north, east (int24, cm)                                                      7 bytes
+    in all 0xED  the same; then the last fix: its dead-reckoned position: north, east (int16, 0.5 m), and the GPS
           position minus that: north, east (int12, dm; packed into 3 bytes)                      14 bytes in all
 
 Little-endian, two's complement. The samples of such a packet are in its sender's raw frame: dead-reckoned from its
-start without any fix, like the raw place. The fix's raw place only locates the fix on the track, so a resolution of
-0.5 m suffices; the offset to GPS corrects the track.
+start without any fix, like the dead-reckoned position. The fix's dead-reckoned position only locates the fix on the
+track, so a resolution of 0.5 m suffices; the offset to GPS corrects the track.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 
-#: First byte where the raw place follows, and where a fix follows it.
+#: First byte where the dead-reckoned position follows, and where a fix follows it.
 RAW, RAW_AND_FIX = 0xEC, 0xED
 #: Sizes in bytes, the first one included.
 SIZES = {RAW: 7, RAW_AND_FIX: 14}
@@ -26,7 +26,7 @@ SIZES = {RAW: 7, RAW_AND_FIX: 14}
 MAX_BYTES = SIZES[RAW_AND_FIX]
 
 _CM, _HALF_M, _DM = 0.01, 0.5, 0.1
-_BITS = {"raw place": 24, "raw place of the fix": 16, "fix minus raw place": 12}
+_BITS = {"dead-reckoned position": 24, "dead-reckoned position of the fix": 16, "fix minus dead-reckoned position": 12}
 
 
 def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int, int]:
@@ -46,12 +46,12 @@ def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Navigation:
-    """A sender's raw place and its last fix, in the packet's units, so that decoding restores it exactly.
+    """A sender's dead-reckoned position and its last fix, in the packet's units, so that decoding restores it exactly.
 
     Attributes:
-        raw_cm: Raw place at transmission: north, east (cm).
-        fix_raw_half_m: Raw place at the last fix: north, east (0.5 m); None if there was no fix.
-        fix_off_dm: GPS position minus that raw place: north, east (dm); None likewise.
+        raw_cm: Dead-reckoned position at transmission: north, east (cm).
+        fix_raw_half_m: Dead-reckoned position at the last fix: north, east (0.5 m); None if there was no fix.
+        fix_off_dm: GPS position minus that dead-reckoned position: north, east (dm); None likewise.
     """
 
     raw_cm: tuple[int, int]
@@ -60,36 +60,36 @@ class Navigation:
 
     @classmethod
     def of(cls, raw: DeadReckoning, fix: Fix | None) -> Navigation:
-        """A raw place and the last fix, rounded to the packet's units.
+        """A dead-reckoned position and the last fix, rounded to the packet's units.
 
         Raises:
             ValueError: naming what is not finite or does not fit.
         """
-        raw_cm = _units("raw place", raw.north_m, raw.east_m, _CM)
+        raw_cm = _units("dead-reckoned position", raw.north_m, raw.east_m, _CM)
         if fix is None:
             return cls(raw_cm=raw_cm)
         off_m = fix.north_m - fix.raw_north_m, fix.east_m - fix.raw_east_m
         return cls(
             raw_cm=raw_cm,
-            fix_raw_half_m=_units("raw place of the fix", fix.raw_north_m, fix.raw_east_m, _HALF_M),
-            fix_off_dm=_units("fix minus raw place", *off_m, _DM),
+            fix_raw_half_m=_units("dead-reckoned position of the fix", fix.raw_north_m, fix.raw_east_m, _HALF_M),
+            fix_off_dm=_units("fix minus dead-reckoned position", *off_m, _DM),
         )
 
     @property
     def raw_m(self) -> tuple[float, float]:
-        """Raw place at transmission: north, east (m)."""
+        """Dead-reckoned position at transmission: north, east (m)."""
         return self.raw_cm[0] * _CM, self.raw_cm[1] * _CM
 
     @property
     def fix_raw_m(self) -> tuple[float, float]:
-        """Raw place at the last fix: north, east (m); NaN without a fix."""
+        """Dead-reckoned position at the last fix: north, east (m); NaN without a fix."""
         if self.fix_raw_half_m is None:
             return math.nan, math.nan
         return self.fix_raw_half_m[0] * _HALF_M, self.fix_raw_half_m[1] * _HALF_M
 
     @property
     def fix_m(self) -> tuple[float, float]:
-        """The same place by GPS: north, east (m); NaN without a fix."""
+        """The same position by GPS: north, east (m); NaN without a fix."""
         if self.fix_off_dm is None:
             return math.nan, math.nan
         north_m, east_m = self.fix_raw_m
@@ -105,9 +105,9 @@ class Navigation:
         raw = b"".join(value.to_bytes(3, "little", signed=True) for value in self.raw_cm)
         if self.fix_raw_half_m is None or self.fix_off_dm is None:
             return bytes([RAW]) + raw
-        place = b"".join(value.to_bytes(2, "little", signed=True) for value in self.fix_raw_half_m)
+        position = b"".join(value.to_bytes(2, "little", signed=True) for value in self.fix_raw_half_m)
         north, east = (value & 0xFFF for value in self.fix_off_dm)
-        return bytes([RAW_AND_FIX]) + raw + place + (north | east << 12).to_bytes(3, "little")
+        return bytes([RAW_AND_FIX]) + raw + position + (north | east << 12).to_bytes(3, "little")
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Navigation:

@@ -27,12 +27,12 @@ class Address:
     """Address of a port: kind ("serial", "tcp", "udpin", "udpout"), device or host, port number or baud rate."""
 
     kind: str
-    place: str
+    position: str
     number: int
 
     def __str__(self) -> str:
         """As it is written in the parameters."""
-        return f"{self.kind}://{self.place}:{self.number}"
+        return f"{self.kind}://{self.position}:{self.number}"
 
 
 def read_address(text: str, baud: int = 19200) -> Address:
@@ -43,10 +43,10 @@ def read_address(text: str, baud: int = 19200) -> Address:
     """
     match = _HOST_PORT.match(text)
     if match and 0 <= int(match[3]) <= 65535:
-        return Address(kind=match[1], place=match[2].strip("[]"), number=int(match[3]))
+        return Address(kind=match[1], position=match[2].strip("[]"), number=int(match[3]))
     match = _SERIAL.match(text)
     if match:
-        return Address(kind="serial", place=match[1], number=int(match[2] or baud))
+        return Address(kind="serial", position=match[1], number=int(match[2] or baud))
     raise AddressError(
         f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, optionally with :BAUD (3 to 7 digits), "
         "tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"

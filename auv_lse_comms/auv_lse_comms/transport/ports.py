@@ -255,7 +255,7 @@ def open_transport(
         TransportError: if it cannot be opened.
     """
     if address.kind == "serial":
-        return SerialPort(address.place, address.number, lines_low)
+        return SerialPort(address.position, address.number, lines_low)
     if address.kind == "tcp":
-        return TcpPort(address.place, address.number)
-    return UdpPort(address.kind, address.place, address.number, expected)
+        return TcpPort(address.position, address.number)
+    return UdpPort(address.kind, address.position, address.number, expected)

@@ -72,7 +72,7 @@ RAW = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=100.0, east_m=-50.0, d
 FIX = Fix(stamp_s=20.0, north_m=61.0, east_m=-20.0, raw_north_m=60.0, raw_east_m=-22.0, std_m=0.8)
 
 
-def test_with_navigation_raw_places_are_sent() -> None:
+def test_with_navigation_raw_positions_are_sent() -> None:
     sender, receiver = bridge(1, navigation=True), bridge(2, navigation=False)
     sender.set_plan(PLAN)
     sender.add_soundings(np.column_stack([rows(30), rows(30)[:, 1:3] + [3.0, -4.0]]))
@@ -106,7 +106,7 @@ def test_with_navigation_raw_places_are_sent() -> None:
 
 @pytest.mark.parametrize(("measured_s", "north_m", "travel_s"), [(0.25, 475.0, 0.25), (0.9995, 100.0, -0.0005)])
 @pytest.mark.parametrize("seconds", [0, 2])
-def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
+def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_positions(
     measured_s: float, north_m: float, travel_s: float, seconds: int
 ) -> None:
     sender, receiver = (bridge(address, navigation=True, second_lead_s=0.0) for address in (1, 2))
@@ -124,7 +124,7 @@ def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
     assert received.navigation.sent_s == pytest.approx(10.0 + measured_s - travel_s - seconds)
 
 
-def test_a_synchronous_packet_has_the_place_at_its_transmission() -> None:
+def test_a_synchronous_packet_has_the_position_at_its_transmission() -> None:
     sender = bridge(1, navigation=True, second_lead_s=0.4)
     sender.set_plan(PLAN)
     sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=0.0))
@@ -161,7 +161,7 @@ def test_the_answer_to_a_ping_is_a_range_and_no_packet() -> None:
     assert intake.ranges == []
 
 
-def test_without_a_fresh_raw_place_a_packet_has_no_samples() -> None:
+def test_without_a_fresh_raw_position_a_packet_has_no_samples() -> None:
     b = bridge(navigation=True)
     b.set_plan(PLAN)
     assert b.add_soundings(rows(5)) == 0
@@ -241,7 +241,7 @@ def test_each_sample_is_sent_once_and_none_starves() -> None:
     assert b.counts["samples.sent"] == b.counts["samples.queued"] == 1800
 
 
-def test_late_soundings_take_their_place_in_time() -> None:
+def test_late_soundings_take_their_position_in_time() -> None:
     b = bridge()
     b.add_soundings(rows(3, 10.0))
     b.add_soundings(rows(3, 0.0))

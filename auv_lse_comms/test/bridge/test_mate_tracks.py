@@ -36,22 +36,22 @@ def test_honest_packets_are_accepted_whatever_is_lost(seed: int) -> None:
     rng = np.random.default_rng(seed)
     tracks = MateTracks(PACE)
     tracks.since_s = 0.0
-    heading, places, surfaced = 0.0, [np.zeros(2)], 0
+    heading, positions, surfaced = 0.0, [np.zeros(2)], 0
     for now in range(1, 3000):
         heading += rng.normal(0.0, 0.1)
-        places.append(places[-1] + 1.5 * np.array([np.cos(heading), np.sin(heading)]))
+        positions.append(positions[-1] + 1.5 * np.array([np.cos(heading), np.sin(heading)]))
         if now % 30 or rng.random() < 0.5:
             continue
         surfaced += 8 * (rng.random() < 0.02)
-        samples = np.column_stack([np.array(places)[rng.integers(len(places), size=15)], np.ones(15)])
-        plan = Plan.at(now // 16 + surfaced, np.array([0.0, *places[-1]]), (1,), NONE)
-        navigation = Navigation(raw_cm=(round(100.0 * places[-1][0]), round(100.0 * places[-1][1])))
+        samples = np.column_stack([np.array(positions)[rng.integers(len(positions), size=15)], np.ones(15)])
+        plan = Plan.at(now // 16 + surfaced, np.array([0.0, *positions[-1]]), (1,), NONE)
+        navigation = Navigation(raw_cm=(round(100.0 * positions[-1][0]), round(100.0 * positions[-1][1])))
         possible = tracks.take(float(now), 2, Packet(plan, samples, navigation=navigation))
         assert possible is not None
         assert possible.all()
 
 
-def test_samples_of_a_mate_that_tells_one_plan_for_long_and_no_place_are_accepted() -> None:
+def test_samples_of_a_mate_that_tells_one_plan_for_long_and_no_position_are_accepted() -> None:
     tracks = MateTracks(PACE)
     tracks.take(0.0, 2, dataclasses.replace(packet(0.0, 0.0), navigation=None))
     for cycle in range(1, 20):
@@ -103,7 +103,7 @@ def test_a_vehicle_that_starts_again_elsewhere_is_accepted_after_some_packets() 
     assert heard == [False] * 3 + [True] * 5
 
 
-def test_forged_packets_at_random_places_and_first_in_each_slot_do_not_shut_out_the_true_ones() -> None:
+def test_forged_packets_at_random_positions_and_first_in_each_slot_do_not_shut_out_the_true_ones() -> None:
     tracks, rng, heard, forged = MateTracks(PACE), np.random.default_rng(1), [], 0
     for cycle in range(40):
         for early in range(3):

@@ -73,9 +73,7 @@ def test_a_setting_that_differs_is_named_with_what_to_type():
     check = checked(Modem(right(settings) | {"SRC": "3", "BND": "1"}), settings)
     notes = texts(check, None)
     hand = Sentence("CCCFG", ("SRC", "2")).encode().decode().strip()
-    assert (
-        f"SRC = 3; expected 2 (is it the modem of vehicle 3?): the driver sets it; by hand: {hand}" in notes
-    )
+    assert f"SRC = 3; expected 2 (is it the modem of vehicle 3?): the driver sets it; by hand: {hand}" in notes
     assert any(note.startswith("BND = 1; expected 0: the driver sets it; by hand: $CCCFG,BND,0*") for note in notes)
     assert not any("must be equal" in note for note in notes)
 

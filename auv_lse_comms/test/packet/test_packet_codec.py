@@ -103,7 +103,7 @@ GOLDEN_TOURS = {
 GOLDEN_QUALITY = {
     # 14 + 3 + 1 + 1 + 19 * 12 = 247 bytes, 5 spare
     "three actions": (START + "00050a" + "ea" + "f2" + SAMPLE_A * 19 + "ff" * 5, (0, 5, 10), None, 0xF2, 19),
-    # the byte takes the place of a sample: 14 + 9 + 1 + 1 + 18 * 12 = 241, 11 spare
+    # the byte takes the position of a sample: 14 + 9 + 1 + 1 + 18 * 12 = 241, 11 spare
     "nine actions": (
         START + "090807060504030201" + "ea" + "ff" + SAMPLE_A * 18 + "ff" * 11,
         (9, 8, 7, 6, 5, 4, 3, 2, 1), None, 0xFF, 18,
@@ -152,7 +152,8 @@ def test_golden_packet_with_a_tour_packed_by_hand(layout: str) -> None:
     assert decode(data) == packet
 
 
-# raw place 123.45, -0.02 m: 12345 -> 003039, -2 -> FFFFFE; at the fix 100, -50.5 m: 200 -> 00C8, -101 -> FF9B;
+# dead-reckoned position 123.45, -0.02 m: 12345 -> 003039, -2 -> FFFFFE; at the fix 100, -50.5 m: 200 -> 00C8, -101 ->
+# FF9B;
 # GPS 2.5 m south and 1.2 m east of it: -25 dm -> FE7, 12 dm -> 00C, the first in the low bits: 00CFE7
 RAW = "393000" + "feffff"
 TOLD = Navigation(raw_cm=(12345, -2))
@@ -247,13 +248,15 @@ def test_navigation_in_metres_and_back() -> None:
     assert Navigation.of(raw, fix) == FIXED
     assert FIXED.raw_m == pytest.approx((123.45, -0.02))
     assert FIXED.fix_raw_m == (100.0, -50.5)
-    assert FIXED.fix_m == pytest.approx((97.5, -49.3)), "2.5 m south and 1.2 m east of the raw place"
+    assert FIXED.fix_m == pytest.approx((97.5, -49.3)), "2.5 m south and 1.2 m east of the dead-reckoned position"
     assert np.isnan([TOLD.fix_raw_m, TOLD.fix_m]).all()
-    with pytest.raises(ValueError, match=r"raw place: got 90000.0, 0.0 m; expected at most \+-83886.1 m"):
+    with pytest.raises(ValueError, match=r"dead-reckoned position: got 90000.0, 0.0 m; expected at most \+-83886.1 m"):
         Navigation.of(dataclasses.replace(raw, north_m=9e4, east_m=0.0), None)
-    with pytest.raises(ValueError, match=r"fix minus raw place: got 300.0, 1.2 m; expected at most \+-204.7 m"):
+    with pytest.raises(
+        ValueError, match=r"fix minus dead-reckoned position: got 300.0, 1.2 m; expected at most \+-204.7 m"
+    ):
         Navigation.of(raw, dataclasses.replace(fix, north_m=400.1))
-    with pytest.raises(ValueError, match=r"raw place: got nan, 0.0 m; expected finite"):
+    with pytest.raises(ValueError, match=r"dead-reckoned position: got nan, 0.0 m; expected finite"):
         Navigation.of(dataclasses.replace(raw, north_m=math.nan, east_m=0.0), None)
 
 
@@ -332,7 +335,7 @@ def navigations() -> st.SearchStrategy[Navigation]:
         return st.tuples(one, one)
 
     fixed = st.builds(
-        lambda raw, place, off: Navigation(raw_cm=raw, fix_raw_half_m=place, fix_off_dm=off),
+        lambda raw, position, off: Navigation(raw_cm=raw, fix_raw_half_m=position, fix_off_dm=off),
         pair(24),
         pair(16),
         pair(12),

@@ -51,7 +51,7 @@ def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interfa
 
 @njit(inline="always", fastmath={"contract"})
 def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
-    """exp(x) for x <= 0, and 0 below -700, within 1.5 units in the last place; has no branch, so loops vectorize."""
+    """exp(x) for x <= 0, and 0 below -700, within 1.5 units in the last location; has no branch, so loops vectorize."""
     y = max(x, -700.0)
     t = y * _LOG2E + _MAGIC
     n = t - _MAGIC
@@ -120,7 +120,7 @@ def _wendland_c4(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  
 
 @njit("void(i8, f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True)
 def covariance_row(index, variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance of scaled places (bx, by) with one place (x, y); `index` as in `config.KERNELS`."""
+    """Covariance of scaled locations (bx, by) with one location (x, y); `index` as in `config.KERNELS`."""
     if index == 0:
         _matern32(variance, bx, by, x, y, out)
     elif index == 1:
@@ -135,7 +135,7 @@ def covariance_row(index, variance, bx, by, x, y, out):  # type: ignore[no-untyp
 
 @njit("void(i8, f8, f8[:, :], f8[:, :], f8[:, ::1])", cache=True)
 def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance (A, B) of scaled places a (A, 2) and b (B, 2), into `out`."""
+    """Covariance (A, B) of scaled locations a (A, 2) and b (B, 2), into `out`."""
     bx, by = b[:, 0].copy(), b[:, 1].copy()
     for i in range(len(a)):
         covariance_row(index, variance, bx, by, a[i, 0], a[i, 1], out[i])
@@ -143,7 +143,7 @@ def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # n
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1])", cache=True)
 def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance (A, A) among scaled places (A, 2), into the upper triangle of `out`; the rest is unchanged."""
+    """Covariance (A, A) among scaled locations (A, 2), into the upper triangle of `out`; the rest is unchanged."""
     ax, ay = a[:, 0].copy(), a[:, 1].copy()
     for i in range(len(a)):
         covariance_row(index, variance, ax[i:], ay[i:], ax[i], ay[i], out[i, i:])
@@ -191,7 +191,7 @@ def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba
     return x
 
 
-# variance * rho'(r) / r at the places (bx, by), into `out`: see `kernels.SLOPES`.
+# variance * rho'(r) / r at the locations (bx, by), into `out`: see `kernels.SLOPES`.
 
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
@@ -248,7 +248,7 @@ def _weighted_apart(weights, slopes, bx, by, x, y, out):  # type: ignore[no-unty
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True)
 def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
-    """`kernels.Kernel.gradient_sums_numpy` of scaled places a (A, 2) and b (B, 2), into `out` (A, 2)."""
+    """`kernels.Kernel.gradient_sums_numpy` of scaled locations a (A, 2) and b (B, 2), into `out` (A, 2)."""
     bx, by = b[:, 0].copy(), b[:, 1].copy()
     slopes = np.empty(len(b))
     for i in range(len(a)):
@@ -267,11 +267,11 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
 
 
 @njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)
-def take_spaced(kept, size, spacing, places, max_new, near):  # type: ignore[no-untyped-def]  # numba's types
+def take_spaced(kept, size, spacing, locations, max_new, near):  # type: ignore[no-untyped-def]  # numba's types
     """`spacing.take_spaced_numpy` compiled; same arguments."""
     full = size + max_new
-    for i in range(len(places)):
-        x, y = places[i, 0], places[i, 1]
+    for i in range(len(locations)):
+        x, y = locations[i, 0], locations[i, 1]
         nearest, best = -1, math.inf
         for j in range(size):
             dx, dy = kept[j, 0] - x, kept[j, 1] - y

@@ -1,7 +1,7 @@
 """Covariance functions of the depth: stationary, in the plane, isotropic or with two axes.
 
-Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel's own length along each axis. Places are
-scaled once (`Kernel.scale`), so anisotropy costs nothing extra.
+Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel's own length along each axis. Locations
+are scaled once (`Kernel.scale`), so anisotropy costs nothing extra.
 """
 
 from __future__ import annotations
@@ -138,20 +138,20 @@ class Kernel:
         """Radius of the local subset in scaled distance."""
         return self.local_m / self.length_m
 
-    def scale(self, places_m: Array) -> Array:
-        """Places (P, 2) in the kernel's axes and lengths, so that r is the Euclidean distance."""
-        return np.ascontiguousarray(places_m @ self._to_scaled)
+    def scale(self, locations_m: Array) -> Array:
+        """Locations (P, 2) in the kernel's axes and lengths, so that r is the Euclidean distance."""
+        return np.ascontiguousarray(locations_m @ self._to_scaled)
 
-    def variance(self, places_m: Array | None = None) -> Array:
-        """k(p, p) of each place (P,), or a scalar if none is given."""
-        return np.full(() if places_m is None else len(places_m), self.signal_variance_m2)
+    def variance(self, locations_m: Array | None = None) -> Array:
+        """k(p, p) of each location (P,), or a scalar if none is given."""
+        return np.full(() if locations_m is None else len(locations_m), self.signal_variance_m2)
 
     def __call__(self, a_m: Array, b_m: Array) -> Array:
-        """Covariance (A, B) in m^2 of the depths at places `a_m` (A, 2) and `b_m` (B, 2)."""
+        """Covariance (A, B) in m^2 of the depths at locations `a_m` (A, 2) and `b_m` (B, 2)."""
         return self.of_scaled(self.scale(np.asarray(a_m, float)), self.scale(np.asarray(b_m, float)))
 
     def of_scaled(self, a: Array, b: Array, out: Array | None = None) -> Array:
-        """`__call__` for scaled places, into `out` (A, B) if given."""
+        """`__call__` for scaled locations, into `out` (A, B) if given."""
         if compiled.USE_NUMBA:
             out = np.empty((len(a), len(b))) if out is None else out
             compiled_gp().covariance(self.index, self.signal_variance_m2, a, b, out)
@@ -162,14 +162,14 @@ class Kernel:
         return self.of_scaled_numpy(a, b)
 
     def among_scaled(self, a: Array, out: Array) -> None:
-        """Covariance (A, A) among scaled places, into the upper triangle of `out`; half the time of `of_scaled`."""
+        """Covariance (A, A) among scaled locations, into the upper triangle of `out`; half the time of `of_scaled`."""
         if compiled.USE_NUMBA:
             compiled_gp().upper_covariance(self.index, self.signal_variance_m2, a, out)
             return
         out[...] = self.of_scaled_numpy(a, a)
 
     def subtract_weighted(self, a: Array, weights: Array, b: Array, out: Array) -> None:
-        """out (m, B) -= weights (A, m)^T k(a, b), for scaled places; B may be very large."""
+        """out (m, B) -= weights (A, m)^T k(a, b), for scaled locations; B may be very large."""
         if compiled.USE_NUMBA and weights.shape[1] <= 16:
             compiled_gp().subtract_weighted(
                 self.index, self.signal_variance_m2, a, np.ascontiguousarray(weights), b, out
@@ -187,24 +187,24 @@ class Kernel:
 
     @property
     def slope_covariance(self) -> Array:
-        """Prior covariance (2, 2) of the slopes north and east at a place."""
+        """Prior covariance (2, 2) of the slopes north and east at a location."""
         at_zero = float(self._slope(np.zeros(1))[0])
         return np.asarray(-self.signal_variance_m2 * at_zero * self._to_scaled @ self._to_scaled.T)
 
     def slopes_of_scaled(self, a: Array, b: Array) -> tuple[Array, Array]:
-        """Covariances (A, B) of the slopes north and east at scaled places `a` with the depths at `b`."""
+        """Covariances (A, B) of the slopes north and east at scaled locations `a` with the depths at `b`."""
         apart = a[:, None, :] - b[None, :, :]
         slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))
         north, east = (slopes * (apart @ axis) for axis in self._to_scaled)
         return north, east
 
     def gradient_sums(self, a: Array, weights: NDArray[np.floating], b: Array) -> Array:
-        """Gradient (A, 2), m^2 / m, of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
+        """Gradient (A, 2), m^2 / m, of sum over j of weights[i, j] k(a_i, b_j) with respect to location a_i in metres.
 
         Args:
-            a: Scaled places (A, 2).
+            a: Scaled locations (A, 2).
             weights: Weights (A, B).
-            b: Scaled places (B, 2), held fixed even where they coincide with `a`.
+            b: Scaled locations (B, 2), held fixed even where they coincide with `a`.
         """
         if compiled.USE_NUMBA:
             sums, weights = np.empty((len(a), 2)), np.ascontiguousarray(weights, dtype=float)
@@ -214,7 +214,7 @@ class Kernel:
         return np.asarray(sums @ self._to_scaled.T)
 
     def gradient_sums_numpy(self, a: Array, weights: NDArray[np.floating], b: Array) -> Array:
-        """`gradient_sums` with respect to scaled places, in NumPy: the reference for the compiled version."""
+        """`gradient_sums` with respect to scaled locations, in NumPy: the reference for the compiled version."""
         apart = a[:, None, :] - b[None, :, :]
         slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))
         return np.asarray(np.einsum("ab,abd->ad", weights * slopes, apart))

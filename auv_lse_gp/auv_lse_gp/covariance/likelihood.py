@@ -56,7 +56,7 @@ class MarginalLikelihood:
 
     def __init__(
         self,
-        places_m: Array,
+        locations_m: Array,
         depths_m: Array,
         kernel: str,
         mean: str = "constant",
@@ -66,23 +66,24 @@ class MarginalLikelihood:
         """Takes soundings; arguments as in `fit`, with `two_axes` for a search of two length scales and a rotation.
 
         Raises:
-            ValueError: for fewer than 10 soundings, soundings at one place, or depths that the mean explains exactly.
+            ValueError: for fewer than 10 soundings, soundings at one location, or depths that the mean explains
+                exactly.
         """
         if mean not in ("constant", "plane"):
             raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has no parameters to fit)")
         if mean_depth_m is not None and mean != "constant":
             raise ValueError(f"mean_depth_m: got {mean_depth_m!r}; expected it with a constant mean only")
-        if len(places_m) < 10:
-            raise ValueError(f"soundings: got {len(places_m)}; expected at least 10")
+        if len(locations_m) < 10:
+            raise ValueError(f"soundings: got {len(locations_m)}; expected at least 10")
         self.kernel = kernel
         self.two_axes = two_axes
         self.evaluations = 0
         self._ratio = SUPPORT_RATIO.get(kernel, 1.0)
-        self._center = places_m.mean(axis=0)
-        offset = places_m - self._center
-        self.extent_m = float(np.ptp(places_m, axis=0).max())
+        self._center = locations_m.mean(axis=0)
+        offset = locations_m - self._center
+        self.extent_m = float(np.ptp(locations_m, axis=0).max())
         if not self.extent_m > 0.0:
-            raise ValueError("soundings: got one place for all; expected soundings over an area")
+            raise ValueError("soundings: got one location for all; expected soundings over an area")
         self._north = offset[:, None, 0] - offset[None, :, 0]
         self._east = offset[:, None, 1] - offset[None, :, 1]
         distance = np.hypot(self._north, self._east)
@@ -202,7 +203,7 @@ def _inverse(lower: Array) -> Array:
 
 
 def fit(
-    places_m: Array,
+    locations_m: Array,
     depths_m: Array,
     *,
     kernel: str = "matern52",
@@ -215,7 +216,7 @@ def fit(
     """Fits the parameters by maximum marginal likelihood.
 
     Args:
-        places_m: North, east (m) of the soundings (n, 2). The time grows with n^3: seconds for a thousand soundings.
+        locations_m: North, east (m) of the soundings (n, 2). The time grows with n^3: seconds for a thousand soundings.
         depths_m: Their depths (n,).
         kernel: One of `KERNELS`.
         mean: "constant" or "plane".
@@ -227,7 +228,7 @@ def fit(
     Raises:
         ValueError: if the soundings cannot be used, or no start leads to a likelihood.
     """
-    target = MarginalLikelihood(places_m, depths_m, kernel, mean, two_axes, mean_depth_m)
+    target = MarginalLikelihood(locations_m, depths_m, kernel, mean, two_axes, mean_depth_m)
     best_x, best, found = _search(target, restarts, rng)
     signal, _ = target.best_signal(best_x)
     y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
@@ -279,7 +280,7 @@ def _search(
         if result.fun < best:
             best_x, best = np.array(result.x), float(result.fun)
     if best_x is None:
-        raise ValueError("soundings: got a singular covariance from every start; expected places farther apart")
+        raise ValueError("soundings: got a singular covariance from every start; expected locations farther apart")
     return best_x, -best, found
 
 

@@ -16,7 +16,7 @@ from auv_lse_gp.soundings import read_soundings
 
 Array = NDArray[np.float64]
 
-#: Depth (P,) in metres at places (P, 2).
+#: Depth (P,) in metres at locations (P, 2).
 PriorMean = Callable[[Array], Array]
 #: The prior nearly excludes an isobath that is farther than this many standard deviations from its mean everywhere.
 MAX_LEVEL_SIGMAS = 2.0
@@ -29,10 +29,10 @@ def prior_mean(config: GpConfig) -> PriorMean:
         ParameterError: if the survey cannot be used.
     """
     if config.mean == "constant":
-        return lambda places_m: np.full(len(places_m), config.mean_depth_m)
+        return lambda locations_m: np.full(len(locations_m), config.mean_depth_m)
     if config.mean == "plane":
         slope = np.array([config.mean_slope_north, config.mean_slope_east])
-        return lambda places_m: np.asarray(config.mean_depth_m + places_m @ slope)
+        return lambda locations_m: np.asarray(config.mean_depth_m + locations_m @ slope)
     try:
         soundings = read_soundings(Path(config.survey_file))
     except (OSError, ValueError) as error:
@@ -65,17 +65,18 @@ class ExcludedLevel:
         return math.ceil(10.0 * abs(self.level_m - self.nearest_m) / MAX_LEVEL_SIGMAS - 1e-6) / 10.0
 
 
-def excluded_level(gp: GpConfig, level_m: float, places_m: Array) -> ExcludedLevel | None:
-    """The level (m), if a constant or plane prior mean at places (P, 2) is so far from it that it is nearly excluded.
+def excluded_level(gp: GpConfig, level_m: float, locations_m: Array) -> ExcludedLevel | None:
+    """The level (m), if a constant or plane prior mean at locations (P, 2) is so far from it that it is nearly
+    excluded.
 
     Args:
         gp: The prior.
         level_m: Depth of the isobath (m).
-        places_m: Corners of the area, shape (P, 2): north, east. A constant mean needs one place.
+        locations_m: Corners of the area, shape (P, 2): north, east. A constant mean needs one location.
     """
     if gp.mean == "survey":
         return None
-    depths = prior_mean(gp)(places_m)
+    depths = prior_mean(gp)(locations_m)
     found = ExcludedLevel(
         level_m=level_m,
         nearest_m=float(np.clip(level_m, depths.min(), depths.max())),
@@ -87,8 +88,8 @@ def excluded_level(gp: GpConfig, level_m: float, places_m: Array) -> ExcludedLev
 class SurveyMean:
     """Interpolates linearly between a survey's soundings; outside their convex hull, uses the nearest one."""
 
-    def __init__(self, places_m: Array, depths_m: Array) -> None:
-        """Takes soundings at `places_m` (P, 2) with `depths_m` (P,).
+    def __init__(self, locations_m: Array, depths_m: Array) -> None:
+        """Takes soundings at `locations_m` (P, 2) with `depths_m` (P,).
 
         Raises:
             ParameterError: if there are fewer than three soundings or they lie on one line.
@@ -97,19 +98,19 @@ class SurveyMean:
         from scipy.interpolate import LinearNDInterpolator
         from scipy.spatial import cKDTree
 
-        if len(places_m) < 3:
-            raise ParameterError(f"gp.survey_file: got {len(places_m)} soundings; expected at least 3")
-        spread = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
+        if len(locations_m) < 3:
+            raise ParameterError(f"gp.survey_file: got {len(locations_m)} soundings; expected at least 3")
+        spread = np.linalg.svd(locations_m - locations_m.mean(axis=0), compute_uv=False)
         if spread[1] <= 1e-9 * max(spread[0], 1e-300):
             raise ParameterError("gp.survey_file: got soundings on one line; expected soundings over an area")
-        self._linear = LinearNDInterpolator(places_m, depths_m)
-        self._tree = cKDTree(places_m)
+        self._linear = LinearNDInterpolator(locations_m, depths_m)
+        self._tree = cKDTree(locations_m)
         self._depths_m = depths_m
 
-    def __call__(self, places_m: Array) -> Array:
-        """Depth (P,) in metres at places (P, 2)."""
-        depth = np.asarray(self._linear(places_m), float)
+    def __call__(self, locations_m: Array) -> Array:
+        """Depth (P,) in metres at locations (P, 2)."""
+        depth = np.asarray(self._linear(locations_m), float)
         outside = np.isnan(depth)
         if np.any(outside):
-            depth[outside] = self._depths_m[self._tree.query(places_m[outside])[1]]
+            depth[outside] = self._depths_m[self._tree.query(locations_m[outside])[1]]
         return depth

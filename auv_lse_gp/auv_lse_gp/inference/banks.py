@@ -33,9 +33,9 @@ BANK_M = 25.0
 WIDTH_STD = 0.5
 #: Least factor s, so that depths on the shore itself stay finite.
 LEAST = 0.05
-#: Largest spacing (m) of the places along the shore by which the nearest piece of it is found.
+#: Largest spacing (m) of the locations along the shore by which the nearest piece of it is found.
 SPACING_M = 4.0
-#: Number of the nearest of these places whose pieces of shore are compared.
+#: Number of the nearest of these locations whose pieces of shore are compared.
 _NEAREST = 8
 #: Half of the distance (m) of the finite difference for the slope of s.
 _SLOPE_M = 0.05
@@ -47,13 +47,13 @@ class Banks:
     def __init__(self, shores_m: list[Array], shore_depth_m: float, level_m: float) -> None:
         """Takes shores, polylines (n, 2) of at least two corners, the depth along them, and the level."""
         self._depth_m, self._level_m = shore_depth_m, level_m
-        places = [_along(line) for line in shores_m]
-        self._places_m = np.concatenate(places)
-        self._tree = cKDTree(self._places_m)
-        # The pieces of shore before and after each place; at an end of a line, of no length.
-        before = np.concatenate([np.vstack([line[:1], line[:-1]]) for line in places])
-        after = np.concatenate([np.vstack([line[1:], line[-1:]]) for line in places])
-        self._pieces_m = np.stack([before, after]) - self._places_m
+        locations = [_along(line) for line in shores_m]
+        self._locations_m = np.concatenate(locations)
+        self._tree = cKDTree(self._locations_m)
+        # The pieces of shore before and after each location; at an end of a line, of no length.
+        before = np.concatenate([np.vstack([line[:1], line[:-1]]) for line in locations])
+        after = np.concatenate([np.vstack([line[1:], line[-1:]]) for line in locations])
+        self._pieces_m = np.stack([before, after]) - self._locations_m
 
     @classmethod
     def of(cls, area: AreaConfig, level_m: float) -> Banks | None:
@@ -61,10 +61,10 @@ class Banks:
         shores = [np.reshape(flat, (-1, 2)) for flat in area.shore.values()]
         return cls(shores, area.shore_depth_m, level_m) if shores else None
 
-    def factor(self, places_m: Array) -> Array:
-        """Factor s (P,) at places (P, 2)."""
-        _, nearest = self._tree.query(places_m, k=np.arange(1, min(_NEAREST, self._tree.n) + 1))
-        pieces, off = self._pieces_m[:, nearest], np.asarray(places_m)[:, None] - self._places_m[nearest]
+    def factor(self, locations_m: Array) -> Array:
+        """Factor s (P,) at locations (P, 2)."""
+        _, nearest = self._tree.query(locations_m, k=np.arange(1, min(_NEAREST, self._tree.n) + 1))
+        pieces, off = self._pieces_m[:, nearest], np.asarray(locations_m)[:, None] - self._locations_m[nearest]
         squares = np.maximum(np.einsum("spkd,spkd->spk", pieces, pieces), 1e-12)
         along = np.clip(np.einsum("spkd,pkd->spk", pieces, off) / squares, 0.0, 1.0)
         rest = off - along[..., None] * pieces
@@ -74,58 +74,59 @@ class Banks:
     def mean(self, open_ground: PriorMean) -> PriorMean:
         """Prior mean of the relative depth, from that of open ground."""
 
-        def relative(places_m: Array) -> Array:
-            off = (self._level_m - self._depth_m) * (1.0 / self.factor(places_m) - 1.0)
-            return np.asarray(open_ground(places_m) - off)
+        def relative(locations_m: Array) -> Array:
+            off = (self._level_m - self._depth_m) * (1.0 / self.factor(locations_m) - 1.0)
+            return np.asarray(open_ground(locations_m) - off)
 
         return relative
 
     def relative(self, centers: Centers) -> Centers:
         """Measurements of depths as measurements of relative depths."""
-        s, effect = self.factor(centers.places_m), centers.place_effect_m
+        s, effect = self.factor(centers.locations_m), centers.position_effect_m
         return Centers(
-            centers.places_m,
+            centers.locations_m,
             self._level_m + (centers.depths_m - self._level_m) / s,
             centers.noise_std_m / s,
             None if effect is None else effect / s[:, None],
         )
 
-    def depths(self, places_m: Array, relative_m: Array) -> Array:
-        """Depths (P,) at places (P, 2) from relative depths."""
-        return np.asarray(self._level_m + self.factor(places_m) * (relative_m - self._level_m))
+    def depths(self, locations_m: Array, relative_m: Array) -> Array:
+        """Depths (P,) at locations (P, 2) from relative depths."""
+        return np.asarray(self._level_m + self.factor(locations_m) * (relative_m - self._level_m))
 
-    def width_variance(self, places_m: Array, relative_m: Array) -> Array:
-        """Variance (P,) of relative depths (P,) at places (P, 2) from the unknown width of banks, without soundings."""
-        s = np.minimum(self.factor(places_m), 1.0 - 1e-12)
-        rise_m = np.maximum(self.depths(places_m, relative_m) - self._depth_m, 0.0)
+    def width_variance(self, locations_m: Array, relative_m: Array) -> Array:
+        """Variance (P,) of relative depths (P,) at locations (P, 2) from the unknown width of banks, without
+        soundings."""
+        s = np.minimum(self.factor(locations_m), 1.0 - 1e-12)
+        rise_m = np.maximum(self.depths(locations_m, relative_m) - self._depth_m, 0.0)
         share = -np.log1p(-s) * (1.0 - s) / s  # x / (exp(x) - 1)
         return np.asarray((WIDTH_STD * rise_m / s * share) ** 2)
 
-    def slopes(self, places_m: Array, relative_m: Array, slopes: Array) -> Array:
-        """Slopes (P, 2) of the depth at places (P, 2) from relative depths (P,) and their slopes (P, 2)."""
+    def slopes(self, locations_m: Array, relative_m: Array, slopes: Array) -> Array:
+        """Slopes (P, 2) of the depth at locations (P, 2) from relative depths (P,) and their slopes (P, 2)."""
         steps = _SLOPE_M * np.eye(2)
-        of_factor = [(self.factor(places_m + s) - self.factor(places_m - s)) / (2.0 * _SLOPE_M) for s in steps]
+        of_factor = [(self.factor(locations_m + s) - self.factor(locations_m - s)) / (2.0 * _SLOPE_M) for s in steps]
         off = (relative_m - self._level_m)[:, None] * np.stack(of_factor, axis=1)
-        return np.asarray(self.factor(places_m)[:, None] * slopes + off)
+        return np.asarray(self.factor(locations_m)[:, None] * slopes + off)
 
 
-def depths(banks: Banks | None, places_m: Array, relative_m: Array, variance_m2: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation (P,), (P,) of depths at places (P, 2), from those of relative depths."""
+def depths(banks: Banks | None, locations_m: Array, relative_m: Array, variance_m2: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (P,), (P,) of depths at locations (P, 2), from those of relative depths."""
     std_m = np.sqrt(variance_m2)
     if banks is None or not len(relative_m):
         return relative_m, std_m
-    return banks.depths(places_m, relative_m), banks.factor(places_m) * std_m
+    return banks.depths(locations_m, relative_m), banks.factor(locations_m) * std_m
 
 
-def width_factor(banks: Banks | None, places_m: Array, relative_m: Array, signal_std_m: float) -> Array:
-    """Variance from the unknown width of banks at places (P, 2), relative to the prior's, (P,); 0 on open ground."""
-    if banks is None or not len(places_m):
-        return np.zeros(len(places_m))
-    return banks.width_variance(places_m, relative_m) / signal_std_m**2
+def width_factor(banks: Banks | None, locations_m: Array, relative_m: Array, signal_std_m: float) -> Array:
+    """Variance from the unknown width of banks at locations (P, 2), relative to the prior's, (P,); 0 on open ground."""
+    if banks is None or not len(locations_m):
+        return np.zeros(len(locations_m))
+    return banks.width_variance(locations_m, relative_m) / signal_std_m**2
 
 
 def _along(line_m: Array) -> Array:
-    """Places (P, 2) along a polyline (n, 2), its corners among them."""
+    """Locations (P, 2) along a polyline (n, 2), its corners among them."""
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m, axis=0).T))])
     at = np.union1d(lengths, np.arange(0.0, lengths[-1], SPACING_M))
     return np.column_stack([np.interp(at, lengths, line_m[:, k]) for k in (0, 1)])

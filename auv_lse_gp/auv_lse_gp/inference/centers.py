@@ -17,17 +17,17 @@ class Centers:
     """The kernel centers.
 
     Attributes:
-        places_m: North, east (n, 2).
+        locations_m: North, east (n, 2).
         depths_m: Depth (n,).
         noise_std_m: Standard deviation of each depth as a measurement (n,).
-        place_effect_m: Change of each center's depth per standard deviation of each mode of common position errors (n,
-            r); None if positions are assumed exact. A fix of the map's vehicle would remove the first two modes.
+        position_effect_m: Change of each center's depth per standard deviation of each mode of common position errors
+            (n, r); None if positions are assumed exact. A fix of the map's vehicle would remove the first two modes.
     """
 
-    places_m: Array
+    locations_m: Array
     depths_m: Array
     noise_std_m: Array
-    place_effect_m: Array | None = None
+    position_effect_m: Array | None = None
 
     def __len__(self) -> int:
         """Number of centers."""
@@ -35,15 +35,15 @@ class Centers:
 
     def slice(self, begin: int, end: int) -> Centers:
         """The centers from number `begin` to `end`, without copying."""
-        effect, part = self.place_effect_m, slice(begin, end)
+        effect, part = self.position_effect_m, slice(begin, end)
         kept = None if effect is None else effect[part]
-        return Centers(self.places_m[part], self.depths_m[part], self.noise_std_m[part], kept)
+        return Centers(self.locations_m[part], self.depths_m[part], self.noise_std_m[part], kept)
 
     def take(self, numbers: NDArray[np.int64]) -> Centers:
         """The centers with these numbers, as copies."""
-        effect = self.place_effect_m
+        effect = self.position_effect_m
         kept = None if effect is None else effect[numbers]
-        return Centers(self.places_m[numbers], self.depths_m[numbers], self.noise_std_m[numbers], kept)
+        return Centers(self.locations_m[numbers], self.depths_m[numbers], self.noise_std_m[numbers], kept)
 
     def averaged(self, groups: NDArray[np.int64]) -> Centers:
         """One center in place of each group: the mean of its members, whose errors are independent.
@@ -63,15 +63,15 @@ class Centers:
         def mean(columns: Array) -> Array:
             return np.stack([np.bincount(number, column) / count for column in columns.T], axis=1)
 
-        effect = self.place_effect_m
+        effect = self.position_effect_m
         noise_std_m = np.sqrt(np.bincount(number, self.noise_std_m**2)) / count
         averaged_effect = None if effect is None or not effect.shape[1] else mean(effect)
-        return Centers(mean(self.places_m), mean(self.depths_m[:, None])[:, 0], noise_std_m, averaged_effect)
+        return Centers(mean(self.locations_m), mean(self.depths_m[:, None])[:, 0], noise_std_m, averaged_effect)
 
     def joined(self, others: Centers) -> Centers:
         """These centers, then `others`."""
         return Centers(
-            np.concatenate([self.places_m, others.places_m]),
+            np.concatenate([self.locations_m, others.locations_m]),
             np.concatenate([self.depths_m, others.depths_m]),
             np.concatenate([self.noise_std_m, others.noise_std_m]),
             _joined_effects(self, others),
@@ -79,8 +79,8 @@ class Centers:
 
 
 def _joined_effects(first: Centers, second: Centers) -> Array | None:
-    """Place effects of both; missing modes are zero."""
-    a, b = first.place_effect_m, second.place_effect_m
+    """Location effects of both; missing modes are zero."""
+    a, b = first.position_effect_m, second.position_effect_m
     if a is None and b is None:
         return None
     if a is None:
@@ -118,11 +118,11 @@ class CenterTable:
 
     def append(self, centers: Centers) -> None:
         """Appends centers."""
-        self._table.append(np.column_stack([centers.places_m, centers.depths_m, centers.noise_std_m]))
+        self._table.append(np.column_stack([centers.locations_m, centers.depths_m, centers.noise_std_m]))
 
-    def move(self, number: int, place_m: Array, depth_m: float, noise_std_m: float) -> None:
-        """Gives center `number` a new place (2,), depth and noise."""
-        self._table.rows[number] = (*place_m, depth_m, noise_std_m)
+    def move(self, number: int, position_m: Array, depth_m: float, noise_std_m: float) -> None:
+        """Gives center `number` a new location (2,), depth and noise."""
+        self._table.rows[number] = (*position_m, depth_m, noise_std_m)
 
     def shift(self, by_m: Array) -> None:
         """Moves all centers by (n, 2)."""

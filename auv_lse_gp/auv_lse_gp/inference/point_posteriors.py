@@ -1,6 +1,6 @@
 """The posterior at points, one row per point: mean, variances, whitened covariance.
 
-A planner evaluates the posterior once for the places of many paths, then selects and joins rows.
+A planner evaluates the posterior once for the locations of many paths, then selects and joins rows.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class PointPosteriors:
     """The posterior at P points.
 
     Attributes:
-        scaled: Places in the kernel's axes and lengths, shape (P, 2).
-        white: Whitened covariance w(p) = L^-1 k(X, p) with data and planned places, a row per point, (P, n + o).
+        scaled: Locations in the kernel's axes and lengths, shape (P, 2).
+        white: Whitened covariance w(p) = L^-1 k(X, p) with data and planned locations, a row per point, (P, n + o).
         mean_m: Posterior mean of the depth given the data, shape (P,).
         data_var_m2: Posterior variance given the data, shape (P,).
-        planned_var_m2: Posterior variance given the data and the planned places, shape (P,).
+        planned_var_m2: Posterior variance given the data and the planned locations, shape (P,).
     """
 
     scaled: Array

@@ -1,25 +1,26 @@
 """The posterior of the depth: the only module that conditions the Gaussian process.
 
-The measurements X are first the data (kernel centers with depths z), then *planned places*, to be measured later. With
-K = k(X, X) + noise (RW2006: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
+The measurements X are first the data (kernel centers with depths z), then *planned locations*, to be measured later.
+With K = k(X, X) + noise (RW2006: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
 
     l. 2   L = chol(K)                             `Factor`, one row per measurement
     l. 3   mean(p) = m(p) + w(p)^T b,              b = L^-1 (z - m(X)), stored
-    l. 5   w(p) = L^-1 k(X, p)                     the *whitened covariance* of place p with the measurements
+    l. 5   w(p) = L^-1 k(X, p)                     the *whitened covariance* of location p with the measurements
     l. 6   cov(p, q) = k(p, q) - w(p)^T w(q)       and so var(p) = k(p, p) - |w(p)|^2
 
 `mean_m` uses the equivalent mean(p) = k(p, X) alpha with alpha = L^-T b.
 
 Uncertain positions: the positions of all centers have common errors in r modes. One standard deviation of a mode
-changes the centers' depths by a column of E (n, r) (`Centers.place_effect_m`), and thus the mean at p by -w(p)^T L^-1
-E. Every variance therefore includes the *place variance* |w(p)^T L^-1 E|^2, a floor that planned measurements do not
+changes the centers' depths by a column of E (n, r) (`Centers.position_effect_m`), and thus the mean at p by -w(p)^T
+L^-1 E. Every variance therefore includes the *location variance* |w(p)^T L^-1 E|^2, a floor that planned measurements
+do not
 reduce.
 
 Where a shore is known, all of this concerns relative depths, which lie on the same side of the level as the depths
 (`inference/banks.py`). Only `centers` and `slopes` are in depths.
 
 Appending measurements does not change existing rows of L and w. The first rows of w give the variance given the data,
-and the others the effect of planned places. A planned measurement lowers the variance and leaves the expected mean
+and the others the effect of planned locations. A planned measurement lowers the variance and leaves the expected mean
 unchanged.
 """
 
@@ -45,7 +46,7 @@ from auv_lse_gp.level_set.crossings import DepthAndSlope
 
 Array = NDArray[np.float64]
 
-#: Number of places that `moments` processes together, so that the data fit in the processor's cache.
+#: Number of locations that `moments` processes together, so that the data fit in the processor's cache.
 CHUNK = 2048
 #: Number of covariances' slopes that are computed together.
 _SLOPES = 2_000_000
@@ -54,11 +55,11 @@ _SLOPE_M = 0.5
 
 
 class Posterior:
-    """Posterior of the depth given data and planned places.
+    """Posterior of the depth given data and planned locations.
 
     Attributes:
         banks: The banks of the area; None: all ground is open.
-        prior_mean: Prior mean, places (P, 2) -> depths (P,).
+        prior_mean: Prior mean, locations (P, 2) -> depths (P,).
         noise_var_m2: Noise variance of a planned measurement.
     """
 
@@ -81,7 +82,7 @@ class Posterior:
         self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never reused: see `rows`
         self._appended = 0
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
-        self._place_white: Array | None = None  # L^-1 E, computed on first use
+        self._position_white: Array | None = None  # L^-1 E, computed on first use
 
     # ---------------------------------------------------------------- measurements
 
@@ -96,7 +97,7 @@ class Posterior:
 
     @property
     def planned_rows(self) -> int:
-        """Number of planned places: the rows after the centers."""
+        """Number of planned locations: the rows after the centers."""
         return len(self._scaled) - len(self._centers)
 
     @property
@@ -112,26 +113,27 @@ class Posterior:
         """Conditions on more data.
 
         Raises:
-            ValueError: if places are planned.
+            ValueError: if locations are planned.
             IllConditionedError: if the covariance cannot be factorized; nothing is changed.
         """
         if self.planned_rows:
             raise ValueError(
-                f"extend: got a posterior with {self.planned_rows} planned places; expected none. "
+                f"extend: got a posterior with {self.planned_rows} planned locations; expected none. "
                 "Extend the posterior that with_planned() was called on."
             )
-        self._append(self.kernel.scale(centers.places_m), self.relative(centers).noise_std_m ** 2)
+        self._append(self.kernel.scale(centers.locations_m), self.relative(centers).noise_std_m ** 2)
         self._set_data(self._centers.joined(centers), self.data_rows)
 
-    def with_planned(self, places_m: Array) -> Posterior:
-        """A copy that is also conditioned on future measurements at `places_m` (O, 2), which may contain a place twice.
+    def with_planned(self, locations_m: Array) -> Posterior:
+        """A copy that is also conditioned on future measurements at `locations_m` (O, 2), which may contain a location
+        twice.
 
         Raises:
             IllConditionedError: if the covariance cannot be factorized.
         """
         other = copy.copy(self)
-        other._factor = self._factor.copy(room=len(places_m))
-        scaled = self.kernel.scale(np.asarray(places_m, dtype=float).reshape(-1, 2))
+        other._factor = self._factor.copy(room=len(locations_m))
+        scaled = self.kernel.scale(np.asarray(locations_m, dtype=float).reshape(-1, 2))
         other._append(scaled, np.full(len(scaled), self.noise_var_m2))
         return other
 
@@ -141,38 +143,38 @@ class Posterior:
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
             self._centers = self._centers.slice(0, size)
-            self._place_white = None
+            self._position_white = None
             self._whitened = self._whitened[:size]
 
     def follow(self, centers: Centers) -> int:
-        """Replaces the data by `centers` and drops planned places.
+        """Replaces the data by `centers` and drops planned locations.
 
         Only rows from the first changed center on are recomputed; if only depths change, the factor is kept.
 
         Returns:
-            Number of leading centers whose place and noise are unchanged.
+            Number of leading centers whose location and noise are unchanged.
 
         Raises:
             IllConditionedError: if they cannot be factorized; the posterior then has only the unchanged centers.
         """
         old = self._centers
         common = min(len(old), len(centers))
-        same_row = (old.places_m[:common] == centers.places_m[:common]).all(axis=1) & (
+        same_row = (old.locations_m[:common] == centers.locations_m[:common]).all(axis=1) & (
             old.noise_std_m[:common] == centers.noise_std_m[:common]
         )
         keep = _leading(same_row)
         same_depths = _leading(old.depths_m[:keep] == centers.depths_m[:keep])
         self.truncate(keep)
-        effect = centers.place_effect_m
+        effect = centers.position_effect_m
         taken = Centers(
-            np.array(centers.places_m, dtype=float),
+            np.array(centers.locations_m, dtype=float),
             np.array(centers.depths_m, dtype=float),
             np.array(centers.noise_std_m, dtype=float),
             None if effect is None else np.array(effect, dtype=float),
         )
         try:
             new = self.relative(taken.slice(keep, len(taken)))
-            self._append(self.kernel.scale(new.places_m), new.noise_std_m**2)
+            self._append(self.kernel.scale(new.locations_m), new.noise_std_m**2)
         except IllConditionedError:
             self._set_data(taken.slice(0, keep), same_depths)
             raise
@@ -187,14 +189,14 @@ class Posterior:
         return other
 
     def copy(self) -> Posterior:
-        """An independent copy without planned places."""
+        """An independent copy without planned locations."""
         other = copy.copy(self)
         other._factor = self._factor.copy()
         other.truncate(other.data_rows)
         return other
 
     def _append(self, scaled: Array, noise_m2: Array) -> None:
-        """Appends measurements at scaled places (m, 2) to the factor: RW2006 algorithm 2.1, line 2, for new rows."""
+        """Appends measurements at scaled locations (m, 2) to the factor: RW2006 algorithm 2.1, line 2, for new rows."""
         if not len(scaled):
             return
         own = self.kernel.of_scaled(scaled, scaled)
@@ -207,64 +209,64 @@ class Posterior:
     def _set_data(self, centers: Centers, same: int) -> None:
         """Sets the depths of `centers`, whose rows are in the factor; the first `same` depths are unchanged."""
         self._centers = centers
-        self._place_white = None
+        self._position_white = None
         if same == len(centers) == len(self._whitened):
             return
         changed = self.relative(centers.slice(same, len(centers)))
         residuals = changed.depths_m
         if len(residuals):
-            residuals = residuals - self.prior_mean(changed.places_m)
+            residuals = residuals - self.prior_mean(changed.locations_m)
         self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
 
     # ---------------------------------------------------------------- the posterior at points
 
-    def at(self, places_m: Array) -> PointPosteriors:
-        """The posterior at places (P, 2)."""
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        scaled = self.kernel.scale(places)
-        # RW2006 algorithm 2.1, line 5: v = L \ k_*, here a row for each place
+    def at(self, locations_m: Array) -> PointPosteriors:
+        """The posterior at locations (P, 2)."""
+        locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
+        scaled = self.kernel.scale(locations)
+        # RW2006 algorithm 2.1, line 5: v = L \ k_*, here a row for each location
         white = self._factor.solve_rows_in_place(self.kernel.of_scaled(scaled, self._scaled))
         n = self.data_rows
         data, planned = white[:, :n], white[:, n:]
-        data_var = np.maximum(self.kernel.variance(places) - np.einsum("pn,pn->p", data, data), 0.0)  # line 6
+        data_var = np.maximum(self.kernel.variance(locations) - np.einsum("pn,pn->p", data, data), 0.0)  # line 6
         planned_var = data_var
         if self.planned_rows:
             planned_var = np.maximum(data_var - np.einsum("pn,pn->p", planned, planned), 0.0)
-        if self.places_uncertain:
-            floor = np.einsum("pr,pr->p", *[data @ self.white_place_effect] * 2)
+        if self.positions_uncertain:
+            floor = np.einsum("pr,pr->p", *[data @ self.white_position_effect] * 2)
             data_var, planned_var = data_var + floor, planned_var + floor
-        mean = np.asarray(self.prior_mean(places), dtype=float)
+        mean = np.asarray(self.prior_mean(locations), dtype=float)
         if n:
             mean = mean + data @ self._whitened  # line 4
         return PointPosteriors(scaled, white, mean, data_var, planned_var)
 
-    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
-        """Mean given the data, and variance given data and planned places, (P,) each, at places (P, 2).
+    def moments(self, locations_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean given the data, and variance given data and planned locations, (P,) each, at locations (P, 2).
 
         Unlike `at`, it needs no memory for the whitened covariance, so P may be large.
         """
-        places = checked_places(places_m)
-        mean = np.array(self.prior_mean(places), dtype=float)
-        variance = np.array(self.kernel.variance(places))
-        scaled = self.kernel.scale(places)
+        locations = checked_locations(locations_m)
+        mean = np.array(self.prior_mean(locations), dtype=float)
+        variance = np.array(self.kernel.variance(locations))
+        scaled = self.kernel.scale(locations)
         self.condition_moments(scaled, mean, variance)
-        return mean, np.maximum(variance, 0.0) + self.place_variance(scaled)
+        return mean, np.maximum(variance, 0.0) + self.position_variance(scaled)
 
     @property
-    def places_uncertain(self) -> bool:
+    def positions_uncertain(self) -> bool:
         """Whether the positions of the centers are uncertain."""
-        return self._centers.place_effect_m is not None and bool(len(self._centers))
+        return self._centers.position_effect_m is not None and bool(len(self._centers))
 
     @property
-    def white_place_effect(self) -> Array:
-        """L^-1 E (n, r) of the centers' place effects; (n, 0) if positions are assumed exact."""
-        if self._place_white is None:
-            n, effect = self.data_rows, self.relative(self._centers).place_effect_m
+    def white_position_effect(self) -> Array:
+        """L^-1 E (n, r) of the centers' position effects; (n, 0) if positions are assumed exact."""
+        if self._position_white is None:
+            n, effect = self.data_rows, self.relative(self._centers).position_effect_m
             if effect is None:
                 effect = np.zeros((n, 0))
             lower = self._factor.lower[:n, :n]
-            self._place_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
-        return self._place_white
+            self._position_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
+        return self._position_white
 
     @property
     def residual_ratio(self) -> float:
@@ -277,15 +279,15 @@ class Posterior:
             return 1.0
         b = self.whitened_residuals[:n]
         squares = float(b @ b)
-        if self.places_uncertain:
-            white = self.white_place_effect
+        if self.positions_uncertain:
+            white = self.white_position_effect
             along = white.T @ b
             squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
         return squares / n
 
     @property
     def variance_scale(self) -> float:
-        """Factor c^2 on the prior's variance over the whole map; `Roughness` estimates it from place to place.
+        """Factor c^2 on the prior's variance over the whole map; `Roughness` estimates it from location to location.
 
         c^2 has an inverse gamma prior about 1 with the weight of w soundings (`gp.std_soundings`). Its mean given the
         data is (w + |b|^2) / (w + n) up to terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6),
@@ -294,36 +296,38 @@ class Posterior:
         worth, n = self._std_soundings, self.data_rows
         return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
 
-    def place_variance(self, scaled: Array) -> Array:
-        """Variance (P,) that uncertain positions of the centers add at scaled places (P, 2)."""
-        if not self.places_uncertain:
+    def position_variance(self, scaled: Array) -> Array:
+        """Variance (P,) that uncertain positions of the centers add at scaled locations (P, 2)."""
+        if not self.positions_uncertain:
             return np.zeros(len(scaled))
-        weights = self._factor.solve_transposed(self.white_place_effect, self.data_rows)
+        weights = self._factor.solve_transposed(self.white_position_effect, self.data_rows)
         off = np.zeros((weights.shape[1], len(scaled)))
         self.kernel.subtract_weighted(self._scaled[: self.data_rows], weights, scaled, off)
         return np.asarray(np.einsum("rp,rp->p", off, off))
 
-    def slopes(self, places_m: ArrayLike) -> Array:
-        """Slope (P, 2) of the mean depth at places (P, 2), metres per metre north and east."""
-        places = checked_places(places_m)
+    def slopes(self, locations_m: ArrayLike) -> Array:
+        """Slope (P, 2) of the mean depth at locations (P, 2), metres per metre north and east."""
+        locations = checked_locations(locations_m)
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
-        slopes = depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
-        if self.banks is None or not len(places):
+        slopes = depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, locations)
+        if self.banks is None or not len(locations):
             return slopes
-        return self.banks.slopes(places, self.mean_m(places), slopes)
+        return self.banks.slopes(locations, self.mean_m(locations), slopes)
 
-    def slopes_above_prior(self, places_m: Array) -> Array:
-        """Slope (P, 2) at places (P, 2) of the mean less the prior mean, of the relative depth near a known shore."""
+    def slopes_above_prior(self, locations_m: Array) -> Array:
+        """Slope (P, 2) at locations (P, 2) of the mean less the prior mean, of the relative depth near a known
+        shore."""
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
-        return slopes_above_prior(self.kernel, self._scaled[:n], weights, places_m)
+        return slopes_above_prior(self.kernel, self._scaled[:n], weights, locations_m)
 
-    def depth_and_slope(self, places_m: ArrayLike) -> DepthAndSlope:
-        """Joint distribution of depth and slope at places (P, 2) given the data; places of centers count as known."""
-        places = checked_places(places_m)
+    def depth_and_slope(self, locations_m: ArrayLike) -> DepthAndSlope:
+        """Joint distribution of depth and slope at locations (P, 2) given the data; positions of centers count as
+        known."""
+        locations = checked_locations(locations_m)
         kernel, n = self.kernel, self.data_rows
-        scaled, data = kernel.scale(places), self._scaled[:n]
+        scaled, data = kernel.scale(locations), self._scaled[:n]
         covariances = kernel.of_scaled(scaled, data)
         slopes = kernel.slopes_of_scaled(scaled, data)
         white, *white_slopes = (self._factor.solve_rows_in_place(c) for c in (covariances, *slopes))
@@ -332,15 +336,16 @@ class Posterior:
             [[own[i, j] - np.einsum("pn,pn->p", white_slopes[i], white_slopes[j]) for j in (0, 1)] for i in (0, 1)]
         )
         return DepthAndSlope(
-            mean_m=np.asarray(self.prior_mean(places), dtype=float) + white @ self._whitened,
-            variance_m2=np.maximum(kernel.variance(places) - np.einsum("pn,pn->p", white, white), 0.0),
-            slope=prior_slopes(self.prior_mean, places) + np.stack([w @ self._whitened for w in white_slopes], axis=1),
+            mean_m=np.asarray(self.prior_mean(locations), dtype=float) + white @ self._whitened,
+            variance_m2=np.maximum(kernel.variance(locations) - np.einsum("pn,pn->p", white, white), 0.0),
+            slope=prior_slopes(self.prior_mean, locations)
+            + np.stack([w @ self._whitened for w in white_slopes], axis=1),
             covariance_m=-np.stack([np.einsum("pn,pn->p", white, w) for w in white_slopes], axis=1),
             slope_covariance=np.moveaxis(slope_covariance, 2, 0),
         )
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
-        """Replaces the prior mean (P,) and variance (P,) at scaled places (P, 2) by the posterior's, in place."""
+        """Replaces the prior mean (P,) and variance (P,) at scaled locations (P, 2) by the posterior's, in place."""
         n = len(self)
         if not n:
             return
@@ -353,22 +358,22 @@ class Posterior:
             self._factor.solve_in_place(self.kernel.of_scaled(self._scaled, scaled[part], white))
             add_whitened(white, residuals, mean[part], variance[part])
 
-    def mean_m(self, places_m: ArrayLike) -> Array:
-        """Mean depth (P,) at places (P, 2) given the data, without computing variances."""
-        places = checked_places(places_m)
-        mean = np.array(self.prior_mean(places), dtype=float)
+    def mean_m(self, locations_m: ArrayLike) -> Array:
+        """Mean depth (P,) at locations (P, 2) given the data, without computing variances."""
+        locations = checked_locations(locations_m)
+        mean = np.array(self.prior_mean(locations), dtype=float)
         n = self.data_rows
         if not n:
             return mean
         weights = self._factor.solve_transposed(-self._whitened, n)  # line 3: alpha = L^T \ (L \ y)
-        scaled = self.kernel.scale(places)
+        scaled = self.kernel.scale(locations)
         self.kernel.subtract_weighted(self._scaled[:n], weights[:, None], scaled, mean[None])  # line 4
         return mean
 
     # ---------------------------------------------------------------- joint covariance
 
     def covariance(self, a: PointPosteriors, b: PointPosteriors) -> Array:
-        """Covariance (A, B) of the depths given the data and the planned places."""
+        """Covariance (A, B) of the depths given the data and the planned locations."""
         if a is b and a.white.shape[1]:
             lower = self.lower_covariance(a)
             return np.tril(lower) + np.tril(lower, -1).T
@@ -409,12 +414,12 @@ class Posterior:
 
     @property
     def factor(self) -> Factor:
-        """L of data and planned places; read-only."""
+        """L of data and planned locations; read-only."""
         return self._factor
 
     @property
     def scaled(self) -> Array:
-        """Places (n + o, 2) of all measurements in the kernel's axes and lengths; read-only."""
+        """Locations (n + o, 2) of all measurements in the kernel's axes and lengths; read-only."""
         return self._scaled
 
     @property
@@ -424,29 +429,30 @@ class Posterior:
 
     @property
     def whitened_residuals(self) -> Array:
-        """b (n + o,); zero for planned places, whose measurements have the mean as their expectation."""
+        """b (n + o,); zero for planned locations, whose measurements have the mean as their expectation."""
         if not self.planned_rows:
             return self._whitened
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
 
 
-def depth_slopes(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
-    """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
-    return slopes_above_prior(kernel, scaled, weights, places_m) + prior_slopes(mean, places_m)
+def depth_slopes(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, locations_m: Array) -> Array:
+    """Slope (P, 2) at locations (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled locations p_j (n,
+    2)."""
+    return slopes_above_prior(kernel, scaled, weights, locations_m) + prior_slopes(mean, locations_m)
 
 
-def slopes_above_prior(kernel: Kernel, scaled: Array, weights: Array, places_m: Array) -> Array:
-    """Slope (P, 2) at places (P, 2) of sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
-    at, rows = kernel.scale(places_m), max(1, _SLOPES // max(len(scaled), 1))
+def slopes_above_prior(kernel: Kernel, scaled: Array, weights: Array, locations_m: Array) -> Array:
+    """Slope (P, 2) at locations (P, 2) of sum_j weights_j k(p, p_j), for scaled locations p_j (n, 2)."""
+    at, rows = kernel.scale(locations_m), max(1, _SLOPES // max(len(scaled), 1))
     parts = [at[first : first + rows] for first in range(0, len(at), rows)]
     sums = [kernel.gradient_sums(part, np.tile(weights, (len(part), 1)), scaled) for part in parts]
     return np.concatenate([np.zeros((0, 2)), *sums])
 
 
-def prior_slopes(mean: PriorMean, places_m: Array) -> Array:
-    """Slope (P, 2) of the prior mean at places (P, 2)."""
+def prior_slopes(mean: PriorMean, locations_m: Array) -> Array:
+    """Slope (P, 2) of the prior mean at locations (P, 2)."""
     steps = _SLOPE_M * np.eye(2)
-    return np.stack([(mean(places_m + s) - mean(places_m - s)) / (2.0 * _SLOPE_M) for s in steps], axis=1)
+    return np.stack([(mean(locations_m + s) - mean(locations_m - s)) / (2.0 * _SLOPE_M) for s in steps], axis=1)
 
 
 def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -> None:
@@ -458,16 +464,16 @@ def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -
     variance -= np.einsum("np,np->p", white, white)
 
 
-def checked_places(places_m: ArrayLike) -> Array:
-    """Places as an array (P, 2).
+def checked_locations(locations_m: ArrayLike) -> Array:
+    """Locations as an array (P, 2).
 
     Raises:
         ValueError: for another shape.
     """
-    places = np.asarray(places_m, dtype=float)
-    if places.ndim != 2 or places.shape[1] != 2:
-        raise ValueError(f"places_m: got shape {places.shape}; expected (P, 2): north, east (m)")
-    return places
+    locations = np.asarray(locations_m, dtype=float)
+    if locations.ndim != 2 or locations.shape[1] != 2:
+        raise ValueError(f"locations_m: got shape {locations.shape}; expected (P, 2): north, east (m)")
+    return locations
 
 
 def _leading(same: NDArray[np.bool_]) -> int:

@@ -1,6 +1,6 @@
-"""How rough the ground is near a place: the factor c^2 on the prior's variance that the soundings there show.
+"""How rough the ground is near a location: the factor c^2 on the prior's variance that the soundings there show.
 
-Steep ground is rougher than flat ground. The *steepness* t of a place is the mean of 1 and of its expected squared
+Steep ground is rougher than flat ground. The *steepness* t of a location is the mean of 1 and of its expected squared
 slope relative to the prior's, S. With the slope s of the mean above the prior mean, and the share u of the prior's
 variance that is left,
 
@@ -8,7 +8,7 @@ variance that is left,
 
 Every center is predicted from the centers farther away than `LEFT_OUT` length scales. With the prediction's error e and
 its variance v under the prior, q = e^2 / (t v) is 1 on average if the prior fits. (A prediction from all other centers
-would only show the ground's roughness over one spacing of soundings, not between tracks.) The factor at a place p is
+would only show the ground's roughness over one spacing of soundings, not between tracks.) The factor at a location p is
 
     c^2(p) = t(p) (LOCAL_WORTH g + sum_i k_i q_i) / (LOCAL_WORTH + sum_i k_i),    g = (w + sum_i q_i) / (w + n)
 
@@ -35,7 +35,7 @@ Mask = NDArray[np.bool_]
 
 #: Distance within which centers are left out, and the standard deviation h of the weights, in `gp.length_scale_m`.
 LEFT_OUT, NEARBY = 0.3, 0.5
-#: Number of soundings that the factor of the whole map counts as at each place.
+#: Number of soundings that the factor of the whole map counts as at each location.
 LOCAL_WORTH = 3.0
 #: Weights of centers farther away are below 0.1 %; in h.
 REACH = 4.0
@@ -48,44 +48,44 @@ class Roughness:
     """Squared standardized errors of the centers' predictions.
 
     Attributes:
-        places_m: Places (n, 2) of the centers.
+        locations_m: Locations (n, 2) of the centers.
         squares: q of each center (n,).
         length_m: The length scale of `LEFT_OUT` and `NEARBY`.
     """
 
-    places_m: Array
+    locations_m: Array
     squares: Array
     length_m: float
 
     @classmethod
     def of(cls, posterior: Posterior, length_m: float, own: Mask | None = None) -> Roughness:
         """Predicts each center of a posterior, or those of a mask (n,)."""
-        places = posterior.centers.places_m
+        locations = posterior.centers.locations_m
         if own is not None:
-            places = places[own]
-        steep = steepness(posterior, places, 0.0)  # hardly any variance is left at a center
+            locations = locations[own]
+        steep = steepness(posterior, locations, 0.0)  # hardly any variance is left at a center
         squares = left_out_squares(posterior, LEFT_OUT * length_m, own) / steep
-        return cls(places_m=places, squares=squares, length_m=length_m)
+        return cls(locations_m=locations, squares=squares, length_m=length_m)
 
     @classmethod
     def joined(cls, parts: Sequence[Roughness], length_m: float) -> Roughness:
         """The centers of several parts of a map."""
-        places, squares = [part.places_m for part in parts], [part.squares for part in parts]
+        locations, squares = [part.locations_m for part in parts], [part.squares for part in parts]
         return cls(
-            places_m=np.concatenate([np.zeros((0, 2)), *places]),
+            locations_m=np.concatenate([np.zeros((0, 2)), *locations]),
             squares=np.concatenate([np.zeros(0), *squares]),
             length_m=length_m,
         )
 
-    def near(self, places_m: Array) -> Roughness:
-        """The centers whose weights are not negligible at some of the places (P, 2)."""
+    def near(self, locations_m: Array) -> Roughness:
+        """The centers whose weights are not negligible at some of the locations (P, 2)."""
         reach_m = REACH * NEARBY * self.length_m
-        low, high = places_m.min(axis=0) - reach_m, places_m.max(axis=0) + reach_m
-        near = ((self.places_m >= low) & (self.places_m <= high)).all(axis=1)
-        return Roughness(places_m=self.places_m[near], squares=self.squares[near], length_m=self.length_m)
+        low, high = locations_m.min(axis=0) - reach_m, locations_m.max(axis=0) + reach_m
+        near = ((self.locations_m >= low) & (self.locations_m <= high)).all(axis=1)
+        return Roughness(locations_m=self.locations_m[near], squares=self.squares[near], length_m=self.length_m)
 
     def sums(self, at_m: Array) -> Array:
-        """Sums of k_i q_i and of k_i at places (P, 2), shape (P, 2)."""
+        """Sums of k_i q_i and of k_i at locations (P, 2), shape (P, 2)."""
         found = np.zeros((len(at_m), 2))
         if not len(self.squares):
             return found
@@ -93,13 +93,13 @@ class Roughness:
         rows = max(1, _WEIGHTS // len(self.squares))
         for first in range(0, len(at_m), rows):
             part = at_m[first : first + rows]
-            apart = (part[:, None, 0] - self.places_m[:, 0]) ** 2 + (part[:, None, 1] - self.places_m[:, 1]) ** 2
+            apart = (part[:, None, 0] - self.locations_m[:, 0]) ** 2 + (part[:, None, 1] - self.locations_m[:, 1]) ** 2
             found[first : first + rows] = np.exp(apart / (-2.0 * h * h)) @ values
         return found
 
 
 def variance_scales(posterior: Posterior, config: GpConfig, at_m: Array, variance_m2: Array) -> Array:
-    """Factor c^2 (P,) on the variances (P,) of a posterior at places (P, 2)."""
+    """Factor c^2 (P,) on the variances (P,) of a posterior at locations (P, 2)."""
     found, steep = Roughness.of(posterior, config.length_scale_m), steepness(posterior, at_m, variance_m2)
     return scale_of(found.sums(at_m), steep, float(found.squares.sum()), len(found.squares), config.std_soundings)
 
@@ -110,17 +110,19 @@ def degrees_of_freedom(posterior: Posterior, config: GpConfig) -> float:
     Errors of two centers depend on each other if the centers left out overlap, within twice `LEFT_OUT`: they count as
     one. The prior's worth counts in the same proportion. Infinite without rescaling.
     """
-    places, worth = posterior.centers.places_m, config.std_soundings
+    locations, worth = posterior.centers.locations_m, config.std_soundings
     if worth <= 0.0:
         return math.inf
-    if not len(places):
+    if not len(locations):
         return worth
-    overlapping = cKDTree(places).query_ball_point(places, 2.0 * LEFT_OUT * config.length_scale_m, return_length=True)
-    return (worth + len(places)) * float(np.mean(1.0 / overlapping))
+    overlapping = cKDTree(locations).query_ball_point(
+        locations, 2.0 * LEFT_OUT * config.length_scale_m, return_length=True
+    )
+    return (worth + len(locations)) * float(np.mean(1.0 / overlapping))
 
 
 def steepness(posterior: Posterior, at_m: Array, variance_m2: Array | float) -> Array:
-    """Steepness t (P,) at places (P, 2) where the depth has a variance (P,) with the prior's scale."""
+    """Steepness t (P,) at locations (P, 2) where the depth has a variance (P,) with the prior's scale."""
     slopes, kernel = posterior.slopes_above_prior(at_m), posterior.kernel
     left = variance_m2 / kernel.signal_variance_m2
     return np.asarray(0.5 * (1.0 + (slopes**2).sum(axis=1) / np.trace(kernel.slope_covariance) + left))
@@ -150,12 +152,12 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
     predicted = np.arange(n) if own is None else np.flatnonzero(own)
     if not len(predicted):
         return np.zeros(0)
-    places, factor, residuals = posterior.centers.places_m, posterior.factor, posterior.whitened_residuals[:n]
-    near = cKDTree(places).query_ball_point(places[predicted], radius_m)
+    locations, factor, residuals = posterior.centers.locations_m, posterior.factor, posterior.whitened_residuals[:n]
+    near = cKDTree(locations).query_ball_point(locations[predicted], radius_m)
     used = np.unique(np.concatenate([np.asarray(found, dtype=np.int64) for found in near]))
     precision = _precision(posterior, used)
-    if posterior.places_uncertain:
-        white = posterior.white_place_effect
+    if posterior.positions_uncertain:
+        white = posterior.white_position_effect
         within, back = np.eye(white.shape[1]) + white.T @ white, factor.solve_transposed(white, n)
         residuals = residuals - white @ np.linalg.solve(within, white.T @ residuals)
         precision -= back[used] @ np.linalg.solve(within, back[used].T)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
-from auv_lse_gp.inference.posterior import Posterior, checked_places
+from auv_lse_gp.inference.posterior import Posterior, checked_locations
 from auv_lse_gp.inference.roughness import Roughness, scale_of, steepness
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ Corner = tuple[int, int]
 MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25, "wendland_c4": 1.25}
 #: Shift of centers (kernel lengths) relative to their neighbors' mean that leaves the slopes at centers as they are.
 SLOPES_MOVED = 0.05
-#: Places (kernel lengths) that differ by less are the same.
+#: Locations (kernel lengths) that differ by less are the same.
 _ROUNDING = 1e-9
 #: Share of the margin for slopes at centers and for gates, which need no more accuracy.
 ROUGH_SHARE = 0.5
@@ -37,9 +37,9 @@ KEPT_TILES = 40
 SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
 #: Centers within this share of the margin count as close to a tile.
 CLOSE_SHARE = 0.25
-#: Tiles on each side of the squares in which many planned places are taken together.
+#: Tiles on each side of the squares in which many planned locations are taken together.
 PLANNED_TILES = 2
-#: A tile is recomputed if the place effect of a center near it has changed by this share of the largest.
+#: A tile is recomputed if the location effect of a center near it has changed by this share of the largest.
 EFFECT_SHARE = 0.02
 
 
@@ -51,7 +51,7 @@ class _Data:
         centers: Hash of the centers.
         count: Number of them.
         close: Number of those within `CLOSE_SHARE` of the margin.
-        effect_m: Size of their place effects (n,); None if positions are assumed exact.
+        effect_m: Size of their location effects (n,); None if positions are assumed exact.
     """
 
     centers: int
@@ -72,7 +72,7 @@ class _Data:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """The centers in a tile, and those near it: numbers; places before any shift, depths and noise; shifts."""
+    """The centers in a tile, and those near it: numbers; locations before any shift, depths and noise; shifts."""
 
     members: Numbers
     numbers: Numbers
@@ -94,11 +94,11 @@ class _Near:
         return not moved.any() or bool(np.abs(moved - moved.mean(axis=0)).max() <= SLOPES_MOVED)
 
 
-class _Places:
-    """Places in the kernel's axes and lengths (n, 2), sorted by the first axis for fast search.
+class _Locations:
+    """Locations in the kernel's axes and lengths (n, 2), sorted by the first axis for fast search.
 
     Attributes:
-        scaled: The places in their order.
+        scaled: The locations in their order.
     """
 
     def __init__(self, scaled: Array) -> None:
@@ -106,18 +106,18 @@ class _Places:
         self._sorted: tuple[Numbers, Array] | None = None
 
     def near(self, low: Array, high: Array, reach: float) -> Numbers:
-        """Numbers of the places within `reach` of the rectangle between two corners (2,), ascending."""
+        """Numbers of the locations within `reach` of the rectangle between two corners (2,), ascending."""
         if self._sorted is None:
             order = np.argsort(self.scaled[:, 0], kind="stable")
             self._sorted = order, self.scaled[order]
-        order, places = self._sorted
-        strip = slice(*np.searchsorted(places[:, 0], (low[0] - 1.01 * reach, high[0] + 1.01 * reach)))
-        gap = np.maximum(np.maximum(low - places[strip], places[strip] - high), 0.0)
+        order, locations = self._sorted
+        strip = slice(*np.searchsorted(locations[:, 0], (low[0] - 1.01 * reach, high[0] + 1.01 * reach)))
+        gap = np.maximum(np.maximum(low - locations[strip], locations[strip] - high), 0.0)
         return np.sort(order[strip][np.einsum("nd,nd->n", gap, gap) <= reach**2])
 
 
 class TiledPosterior:
-    """The posterior of the depth given many centers, each place given those near its tile."""
+    """The posterior of the depth given many centers, each location given those near its tile."""
 
     def __init__(self, prior: Posterior) -> None:
         """Starts with no data.
@@ -129,7 +129,7 @@ class TiledPosterior:
         self._margin = MARGIN[prior.kernel.name]
         self._side = 0.5 * self._margin
         self._centers = NO_CENTERS
-        self._places = _Places(np.zeros((0, 2)))
+        self._locations = _Locations(np.zeros((0, 2)))
         self._effect_std_m: Array | None = None
         self._kept: dict[Corner, Posterior] = {}  # the one used last comes last
         self._slopes: dict[Corner, tuple[_Near, Array]] = {}
@@ -143,8 +143,8 @@ class TiledPosterior:
 
     def follow(self, centers: Centers) -> None:
         """Replaces the data; fast if the old centers come first."""
-        self._centers, effect = centers, centers.place_effect_m
-        self._places = _Places(self._prior.kernel.scale(centers.places_m))
+        self._centers, effect = centers, centers.position_effect_m
+        self._locations = _Locations(self._prior.kernel.scale(centers.locations_m))
         self._effect_std_m = None if effect is None else np.sqrt(np.einsum("nr,nr->n", effect, effect))
 
     def forget(self) -> None:
@@ -160,13 +160,13 @@ class TiledPosterior:
         drift[: len(self._drift)] += self._drift
         self._drift = drift
 
-    def near(self, places_m: Array) -> Iterator[tuple[Numbers, Posterior]]:
-        """For each tile of places (P, 2): the numbers of the places in it, and a rough posterior (`ROUGH_SHARE`).
+    def near(self, locations_m: Array) -> Iterator[tuple[Numbers, Posterior]]:
+        """For each tile of locations (P, 2): the numbers of the locations in it, and a rough posterior (`ROUGH_SHARE`).
 
         Raises:
             IllConditionedError: if the covariance of the centers near a tile cannot be factorized.
         """
-        for tile, members in self.tiles(places_m):
+        for tile, members in self.tiles(locations_m):
             yield members, self._rough(tile)
 
     def _rough(self, tile: Corner) -> Posterior:
@@ -190,10 +190,12 @@ class TiledPosterior:
         posterior.follow(self._centers.take(self._numbers_near(tile, tile, share)))
         return posterior
 
-    def _numbers_near(self, first: Corner, last: Corner, share: float = 1.0, places: _Places | None = None) -> Numbers:
-        """Numbers of the centers that count in a rectangle of tiles, or those of other places."""
+    def _numbers_near(
+        self, first: Corner, last: Corner, share: float = 1.0, locations: _Locations | None = None
+    ) -> Numbers:
+        """Numbers of the centers that count in a rectangle of tiles, or those of other locations."""
         low, high = self._side * np.array(first), self._side * (np.array(last) + 1.0)
-        return (self._places if places is None else places).near(low, high, share * self._margin)
+        return (self._locations if locations is None else locations).near(low, high, share * self._margin)
 
     def data_of(self, tile: Corner) -> _Data:
         """The data that a tile's results depend on."""
@@ -202,16 +204,17 @@ class TiledPosterior:
         return _Data(self._hash(near), len(near), len(close), effect)
 
     def _hash(self, numbers: Numbers) -> int:
-        """Hash of the places, depths and noise of some centers."""
+        """Hash of the locations, depths and noise of some centers."""
         c = self._centers
-        return hash((c.places_m[numbers].tobytes(), c.depths_m[numbers].tobytes(), c.noise_std_m[numbers].tobytes()))
+        return hash((c.locations_m[numbers].tobytes(), c.depths_m[numbers].tobytes(), c.noise_std_m[numbers].tobytes()))
 
-    def tiles(self, places_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
-        """The tiles of places (P, 2), and the numbers of the places in each; `together`: in squares of n x n tiles."""
-        yield from self._tiles_of(self._prior.kernel.scale(places_m), together)
+    def tiles(self, locations_m: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
+        """The tiles of locations (P, 2), and the numbers of the locations in each; `together`: in squares of n x n
+        tiles."""
+        yield from self._tiles_of(self._prior.kernel.scale(locations_m), together)
 
     def _tiles_of(self, scaled: Array, together: int = 1) -> Iterator[tuple[Corner, Numbers]]:
-        """As `tiles`, of places (P, 2) in the kernel's axes and lengths."""
+        """As `tiles`, of locations (P, 2) in the kernel's axes and lengths."""
         if not len(scaled):
             return
         corners = np.floor(scaled / (together * self._side)).astype(np.int64)
@@ -223,25 +226,25 @@ class TiledPosterior:
             north, east = corners[order[begin]].tolist()
             yield (north, east), order[begin:end]
 
-    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
-        """Mean and variance, (P,) each, at places (P, 2)."""
-        places = checked_places(places_m)
-        mean, variance = np.empty(len(places)), np.empty(len(places))
-        for tile, members in self.tiles(places):
-            mean[members], variance[members] = self.of_tile(tile).moments(places[members])
+    def moments(self, locations_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean and variance, (P,) each, at locations (P, 2)."""
+        locations = checked_locations(locations_m)
+        mean, variance = np.empty(len(locations)), np.empty(len(locations))
+        for tile, members in self.tiles(locations):
+            mean[members], variance[members] = self.of_tile(tile).moments(locations[members])
         return mean, variance
 
-    def planned_moments(self, places_m: ArrayLike, planned_m: Array) -> tuple[Array, Array, Array]:
-        """Mean, variance, and variance once `planned_m` (O, 2) are measured too, (P,) each, at places (P, 2)."""
-        places, planned = checked_places(places_m), _Places(self._prior.kernel.scale(planned_m))
-        mean, variance, planned_variance = np.empty((3, len(places)))
-        for (north, east), members in self.tiles(places, PLANNED_TILES):
+    def planned_moments(self, locations_m: ArrayLike, planned_m: Array) -> tuple[Array, Array, Array]:
+        """Mean, variance, and variance once `planned_m` (O, 2) are measured too, (P,) each, at locations (P, 2)."""
+        locations, planned = checked_locations(locations_m), _Locations(self._prior.kernel.scale(planned_m))
+        mean, variance, planned_variance = np.empty((3, len(locations)))
+        for (north, east), members in self.tiles(locations, PLANNED_TILES):
             first = north * PLANNED_TILES, east * PLANNED_TILES
             last = first[0] + PLANNED_TILES - 1, first[1] + PLANNED_TILES - 1
             local = self._prior.blank()
             local.follow(self._centers.take(self._numbers_near(first, last)))
-            local = local.with_planned(planned_m[self._numbers_near(first, last, places=planned)])
-            found = local.at(places[members])
+            local = local.with_planned(planned_m[self._numbers_near(first, last, locations=planned)])
+            found = local.at(locations[members])
             mean[members], variance[members] = found.mean_m, found.data_var_m2
             planned_variance[members] = found.planned_var_m2
         return mean, variance, planned_variance
@@ -254,19 +257,19 @@ class TiledPosterior:
         """
         c, drift = self._centers, np.zeros((len(self._centers), 2))
         drift[: len(self._drift)] = self._drift
-        home = self._places.scaled - drift
+        home = self._locations.scaled - drift
         rows = np.column_stack([home, drift, c.depths_m, c.noise_std_m, np.zeros_like(home)])
-        in_tile, places = dict(self._tiles_of(home)), _Places(home)
+        in_tile, locations = dict(self._tiles_of(home)), _Locations(home)
         for tile in self._tiles_to_check(rows):
             members = in_tile.get(tile)
             if members is None:
                 self._slopes.pop(tile, None)
                 continue
-            near = self._numbers_near(tile, tile, ROUGH_SHARE, places)
+            near = self._numbers_near(tile, tile, ROUGH_SHARE, locations)
             data = _Near(members, near, rows[near[:, None], (0, 1, 4, 5)], drift[near])
             known = self._slopes.get(tile)
             if known is None or not data.same_slopes(known[0]):
-                known = self._slopes[tile] = data, self._rough(tile).slopes(c.places_m[members])
+                known = self._slopes[tile] = data, self._rough(tile).slopes(c.locations_m[members])
             rows[members, 6:] = known[1]
         self._sloped = rows
         return rows[:, 6:].copy()
@@ -291,22 +294,22 @@ class TiledPosterior:
 
 @dataclass(slots=True)
 class _Tile:
-    """Results of a tile: mean, variance and place variance at its places.
+    """Results of a tile: mean, variance and location variance at its locations.
 
     Attributes:
         turn: Number of the update that computed them.
-        steep: Steepness at its places (`roughness.py`).
+        steep: Steepness at its locations (`roughness.py`).
         roughness: That of its own centers.
-        sums: `Roughness.sums` at its places.
+        sums: `Roughness.sums` at its locations.
         summed: Hash of the squares that are in them.
     """
 
-    places: Numbers
+    locations: Numbers
     data: _Data | None = None
     turn: int = 0
     mean_m: Array | None = None
     variance_m2: Array | None = None
-    place_variance_m2: Array | None = None
+    position_variance_m2: Array | None = None
     steep: Array | None = None
     roughness: Roughness | None = None
     sums: Array | None = None
@@ -325,7 +328,7 @@ class _Stale:
     def work(self) -> float:
         """About the number of multiplications that computing it takes."""
         n = self.data.count
-        return n * n * (len(self.tile.places) + n / 3.0)
+        return n * n * (len(self.tile.locations) + n / 3.0)
 
     @property
     def gained(self) -> int:
@@ -334,19 +337,19 @@ class _Stale:
 
 
 class TiledMoments:
-    """Mean and variance at fixed places; as `CachedMoments`, of a tiled posterior.
+    """Mean and variance at fixed locations; as `CachedMoments`, of a tiled posterior.
 
     Only tiles whose data have changed are recomputed.
     """
 
-    def __init__(self, posterior: TiledPosterior, places_m: Array, length_m: float) -> None:
+    def __init__(self, posterior: TiledPosterior, locations_m: Array, length_m: float) -> None:
         """Starts without data.
 
         Args:
             length_m: Length scale of `Roughness`.
         """
-        self._posterior, self._places_m, self._length_m = posterior, checked_places(places_m), length_m
-        self._tiles = {tile: _Tile(members) for tile, members in posterior.tiles(self._places_m)}
+        self._posterior, self._locations_m, self._length_m = posterior, checked_locations(locations_m), length_m
+        self._tiles = {tile: _Tile(members) for tile, members in posterior.tiles(self._locations_m)}
         self._turn = 0
 
     def update(self, most_work: float = math.inf) -> tuple[Array, Array, Array]:
@@ -357,32 +360,32 @@ class TiledMoments:
                 results. Half of it goes to the tiles that most centers have come close to, half to those computed
                 longest ago. Tiles without results are always computed.
         """
-        homes = dict(self._posterior.tiles(self._posterior.centers.places_m))
+        homes = dict(self._posterior.tiles(self._posterior.centers.locations_m))
         for corner in homes.keys() - self._tiles.keys():
             self._tiles[corner] = _Tile(np.zeros(0, dtype=np.int64))
         self._turn += 1
         for each in self._chosen(most_work):
             self._compute(each)
-        mean, variance, place_variance = np.empty((3, len(self._places_m)))
+        mean, variance, position_variance = np.empty((3, len(self._locations_m)))
         for tile in self._tiles.values():
-            mean[tile.places], variance[tile.places] = tile.mean_m, tile.variance_m2
-            place_variance[tile.places] = tile.place_variance_m2
-        return mean, variance, place_variance
+            mean[tile.locations], variance[tile.locations] = tile.mean_m, tile.variance_m2
+            position_variance[tile.locations] = tile.position_variance_m2
+        return mean, variance, position_variance
 
     def scales(self, worth: float) -> Array:
         """Factor on the prior's variance (P,) of the last update, as `variance_scales`."""
         parts = [tile.roughness for tile in self._tiles.values() if tile.roughness is not None]
-        everywhere, sums = Roughness.joined(parts, self._length_m), np.zeros((len(self._places_m), 2))
-        steep = np.empty(len(self._places_m))
+        everywhere, sums = Roughness.joined(parts, self._length_m), np.zeros((len(self._locations_m), 2))
+        steep = np.empty(len(self._locations_m))
         for tile in self._tiles.values():
-            if len(tile.places):
-                steep[tile.places] = tile.steep
-                own = self._places_m[tile.places]
+            if len(tile.locations):
+                steep[tile.locations] = tile.steep
+                own = self._locations_m[tile.locations]
                 near = everywhere.near(own)
-                summed = hash((near.places_m.tobytes(), near.squares.tobytes()))
+                summed = hash((near.locations_m.tobytes(), near.squares.tobytes()))
                 if tile.sums is None or tile.summed != summed:
                     tile.sums, tile.summed = near.sums(own), summed
-                sums[tile.places] = tile.sums
+                sums[tile.locations] = tile.sums
         return scale_of(sums, steep, float(everywhere.squares.sum()), len(everywhere.squares), worth)
 
     def _chosen(self, most_work: float) -> list[_Stale]:
@@ -409,15 +412,15 @@ class TiledMoments:
 
     def _compute(self, stale: _Stale) -> None:
         tile, local = stale.tile, self._posterior.of_tile(stale.corner)
-        own = self._places_m[tile.places]
-        tile.place_variance_m2 = local.place_variance(local.kernel.scale(own))
-        if tile.data is None or tile.data.centers != stale.data.centers:  # else only place effects have changed
+        own = self._locations_m[tile.locations]
+        tile.position_variance_m2 = local.position_variance(local.kernel.scale(own))
+        if tile.data is None or tile.data.centers != stale.data.centers:  # else only location effects have changed
             tile.mean_m, variance = local.moments(own)
-            tile.variance_m2 = np.maximum(variance - tile.place_variance_m2, 0.0)
+            tile.variance_m2 = np.maximum(variance - tile.position_variance_m2, 0.0)
             tile.steep = steepness(local, own, tile.variance_m2)
-        places = local.centers.places_m
-        home = np.zeros(len(places), dtype=bool)
-        for corner, members in self._posterior.tiles(places):
+        locations = local.centers.locations_m
+        home = np.zeros(len(locations), dtype=bool)
+        for corner, members in self._posterior.tiles(locations):
             home[members] = corner == stale.corner
         tile.roughness = Roughness.of(local, self._length_m, home)
         tile.data, tile.turn = stale.data, self._turn

@@ -1,6 +1,6 @@
 """Bayes risk of a level set, before and after planned measurements (paper, section "Search objective").
 
-The depth at a place has a normal distribution. Calling it safe (at least `level_m` deep) when it is not costs c1
+The depth at a location has a normal distribution. Calling it safe (at least `level_m` deep) when it is not costs c1
 (`cost_false_safe`); calling it unsafe when it is safe costs c2 (`cost_false_unsafe`).
 
 The paper approximates the expected risk after planned measurements. The default here is exact: a bivariate normal
@@ -111,14 +111,14 @@ def p_safe(mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike) -> Array:
 def bayes_risk(
     mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike, cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike
 ) -> Array:
-    """Bayes risk r = min(c1 P(f < l), c2 P(f >= l)) of the best call at a place.
+    """Bayes risk r = min(c1 P(f < l), c2 P(f >= l)) of the best call at a location.
 
     Args:
         mean_m: Mean of the depth (m).
         std_m: Standard deviation of the depth (m); 0 where it is known.
         level_m: Level l (m).
-        cost_false_safe: Cost c1 > 0 of calling an unsafe place safe.
-        cost_false_unsafe: Cost c2 > 0 of calling a safe place unsafe.
+        cost_false_safe: Cost c1 > 0 of calling an unsafe location safe.
+        cost_false_unsafe: Cost c2 > 0 of calling a safe location unsafe.
 
     Returns:
         The risk, of the broadcast shape.
@@ -153,7 +153,7 @@ def expected_bayes_risk(
     cost_false_unsafe: ArrayLike,
     method: str = "exact",
 ) -> Array:
-    """Expected Bayes risk E of a place after planned measurements; level and costs as in `bayes_risk`.
+    """Expected Bayes risk E of a location after planned measurements; level and costs as in `bayes_risk`.
 
     After the measurements, the mean has the distribution N(mean_m, std_of_mean_m^2), and the depth the standard
     deviation std_after_m.
@@ -177,7 +177,7 @@ def expected_bayes_risk(
     _not_negative(std_of_mean_m=of_mean, std_after_m=after)
     if method == "exact":
         if compiled.USE_NUMBA:
-            if c1.ndim == c2.ndim == 0 and c1 == c2:  # the planner's case, for a hundred places at a time
+            if c1.ndim == c2.ndim == 0 and c1 == c2:  # the planner's case, for a hundred locations at a time
                 quantile = np.zeros(())
             else:
                 quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))

@@ -1,6 +1,6 @@
 """Expected length of an isobath: the crossing intensity of a Gaussian field (Kac-Rice formula).
 
-The expected length of the line f = l per area at a place is the density of f at l times the mean slope there,
+The expected length of the line f = l per area at a location is the density of f at l times the mean slope there,
 
     lambda = p(f = l) E[ |grad f| given f = l ],
 
@@ -25,7 +25,7 @@ DIRECTIONS = 24
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class DepthAndSlope:
-    """Joint normal distribution of depth and slope at each of P places.
+    """Joint normal distribution of depth and slope at each of P locations.
 
     Attributes:
         mean_m: Mean depth (P,).
@@ -43,7 +43,7 @@ class DepthAndSlope:
 
 
 def crossing_intensity(at: DepthAndSlope, level_m: float) -> Array:
-    """Expected length of the isobath per area (m per m2) at each place, shape (P,); 0 where the depth is known."""
+    """Expected length of the isobath per area (m per m2) at each location, shape (P,); 0 where the depth is known."""
     known = at.variance_m2 <= 0.0
     variance = np.where(known, 1.0, at.variance_m2)
     off = level_m - at.mean_m

@@ -1,4 +1,4 @@
-"""Isobaths as lines of places: resampled, and what lies near them."""
+"""Isobaths as lines of locations: resampled, and what lies near them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 #: Spacing (m) of the points along isobaths between which distances are measured.
 POINT_SPACING_M = 2.0
 
-#: A place of the true isobath counts as found if the estimate passes within this distance (m).
+#: A location of the true isobath counts as found if the estimate passes within this distance (m).
 FOUND_WITHIN_M = 10.0
 
 
 def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Array:
-    """Places (n, 2) at equal distances of about `spacing_m` along lines, each for an equal length."""
+    """Locations (n, 2) at equal distances of about `spacing_m` along lines, each for an equal length."""
     points = []
     for line in lines:
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
@@ -29,9 +29,9 @@ def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Arra
 
 
 def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[Array], NDArray[np.bool_]]:
-    """A function that tells whether places (P, 2) are within a distance of lines: mask (P,)."""
+    """A function that tells whether locations (P, 2) are within a distance of lines: mask (P,)."""
     points = resample(lines)
     if len(points) == 0:
-        return lambda places_m: np.zeros(len(places_m), dtype=bool)
+        return lambda locations_m: np.zeros(len(locations_m), dtype=bool)
     tree = cKDTree(points)
-    return lambda places_m: np.asarray(tree.query(places_m, distance_upper_bound=within_m)[0] <= within_m)
+    return lambda locations_m: np.asarray(tree.query(locations_m, distance_upper_bound=within_m)[0] <= within_m)

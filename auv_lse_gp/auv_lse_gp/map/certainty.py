@@ -1,7 +1,7 @@
 """Certainty of an estimated isobath, piece by piece: found, likely, or guessed.
 
 The mean depth of a Gaussian process crosses the level everywhere, also where nothing was measured: there the line comes
-from the prior, not from the lake. The class of a place of the line follows from:
+from the prior, not from the lake. The class of a location of the line follows from:
 
 - *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
   the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
@@ -11,7 +11,7 @@ from the prior, not from the lake. The class of a place of the line follows from
   scale. Without it a steep prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
 
-What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
+What is not found has a reason: `NOT_VISITED`, `POSITIONS_UNCERTAIN`, or `FLAT`.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ MIN_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
 #: A stretch shorter than this (m) takes the higher class of its two neighbors if that is lower than its own.
 MIN_LENGTH_M = 15.0
 
-#: Spacing (m) of the places along a line at which its class is computed.
+#: Spacing (m) of the locations along a line at which its class is computed.
 SPACING_M = 5.0
 
-#: A place counts as visited if a sounding was made within this distance (m).
+#: A location counts as visited if a sounding was made within this distance (m).
 VISITED_M = 20.0
 
 #: Why a piece is not found: no sounding near it; soundings of uncertain position; ground so flat there that a small
 #: error in depth moves the line far.
-NOT_VISITED, PLACES_UNCERTAIN, FLAT = "not visited", "places uncertain", "flat ground"
-REASONS = (NOT_VISITED, PLACES_UNCERTAIN, FLAT)
+NOT_VISITED, POSITIONS_UNCERTAIN, FLAT = "not visited", "positions uncertain", "flat ground"
+REASONS = (NOT_VISITED, POSITIONS_UNCERTAIN, FLAT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,10 +62,10 @@ class Piece:
     """A stretch of the estimated isobath of one class.
 
     Attributes:
-        line: Places (n, 2): north, east (m).
+        line: Locations (n, 2): north, east (m).
         kind: `FOUND`, `LIKELY` or `GUESSED`.
         reason: Why it is not found, one of `REASONS`; "" if it is.
-        std_m: Horizontal standard deviation (m) at each place, shape (n,).
+        std_m: Horizontal standard deviation (m) at each location, shape (n,).
     """
 
     line: Array
@@ -81,24 +81,24 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """Evidence for places of a line; arrays (n,).
+    """Evidence for locations of a line; arrays (n,).
 
     Attributes:
         depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g.
-        place_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
+        position_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
         informed: Share of the variance of open ground that the soundings, and a known shore, have removed.
         nearest_m: Distance (m) to the nearest sounding.
     """
 
     depth_std_m: Array
-    place_std_m: Array
+    position_std_m: Array
     informed: Array
     nearest_m: Array
 
     @property
     def std_m(self) -> Array:
         """Horizontal standard deviation (m) due to both."""
-        return np.hypot(self.depth_std_m, self.place_std_m)
+        return np.hypot(self.depth_std_m, self.position_std_m)
 
 
 def classify(
@@ -120,16 +120,16 @@ def classify(
     known = evidence(np.concatenate(dense), field, signal_std_m, soundings, shore_known=shore_known)
     std_m, ranks_alone = known.std_m, _rank(known.std_m, known.informed)
     pieces, first = [], 0
-    for places in dense:
-        own = slice(first, first + len(places))
-        ranks = _without_short_stretches(ranks_alone[own], places)
+    for locations in dense:
+        own = slice(first, first + len(locations))
+        ranks = _without_short_stretches(ranks_alone[own], locations)
         edges = np.flatnonzero(np.diff(ranks)) + 1
-        for start, stop in zip([0, *edges], [*edges, len(places)], strict=True):
-            stretch = slice(start, min(stop + 1, len(places)))  # to the first place of the next: no gaps
+        for start, stop in zip([0, *edges], [*edges, len(locations)], strict=True):
+            stretch = slice(start, min(stop + 1, len(locations)))  # to the first place of the next: no gaps
             kind = CLASSES[ranks[start]]
             pieces.append(
                 Piece(
-                    line=places[stretch],
+                    line=locations[stretch],
                     kind=kind,
                     reason="" if kind == FOUND else _reason(known, slice(first + start, first + stop)),
                     std_m=std_m[own][stretch],
@@ -152,7 +152,7 @@ def length_of(pieces: Sequence[Piece], kind: str, reason: str | None = None) -> 
 def found_within_m(pieces: Sequence[Piece]) -> float:
     """Distance (m) that 95 % of the line found is expected to be within of the true isobath; NaN if none is found.
 
-    The line's error at a place is normal, of standard deviation `Piece.std_m`.
+    The line's error at a location is normal, of standard deviation `Piece.std_m`.
     """
     stds = [0.5 * (p.std_m[1:] + p.std_m[:-1]) for p in pieces if p.kind == FOUND]
     if not stds:
@@ -164,12 +164,12 @@ def found_within_m(pieces: Sequence[Piece]) -> float:
 
 
 def evidence(
-    places: Array, field: DepthField, signal_std_m: float, soundings: Array, *, shore_known: bool = False
+    locations: Array, field: DepthField, signal_std_m: float, soundings: Array, *, shore_known: bool = False
 ) -> Evidence:
-    """Evidence for places (n, 2) of the isobath; other arguments as of `classify`."""
+    """Evidence for locations (n, 2) of the isobath; other arguments as of `classify`."""
     grid = field.grid
 
-    def value(values: Array, at_m: Array = places) -> Array:
+    def value(values: Array, at_m: Array = locations) -> Array:
         at = [(at_m[:, 0] - grid.north_m[0]) / grid.resolution_m, (at_m[:, 1] - grid.east_m[0]) / grid.resolution_m]
         return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"), dtype=float)
 
@@ -177,17 +177,17 @@ def evidence(
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)
-    place_std, nearest = np.zeros(len(places)), np.full(len(places), np.inf)
+    position_std, nearest = np.zeros(len(locations)), np.full(len(locations), np.inf)
     if len(soundings):
-        nearest, index = cKDTree(soundings[:, :2]).query(places)
-        place_std = np.nan_to_num(soundings[index, 2], nan=0.0)
+        nearest, index = cKDTree(soundings[:, :2]).query(locations)
+        position_std = np.nan_to_num(soundings[index, 2], nan=0.0)
         if shore_known:
             there = np.hypot(value(northward, soundings[index, :2]), value(eastward, soundings[index, :2]))
-            place_std *= np.minimum(np.divide(there, slope, out=np.ones_like(slope), where=slope > 0.0), 1.0)
+            position_std *= np.minimum(np.divide(there, slope, out=np.ones_like(slope), where=slope > 0.0), 1.0)
     with np.errstate(divide="ignore"):
         return Evidence(
             depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
-            place_std_m=place_std,
+            position_std_m=position_std,
             informed=1.0 - (value(_filled(field.prior_std_m)) / signal_std_m) ** 2,
             nearest_m=nearest,
         )
@@ -203,18 +203,18 @@ def _filled(values: Array) -> Array:
 
 
 def _rank(std_m: Array, informed: Array) -> NDArray[np.int64]:
-    """Index into `CLASSES` at each place (n,)."""
+    """Index into `CLASSES` at each location (n,)."""
     rank = np.full(len(std_m), CLASSES.index(GUESSED))
     for kind in (LIKELY, FOUND):
         rank[(std_m <= MAX_STD_M[kind]) & (informed >= MIN_INFORMED[kind])] = CLASSES.index(kind)
     return rank
 
 
-def _without_short_stretches(ranks: NDArray[np.int64], places: Array) -> NDArray[np.int64]:
+def _without_short_stretches(ranks: NDArray[np.int64], locations: Array) -> NDArray[np.int64]:
     """Ranks (n,) in which no stretch shorter than `MIN_LENGTH_M` has a higher class than both of its neighbors."""
     ranks = ranks.copy()
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
-    closed = bool(np.all(places[0] == places[-1]))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(locations, axis=0).T))])
+    closed = bool(np.all(locations[0] == locations[-1]))
     for rank in range(len(CLASSES) - 1):
         edges = [0, *(np.flatnonzero(np.diff(ranks)) + 1), len(ranks)]
         runs = list(itertools.pairwise(edges))
@@ -240,7 +240,7 @@ def _reason(known: Evidence, stretch: slice) -> str:
 
 
 def _densified(line: Array) -> Array:
-    """A line with places added so that they are at most `SPACING_M` apart, and repeated places removed."""
+    """A line with locations added so that they are at most `SPACING_M` apart, and repeated locations removed."""
     steps = np.hypot(*np.diff(line, axis=0).T)
     line = line[np.concatenate([[True], steps > 0.0])]
     if len(line) < 2:

@@ -27,7 +27,7 @@ from auv_lse_gp.map.online import Counts, OnlineGp, Outcome
 
 Array = NDArray[np.float64]
 
-#: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one place along it.
+#: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one location along it.
 BAND_PROBABILITY = 0.95
 #: Half the width of that band in standard deviations.
 BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
@@ -43,7 +43,7 @@ class DepthField:
 
     Attributes:
         mean_m: Mean of the depth.
-        std_m: Standard deviation of the depth, rescaled by the ground's roughness near each place (`Roughness`), and
+        std_m: Standard deviation of the depth, rescaled by the ground's roughness near each location (`Roughness`), and
             by the unknown width of banks (`width_factor`).
         prior_std_m: Standard deviation with the prior's scale (`gp.signal_std_m`), which planners use.
         p_safe: Probability that the depth is at least the level.
@@ -108,7 +108,7 @@ class DepthMap:
         self.gp = OnlineGp(gp_config, banks=Banks.of(area.config, self.level_set.level_m))
         self.grid = area.grid(gp_config.map_resolution_m, "gp.map_resolution_m")
         self.team: dict[int, TeamSamples] = {}
-        self._places_m = self.grid.places_m
+        self._locations_m = self.grid.locations_m
         self._provisional = MERGE_WINDOW if gp_config.merge else 0
         self._moments: CachedMoments | TiledMoments | None = None  # of the map as it is now, dense or tiled
         self._field: DepthField | None = None
@@ -136,7 +136,7 @@ class DepthMap:
     @property
     def publish_period_s(self) -> float:
         """Time (s) between published maps: `gp.publish_period_s`, beyond `MANY_CELLS` in proportion to the cells."""
-        return self.gp.config.publish_period_s * max(1.0, len(self._places_m) / MANY_CELLS)
+        return self.gp.config.publish_period_s * max(1.0, len(self._locations_m) / MANY_CELLS)
 
     def add_soundings(self, soundings: Soundings | ArrayLike) -> list[Outcome | None]:
         """Takes the vehicle's own soundings, in the order of their stamps.
@@ -210,10 +210,10 @@ class DepthMap:
         return self._computed(RECENT_WORK) if self.gp.is_tiled else self.field()
 
     def _computed(self, most_work: float) -> DepthField:
-        relative, variance, place_variance, scales = self._predict(most_work)
-        scales = scales + width_factor(self.gp.banks, self._places_m, relative, self.gp.config.signal_std_m)
-        mean, std = self.gp.depths(self._places_m, relative, scales * variance + place_variance)
-        _, prior_std = self.gp.depths(self._places_m, relative, variance + place_variance)
+        relative, variance, position_variance, scales = self._predict(most_work)
+        scales = scales + width_factor(self.gp.banks, self._locations_m, relative, self.gp.config.signal_std_m)
+        mean, std = self.gp.depths(self._locations_m, relative, scales * variance + position_variance)
+        _, prior_std = self.gp.depths(self._locations_m, relative, variance + position_variance)
         return DepthField(
             grid=self.grid,
             mean_m=self.grid.fill(mean),
@@ -250,19 +250,19 @@ class DepthMap:
         if gp.is_tiled and not gp.config.local:
             tiled = gp.tiled  # up to date
             if not isinstance(self._moments, TiledMoments):
-                self._moments = TiledMoments(tiled, self._places_m, gp.config.length_scale_m)
+                self._moments = TiledMoments(tiled, self._locations_m, gp.config.length_scale_m)
             moments = self._moments.update(most_work)
             return *moments, self._moments.scales(gp.config.std_soundings)
         posterior = gp.posterior  # updates it
         if not gp.config.local or gp.kernel.compact:
             if not isinstance(self._moments, CachedMoments):
-                self._moments = CachedMoments(posterior, self._places_m, self._provisional)
-            mean, variance, place_variance = self._moments.update()
+                self._moments = CachedMoments(posterior, self._locations_m, self._provisional)
+            mean, variance, position_variance = self._moments.update()
         else:
-            mean, total = gp.moments(self._places_m)
-            place_variance = posterior.place_variance(gp.kernel.scale(self._places_m))
-            variance = np.maximum(total - place_variance, 0.0)
-        return mean, variance, place_variance, variance_scales(posterior, gp.config, self._places_m, variance)
+            mean, total = gp.moments(self._locations_m)
+            position_variance = posterior.position_variance(gp.kernel.scale(self._locations_m))
+            variance = np.maximum(total - position_variance, 0.0)
+        return mean, variance, position_variance, variance_scales(posterior, gp.config, self._locations_m, variance)
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

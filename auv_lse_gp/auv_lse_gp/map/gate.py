@@ -22,7 +22,7 @@ def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: flo
     """Rejects an implausible sounding.
 
     Raises:
-        SoundingError: if a number is not finite, or the depth or place out of range.
+        SoundingError: if a number is not finite, or the depth or location out of range.
     """
     if not (math.isfinite(north_m) and math.isfinite(east_m) and math.isfinite(depth_m)):
         raise SoundingError(

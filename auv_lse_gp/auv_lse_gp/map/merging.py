@@ -26,41 +26,41 @@ class MergedCenter:
     - f(centroid), whose variance under the kernel is added to the noise of the mean.
     """
 
-    def __init__(self, kernel: Kernel, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
+    def __init__(self, kernel: Kernel, position_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
         self._kernel = kernel
-        self._begin(place_m, depth_m, noise_std_m)
+        self._begin(position_m, depth_m, noise_std_m)
 
-    def _begin(self, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
-        self._places_m = [(float(place_m[0]), float(place_m[1]))]
+    def _begin(self, position_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
+        self._locations_m = [(float(position_m[0]), float(position_m[1]))]
         self._depth_sum_m = depth_m
         self._noise_m2 = noise_std_m**2
         self._pair_sum = (
             self._kernel.signal_variance_m2
-        )  # sum over all pairs of k(p_i, p_j) of the first `_paired` places
+        )  # sum over all pairs of k(p_i, p_j) of the first `_paired` locations
         self._paired = 1
 
     def takes(self, noise_std_m: float) -> bool:
         """Whether it takes a sounding with this noise: not if it has many, and none with more noise than its own."""
-        return len(self._places_m) < MAX_MERGED and noise_std_m**2 <= self._noise_m2
+        return len(self._locations_m) < MAX_MERGED and noise_std_m**2 <= self._noise_m2
 
-    def add(self, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
-        """Merges a sounding at `place_m` (2,); one with less noise than the center's replaces it."""
+    def add(self, position_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
+        """Merges a sounding at `position_m` (2,); one with less noise than the center's replaces it."""
         if noise_std_m**2 < self._noise_m2:
-            self._begin(place_m, depth_m, noise_std_m)
+            self._begin(position_m, depth_m, noise_std_m)
             return
-        self._places_m.append((float(place_m[0]), float(place_m[1])))
+        self._locations_m.append((float(position_m[0]), float(position_m[1])))
         self._depth_sum_m += depth_m
 
     def shift(self, by_m: Sequence[float]) -> None:
         """Moves all its soundings by (2,); their covariances stay the same."""
-        self._places_m = [(north_m + by_m[0], east_m + by_m[1]) for north_m, east_m in self._places_m]
+        self._locations_m = [(north_m + by_m[0], east_m + by_m[1]) for north_m, east_m in self._locations_m]
 
     def summary(self) -> tuple[Array, float, float]:
-        """Place (2,), depth and noise variance of the center."""
-        n, kernel, variance = len(self._places_m), self._kernel, self._kernel.signal_variance_m2
-        places = np.array(self._places_m)
-        centroid = places.sum(axis=0) / n
-        scaled = kernel.scale(places)
+        """Location (2,), depth and noise variance of the center."""
+        n, kernel, variance = len(self._locations_m), self._kernel, self._kernel.signal_variance_m2
+        locations = np.array(self._locations_m)
+        centroid = locations.sum(axis=0) / n
+        scaled = kernel.scale(locations)
         new = np.concatenate([kernel.scale(centroid[None]), scaled[self._paired :]])
         at_centroid, *with_others = kernel.of_scaled(new, scaled)
         for number, row in enumerate(with_others, self._paired):

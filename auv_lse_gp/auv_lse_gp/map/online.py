@@ -63,7 +63,7 @@ class OnlineGp:
 
     Attributes:
         banks: The banks of the area; None: all ground is open.
-        prior_mean: Prior mean of open ground, places (P, 2) -> depths (P,).
+        prior_mean: Prior mean of open ground, locations (P, 2) -> depths (P,).
         revision: Changes whenever the posterior does.
         problems: Messages for the user: a support below the default, undone merges.
         last_problem: Reason of the last rejected sounding; "" without one.
@@ -92,7 +92,7 @@ class OnlineGp:
         self._index = SpacingIndex(config.min_spacing_m)
         self._merged: list[MergedCenter] = []
         self._moved: set[int] = set()
-        self._place_effect_m: Array | None = None
+        self._position_effect_m: Array | None = None
 
     def __len__(self) -> int:
         """Number of centers."""
@@ -190,9 +190,7 @@ class OnlineGp:
             outcomes[i] = outcome
         return outcomes, fit & (noise <= self.config.noise_std_m)
 
-    def _checked(
-        self, soundings: Array, sigmas: float, packets: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], Array]:
+    def _checked(self, soundings: Array, sigmas: float, packets: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
         """Which of the soundings (n, 3) are within `sigmas` of the map, without pending merges; and their noise.
 
         Returns:
@@ -306,11 +304,11 @@ class OnlineGp:
         self._index = SpacingIndex(self.config.min_spacing_m)
         self._merged.clear()
         self._moved.clear()
-        self._place_effect_m = None
+        self._position_effect_m = None
         self.revision += 1
 
-    def set_place_effect(self, effect_m: Array | None) -> None:
-        """Sets the effect of uncertain positions on the centers' depths, (n, r): see `Centers.place_effect_m`.
+    def set_position_effect(self, effect_m: Array | None) -> None:
+        """Sets the effect of uncertain positions on the centers' depths, (n, r): see `Centers.position_effect_m`.
 
         Later centers have no effect until the next call.
 
@@ -318,20 +316,22 @@ class OnlineGp:
             ValueError: if there are more rows than centers.
         """
         if effect_m is not None and len(effect_m) > len(self):
-            raise ValueError(f"place effect: got {len(effect_m)} rows; expected at most one per center ({len(self)})")
-        self._place_effect_m = effect_m
+            raise ValueError(
+                f"location effect: got {len(effect_m)} rows; expected at most one per center ({len(self)})"
+            )
+        self._position_effect_m = effect_m
         self._outdated = True
         self.revision += 1
 
     @property
     def _current_centers(self) -> Centers:
-        """The centers in the table with their place effects; read-only."""
-        held, effect = self._table.centers, self._place_effect_m
+        """The centers in the table with their location effects; read-only."""
+        held, effect = self._table.centers, self._position_effect_m
         if effect is None:
             return held
         padded = np.zeros((len(held), effect.shape[1]))
         padded[: len(effect)] = effect[: len(held)]
-        return Centers(held.places_m, held.depths_m, held.noise_std_m, padded)
+        return Centers(held.locations_m, held.depths_m, held.noise_std_m, padded)
 
     # ---------------------------------------------------------------- posterior out
 
@@ -343,11 +343,11 @@ class OnlineGp:
         else:
             self._sync()
         held = self._current_centers
-        return Centers(held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy(), held.place_effect_m)
+        return Centers(held.locations_m.copy(), held.depths_m.copy(), held.noise_std_m.copy(), held.position_effect_m)
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior given all centers; it follows later soundings. To plan places, use `Posterior.with_planned`.
+        """The posterior given all centers; it follows later soundings. To plan locations, use `Posterior.with_planned`.
 
         Of n centers it takes O(n^2) memory and time. Where that matters, use `tiled` if `is_tiled`.
         """
@@ -373,26 +373,26 @@ class OnlineGp:
 
     def slopes(self) -> Array:
         """Slope (n, 2) of the mean depth at the centers, metres per metre north and east."""
-        return self.tiled.slopes() if self.is_tiled else self.posterior.slopes(self.centers.places_m)
+        return self.tiled.slopes() if self.is_tiled else self.posterior.slopes(self.centers.locations_m)
 
-    def predict(self, places_m: ArrayLike) -> tuple[Array, Array]:
-        """Mean and standard deviation (P,), (P,) of the depth (without noise) at places (P, 2)."""
-        return self.depths(places_m, *self.moments(places_m))
+    def predict(self, locations_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean and standard deviation (P,), (P,) of the depth (without noise) at locations (P, 2)."""
+        return self.depths(locations_m, *self.moments(locations_m))
 
-    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
-        """Mean and variance (P,), (P,) of the posterior at places (P, 2): of relative depths, if there are banks."""
+    def moments(self, locations_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean and variance (P,), (P,) of the posterior at locations (P, 2): of relative depths, if there are banks."""
         if self.is_tiled and not self.config.local:
-            return self.tiled.moments(places_m)
+            return self.tiled.moments(locations_m)
         self._sync()
         if self.config.local and not self.kernel.compact:
-            mean, variance = predict_locally(self._posterior.blank(), self._table.centers, places_m)
-            scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
-            return mean, variance + self._posterior.place_variance(scaled)
-        return self._posterior.moments(places_m)
+            mean, variance = predict_locally(self._posterior.blank(), self._table.centers, locations_m)
+            scaled = self.kernel.scale(np.asarray(locations_m, dtype=float))
+            return mean, variance + self._posterior.position_variance(scaled)
+        return self._posterior.moments(locations_m)
 
-    def depths(self, places_m: ArrayLike, mean_m: Array, variance_m2: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation (P,), (P,) of the depth, from the posterior's moments at places (P, 2)."""
-        return depths(self.banks, np.asarray(places_m, dtype=float), mean_m, variance_m2)
+    def depths(self, locations_m: ArrayLike, mean_m: Array, variance_m2: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation (P,), (P,) of the depth, from the posterior's moments at locations (P, 2)."""
+        return depths(self.banks, np.asarray(locations_m, dtype=float), mean_m, variance_m2)
 
     # ---------------------------------------------------------------- inside
 
@@ -432,7 +432,7 @@ class OnlineGp:
         if not can_wait:
             try:
                 if self.is_tiled:
-                    for _ in self.tiled.near(centers.places_m):
+                    for _ in self.tiled.near(centers.locations_m):
                         pass  # raises
                 else:
                     self._sync()
@@ -444,8 +444,8 @@ class OnlineGp:
     def _apply_merges(self) -> None:
         """Moves the centers with newly merged soundings."""
         for i in self._moved:
-            place, depth, noise_m2 = self._merged[i].summary()
-            self._table.move(i, place, depth, math.sqrt(noise_m2))
+            location, depth, noise_m2 = self._merged[i].summary()
+            self._table.move(i, location, depth, math.sqrt(noise_m2))
         self._outdated = self._outdated or bool(self._moved)
         self._moved.clear()
 
@@ -469,11 +469,11 @@ class OnlineGp:
 
 def _compared(posterior: Posterior, soundings: Array) -> tuple[Array, Array]:
     """Covariance (n, n) of the depths at soundings (n, 3), and what these deviate from their predictions (n,)."""
-    places = soundings[:, :2]
-    at = posterior.at(places)
+    locations = soundings[:, :2]
+    at = posterior.at(locations)
     covariance, mean, banks = posterior.covariance(at, at), at.mean_m, posterior.banks
     np.fill_diagonal(covariance, at.data_var_m2)  # with the effect of uncertain positions
-    if banks is not None and len(places):
-        factor = banks.factor(places)
-        covariance, mean = covariance * np.outer(factor, factor), banks.depths(places, mean)
+    if banks is not None and len(locations):
+        factor = banks.factor(locations)
+        covariance, mean = covariance * np.outer(factor, factor), banks.depths(locations, mean)
     return covariance, soundings[:, 2] - mean

@@ -63,17 +63,18 @@ class QualityJudge:
         cells = int(np.count_nonzero(grid.inside))
         if cells > MANY_CELLS:
             grid = area.grid(config.map_resolution_m * math.sqrt(cells / MANY_CELLS))
-        self._grid, self._places_m = grid, grid.places_m
+        self._grid, self._locations_m = grid, grid.locations_m
         self._coarse = coarse_grid(area, config.map_resolution_m)
 
     def judge(self, posterior: Posterior) -> Quality:
         """The quality of the map of a posterior.
 
-        Where positions are corrected, its place variance (`Posterior.place_variance`) counts as the vehicles' error.
+        Where positions are corrected, its location variance (`Posterior.position_variance`) counts as the vehicles'
+        error.
         """
         field, level_m = self._field(posterior), self._levels.level_m
         lines = contours(self._grid, field.mean_m, level_m)
-        soundings = np.column_stack([posterior.centers.places_m, np.zeros(posterior.data_rows)])
+        soundings = np.column_stack([posterior.centers.locations_m, np.zeros(posterior.data_rows)])
         shore_known = posterior.banks is not None
         pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=shore_known)
         located = near(lines_of(pieces, FOUND))
@@ -89,13 +90,13 @@ class QualityJudge:
     def _field(self, posterior: Posterior) -> DepthField:
         """The posterior on the grid, as `DepthMap.field`."""
         grid, config = self._grid, self._config
-        relative, variance = posterior.moments(self._places_m)
-        place_variance = posterior.place_variance(posterior.kernel.scale(self._places_m))
-        exact = np.maximum(variance - place_variance, 0.0)  # of exact positions
-        scales = variance_scales(posterior, config, self._places_m, exact)
-        scales = scales + width_factor(posterior.banks, self._places_m, relative, config.signal_std_m)
-        mean, std = depths(posterior.banks, self._places_m, relative, scales * exact + place_variance)
-        _, prior_std = depths(posterior.banks, self._places_m, relative, variance)
+        relative, variance = posterior.moments(self._locations_m)
+        position_variance = posterior.position_variance(posterior.kernel.scale(self._locations_m))
+        exact = np.maximum(variance - position_variance, 0.0)  # of exact positions
+        scales = variance_scales(posterior, config, self._locations_m, exact)
+        scales = scales + width_factor(posterior.banks, self._locations_m, relative, config.signal_std_m)
+        mean, std = depths(posterior.banks, self._locations_m, relative, scales * exact + position_variance)
+        _, prior_std = depths(posterior.banks, self._locations_m, relative, variance)
         return DepthField(
             grid=grid,
             mean_m=grid.fill(mean),
@@ -115,7 +116,7 @@ LANES, LENGTH_SCALES = 4, 3.0
 def lanes_share(config: GpConfig, apart_m: float, leg_m: float) -> float:
     """Share of the isobath that is found by parallel lanes, expected by the prior alone.
 
-    A place is found if the deviation s that the lanes leave there, divided by the slope g, is at most
+    A location is found if the deviation s that the lanes leave there, divided by the slope g, is at most
     `MAX_STD_M[FOUND]`. On the isobath, g is distributed as the length of a normal vector in the plane, weighted by
     itself: P(g > t) = erfc(t / sqrt(2) b) + sqrt(2 / pi) t / b exp(-t^2 / 2 b^2), b the standard deviation per axis.
 

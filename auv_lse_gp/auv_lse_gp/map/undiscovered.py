@@ -2,7 +2,7 @@
 
 One prior is not enough for this: how much can hide between tracks depends on how rough the ground is. The result is
 therefore an average over *hypotheses*, priors of several length scales, weighted by the marginal likelihood of the
-soundings. The ground's roughness near each place scales their standard deviation (`Roughness`).
+soundings. The ground's roughness near each location scales their standard deviation (`Roughness`).
 
 - *Expected length:* the crossing intensity (`level_set/crossings.py`), summed over the cells that are not located.
 - *Upper limit:* the 95th percentile of the contour lengths of random draws from the averaged posterior there. Draws are
@@ -125,9 +125,9 @@ def _thinned(centers: Centers) -> Centers:
     if len(centers) <= MAX_CENTERS:
         return centers
     rows = np.linspace(0, len(centers) - 1, MAX_CENTERS).round().astype(int)
-    effect = centers.place_effect_m
+    effect = centers.position_effect_m
     return Centers(
-        centers.places_m[rows],
+        centers.locations_m[rows],
         centers.depths_m[rows],
         centers.noise_std_m[rows],
         None if effect is None else effect[rows],
@@ -156,10 +156,10 @@ def undiscovered(
         centers: The soundings.
         level_m: Depth of the isobath (m).
         grid: The cells (`coarse_grid`).
-        located: Whether the isobath is located at places (P, 2): mask (P,).
+        located: Whether the isobath is located at locations (P, 2): mask (P,).
         banks: The banks of the area; None: all ground is open.
     """
-    cells = grid.places_m
+    cells = grid.locations_m
     missing = ~located(cells)
     found = hypotheses(config, centers, banks)
     lengths = np.zeros(len(cells))
@@ -167,7 +167,7 @@ def undiscovered(
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
         posterior = hypothesis.posterior
         relative, variance = posterior.moments(cells)
-        variance -= posterior.place_variance(posterior.kernel.scale(cells))
+        variance -= posterior.position_variance(posterior.kernel.scale(cells))
         scales = variance_scales(posterior, config, cells, variance)
         scales = scales + width_factor(banks, cells, relative, config.signal_std_m)
         lengths[missing] += hypothesis.weight * expected_lengths(
@@ -198,15 +198,15 @@ def expected_lengths(posterior: Posterior, cells: Array, scales: Array, level_m:
     at = posterior.depth_and_slope(cells)
     scaled = dataclasses.replace(
         at,
-        variance_m2=scales * at.variance_m2 + posterior.place_variance(posterior.kernel.scale(cells)),
+        variance_m2=scales * at.variance_m2 + posterior.position_variance(posterior.kernel.scale(cells)),
         covariance_m=scales[:, None] * at.covariance_m,
         slope_covariance=scales[:, None, None] * at.slope_covariance,
     )
     return crossing_intensity(scaled, level_m) * cell_m**2
 
 
-def draws(posterior: Posterior, places_m: Array, scales: Array, count: int, freedom: float) -> Array:
-    """Random fields (count, P) from the posterior at places (P, 2) with variances scaled by (P,).
+def draws(posterior: Posterior, locations_m: Array, scales: Array, count: int, freedom: float) -> Array:
+    """Random fields (count, P) from the posterior at locations (P, 2) with variances scaled by (P,).
 
     The scales are uncertain by a common factor, freedom / chi^2. Every call draws the same numbers. Depth errors from
     uncertain positions are not scaled.
@@ -222,23 +222,23 @@ def draws(posterior: Posterior, places_m: Array, scales: Array, count: int, free
         phases = scaled @ waves.T
         return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes)
 
-    scaled = kernel.scale(places_m)
+    scaled = kernel.scale(locations_m)
     off = field(scaled)  # from the posterior's mean
     common = freedom / rng.chisquare(freedom, count) if math.isfinite(freedom) else np.ones(count)
     std = np.sqrt(scales[:, None] * common)
     if not n:
-        return np.asarray((posterior.prior_mean(places_m)[:, None] + std * off).T)
-    data = kernel.scale(centers.places_m)
+        return np.asarray((posterior.prior_mean(locations_m)[:, None] + std * off).T)
+    data = kernel.scale(centers.locations_m)
     cross = kernel.of_scaled(scaled, data)
 
     def effect(depths: Array) -> Array:
-        """Change of the posterior's mean at the places (P, count) by depths (n, count)."""
+        """Change of the posterior's mean at the locations (P, count) by depths (n, count)."""
         return np.asarray(cross @ posterior.factor.solve_transposed(posterior.factor.solve(depths), n))
 
     off -= effect(field(data) + rng.standard_normal((n, count)) * centers.noise_std_m[:, None])
-    drawn = posterior.mean_m(places_m)[:, None] + std * off
-    if centers.place_effect_m is not None:
-        drawn += effect(centers.place_effect_m @ rng.standard_normal((centers.place_effect_m.shape[1], count)))
+    drawn = posterior.mean_m(locations_m)[:, None] + std * off
+    if centers.position_effect_m is not None:
+        drawn += effect(centers.position_effect_m @ rng.standard_normal((centers.position_effect_m.shape[1], count)))
     return np.asarray(drawn.T)
 
 

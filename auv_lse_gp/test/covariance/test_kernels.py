@@ -45,7 +45,7 @@ def test_compiled_agrees_with_numpy(name):
         pytest.skip("numba is not installed")
     rng = np.random.default_rng(0)
     kernel = Kernel(GpConfig(kernel=name, length_scale_2_m=30.0, rotation_deg=25.0))
-    # From the same place to so far away that the exponential underflows.
+    # From the same location to so far away that the exponential underflows.
     a, b = rng.normal(size=(40, 2)) * 10 ** rng.uniform(-6, 4, (40, 1)), rng.normal(size=(203, 2))
     a[0] = b[0]
     fast, slow = kernel.of_scaled(a, b), kernel.of_scaled_numpy(a, b)
@@ -69,18 +69,18 @@ HALF_SLOPE = {
 @pytest.mark.parametrize("numba", [True, False])
 def test_among_scaled_fills_the_upper_triangle(numba, monkeypatch):
     monkeypatch.setattr(compiled, "USE_NUMBA", numba and compiled.USE_NUMBA)
-    kernel, places = Kernel(GpConfig()), np.random.default_rng(3).random((9, 2))
+    kernel, locations = Kernel(GpConfig()), np.random.default_rng(3).random((9, 2))
     out = np.empty((9, 9))
-    kernel.among_scaled(places, out)
-    assert np.array_equal(np.triu(out), np.triu(kernel.of_scaled(places, places)))
+    kernel.among_scaled(locations, out)
+    assert np.array_equal(np.triu(out), np.triu(kernel.of_scaled(locations, locations)))
 
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_gradient_worked_by_hand(name):
     kernel = Kernel(GpConfig(kernel=name, signal_std_m=3.0, length_scale_m=50.0))
-    place = kernel.scale(np.array([[kernel.length_m / 2, 0.0]]))
+    location = kernel.scale(np.array([[kernel.length_m / 2, 0.0]]))
     origin = np.zeros((1, 2))
-    gradient = kernel.gradient_sums(place, np.array([[2.0]]), origin)
+    gradient = kernel.gradient_sums(location, np.array([[2.0]]), origin)
     assert gradient[0] == pytest.approx([2 * 9 * HALF_SLOPE[name] * 0.5 / kernel.length_m, 0.0], rel=1e-14)
     assert kernel.gradient_sums(origin, np.array([[2.0]]), origin).tolist() == [[0.0, 0.0]]
 
@@ -112,15 +112,15 @@ def test_compiled_gradient_agrees_with_numpy(name):
     a, b = rng.normal(size=(40, 2)) * 10 ** rng.uniform(-6, 4, (40, 1)), rng.normal(size=(203, 2))
     weights = rng.normal(size=(40, 203))
     expected = kernel.gradient_sums_numpy(a, weights, b) @ kernel._to_scaled.T
-    # sqrt and exp: a few units each, summed over 203 places of slope 3 times the signal's variance
+    # sqrt and exp: a few units each, summed over 203 locations of slope 3 times the signal's variance
     assert kernel.gradient_sums(a, weights, b) == pytest.approx(expected, rel=1e-11, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_positive_definite(name):
     rng = np.random.default_rng(4)
-    places = rng.uniform(0, 300, (300, 2))
-    covariance = Kernel(GpConfig(kernel=name, signal_std_m=1.0))(places, places)
+    locations = rng.uniform(0, 300, (300, 2))
+    covariance = Kernel(GpConfig(kernel=name, signal_std_m=1.0))(locations, locations)
     assert np.array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > -1e-12  # rounding of 300 terms of size 1
 

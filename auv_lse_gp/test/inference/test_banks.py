@@ -34,23 +34,23 @@ def track(north_m=60.0, depth_m=30.0, n=15):
 
 def centers():
     rng = np.random.default_rng(1)
-    places = rng.uniform(5.0, 200.0, (25, 2))
-    return Centers(places, rng.uniform(8.0, 30.0, 25), np.full(25, 0.3), rng.normal(0.0, 0.5, (25, 2)))
+    locations = rng.uniform(5.0, 200.0, (25, 2))
+    return Centers(locations, rng.uniform(8.0, 30.0, 25), np.full(25, 0.3), rng.normal(0.0, 0.5, (25, 2)))
 
 
 def dense(data, at):
     """Mean and variance of the depth for the covariance s(p) s(q) k(p, q) and the mean h + s (m - h)."""
 
-    def s(places):
-        return np.maximum(1.0 - np.exp(-places[:, 0] / BANK_M), 0.05)
+    def s(locations):
+        return np.maximum(1.0 - np.exp(-locations[:, 0] / BANK_M), 0.05)
 
-    def mean(places):
-        return SHORE_M + s(places) * (CONFIG.mean_depth_m - SHORE_M)
+    def mean(locations):
+        return SHORE_M + s(locations) * (CONFIG.mean_depth_m - SHORE_M)
 
     def covariance(a, b):
         return np.outer(s(a), s(b)) * Kernel(CONFIG)(a, b)
 
-    x, effect = data.places_m, data.place_effect_m
+    x, effect = data.locations_m, data.position_effect_m
     gram = covariance(x, x) + np.diag(data.noise_std_m**2)
     weights = np.linalg.solve(gram, covariance(x, at))
     variance = np.diag(covariance(at, at)) - np.einsum("np,np->p", covariance(x, at), weights)
@@ -77,8 +77,8 @@ def test_slopes_are_those_of_the_depth():
     posterior = Posterior(CONFIG, banks=BANKS)
     posterior.extend(centers())
 
-    def depth(places):
-        return BANKS.depths(places, posterior.mean_m(places))
+    def depth(locations):
+        return BANKS.depths(locations, posterior.mean_m(locations))
 
     steps = 0.1 * np.eye(2)
     at = AT[AT[:, 0] > 10.0]  # vehicles keep their distance
@@ -114,14 +114,16 @@ def test_the_variance_of_a_banks_width_is_that_of_the_depth_it_changes():
 def test_a_map_is_less_sure_of_a_bank_than_its_prior_unless_it_was_sounded():
     banked = DepthMap(CONFIG, LevelSet(level_m=LEVEL_M), OperatingArea(AREA))
     banked.add_soundings(np.column_stack([np.arange(15.0), track()]))
-    north = banked.grid.places_m[:, 0]
+    north = banked.grid.locations_m[:, 0]
     isobath, deep = np.abs(north - 14.0) < 3.0, np.abs(north - 180.0) < 3.0
 
     def ratio():
         field, inside = banked.field(), banked.grid.inside
         return field.std_m[inside] / field.prior_std_m[inside]
 
-    factor = width_factor(BANKS, banked.grid.places_m, banked.gp.moments(banked.grid.places_m)[0], CONFIG.signal_std_m)
+    factor = width_factor(
+        BANKS, banked.grid.locations_m, banked.gp.moments(banked.grid.locations_m)[0], CONFIG.signal_std_m
+    )
     assert_allclose(ratio(), np.sqrt(1.0 + factor))
     assert ratio()[isobath].min() > 1.2
     assert ratio()[deep].max() < 1.01
@@ -131,14 +133,14 @@ def test_a_map_is_less_sure_of_a_bank_than_its_prior_unless_it_was_sounded():
 
 
 def test_soundings_far_out_do_not_deepen_the_bank():
-    place = np.array([[8.0, 100.0]])
+    location = np.array([[8.0, 100.0]])
     without, with_banks = OnlineGp(CONFIG), OnlineGp(CONFIG, banks=BANKS)
     for gp in (without, with_banks):
         gp.add_all(track())
-    assert without.predict(place)[0][0] > 22.0
-    mean, std = with_banks.predict(place)
+    assert without.predict(location)[0][0] > 22.0
+    mean, std = with_banks.predict(location)
     assert SHORE_M < mean[0] < LEVEL_M
-    assert std[0] < without.predict(place)[1][0]
+    assert std[0] < without.predict(location)[1][0]
 
 
 def test_the_bank_of_unsounded_ground_falls_to_the_shore():
@@ -152,17 +154,17 @@ def test_without_a_shore_all_ground_is_open():
     with_option, before = DepthMap(CONFIG, LevelSet(), OperatingArea(OPEN)), OnlineGp(CONFIG)
     with_option.add_soundings(np.column_stack([np.arange(15.0), track()]))
     before.add_all(track())
-    places = with_option.grid.places_m
-    assert_array_equal(with_option.field().mean_m[with_option.grid.inside], before.predict(places)[0])
+    locations = with_option.grid.locations_m
+    assert_array_equal(with_option.field().mean_m[with_option.grid.inside], before.predict(locations)[0])
 
 
 def test_a_map_is_in_depths_and_calls_the_bank_shallow():
     banked, open_map = (DepthMap(CONFIG, LevelSet(level_m=LEVEL_M), OperatingArea(a)) for a in (AREA, OPEN))
     for depth_map in (banked, open_map):
         depth_map.add_soundings(np.column_stack([np.arange(15.0), track()]))
-    inside, rim = banked.grid.inside, banked.grid.places_m[:, 0] < 12.0
+    inside, rim = banked.grid.inside, banked.grid.locations_m[:, 0] < 12.0
     field = banked.field()
-    expected = banked.gp.predict(banked.grid.places_m)
+    expected = banked.gp.predict(banked.grid.locations_m)
     assert_allclose(field.mean_m[inside], expected[0])
     assert_allclose(field.prior_std_m[inside], expected[1])
     assert_allclose(field.risk[inside], LevelSet(level_m=LEVEL_M).risk(expected[0], field.std_m[inside]))

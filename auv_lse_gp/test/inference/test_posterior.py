@@ -1,4 +1,4 @@
-"""The one posterior against the dense solve: data, planned places, after forgetting and extending again."""
+"""The one posterior against the dense solve: data, planned locations, after forgetting and extending again."""
 
 import itertools
 
@@ -25,19 +25,19 @@ def config(kernel="matern52"):
     return GpConfig(kernel=kernel, mean="plane", mean_slope_north=0.01, length_scale_2_m=50.0, rotation_deg=20.0)
 
 
-def places(rng, count):
+def locations(rng, count):
     return rng.uniform(0.0, 400.0, (count, 2))
 
 
 def centers(rng, count):
     """Soundings of a made-up lake, of different noise."""
-    at = places(rng, count)
+    at = locations(rng, count)
     depths = 15.0 + 6.0 * np.sin(at[:, 0] / 60.0) * np.cos(at[:, 1] / 45.0)
     return Centers(at, depths, rng.uniform(0.1, 0.5, count))
 
 
 def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
-    """Asserts that all that the posterior says about places is what the dense solve gives."""
+    """Asserts that all that the posterior says about locations is what the dense solve gives."""
     mean, given_data, given_both = dense(
         posterior.kernel, posterior.prior_mean, posterior.centers, planned_m, posterior.noise_var_m2, queries_m
     )
@@ -58,13 +58,13 @@ def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
     assert_allclose(batched[1], noisy[half : 2 * half, half : 2 * half], rtol=1e-9, atol=tiny)
     predicted = [posterior.moments(queries_m)]
     if moments:
-        kept_mean, kept_variance, of_places = moments.update()
-        predicted.append((kept_mean, kept_variance + of_places))
+        kept_mean, kept_variance, of_positions = moments.update()
+        predicted.append((kept_mean, kept_variance + of_positions))
     for got_mean, got_variance in predicted:
         assert_allclose(got_mean, mean, rtol=1e-9)
         assert_allclose(got_variance, np.diag(given_both), rtol=1e-9, atol=tiny)
     assert_allclose(posterior.mean_m(queries_m), mean, rtol=1e-9)
-    one_mean, one_variance = posterior.moments(queries_m[:1])  # a single place takes another way
+    one_mean, one_variance = posterior.moments(queries_m[:1])  # a single location takes another way
     assert_allclose([one_mean[0], one_variance[0]], [mean[0], given_both[0, 0]], rtol=1e-9, atol=tiny)
 
 
@@ -74,10 +74,10 @@ def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_agrees_with_the_dense_solve(kernel, planned, seed):
     rng = np.random.default_rng(seed)
-    posterior, queries = Posterior(config(kernel)), places(rng, 21)
+    posterior, queries = Posterior(config(kernel)), locations(rng, 21)
     for count in (0, 1, 90, 60):  # more than a block of the factor
         posterior.extend(centers(rng, count))
-        at = places(rng, planned)
+        at = locations(rng, planned)
         agrees(posterior.with_planned(at), at, queries)
     agrees(posterior, queries[:0], queries)
 
@@ -87,12 +87,12 @@ def test_agrees_with_the_dense_solve(kernel, planned, seed):
 def test_random_sequences_of_changes_agree_with_the_dense_solve(seed):
     """A random walk of changes; columns and moments that are kept follow it, asked for now and then."""
     rng = np.random.default_rng(seed)
-    posterior, queries = Posterior(config(KERNELS[seed])), places(rng, 16)
+    posterior, queries = Posterior(config(KERNELS[seed])), locations(rng, 16)
     kept, moments = CachedPoints(posterior, queries), CachedMoments(posterior, queries, int(rng.integers(0, 9)))
     for step in range(30):
         change = rng.integers(0, 5)
         if change == 0:
-            at = places(rng, int(rng.integers(0, 7)))
+            at = locations(rng, int(rng.integers(0, 7)))
             planned = posterior.with_planned(at)
             agrees(planned, at, queries, CachedPoints(planned, queries), CachedMoments(planned, queries))
         elif change == 1:
@@ -102,7 +102,7 @@ def test_random_sequences_of_changes_agree_with_the_dense_solve(seed):
             posterior.truncate(mark)
         else:  # some centers are moved, measured anew or added, as merging and other vehicles do
             held = posterior.centers
-            at, depths, noise = held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy()
+            at, depths, noise = held.locations_m.copy(), held.depths_m.copy(), held.noise_std_m.copy()
             if len(held):
                 number = int(rng.integers(0, len(held)))
                 depths[number] += 0.5
@@ -113,9 +113,9 @@ def test_random_sequences_of_changes_agree_with_the_dense_solve(seed):
             agrees(posterior, queries[:0], queries, kept, moments)
 
 
-def test_one_datum_and_one_planned_place_worked_by_hand():
+def test_one_datum_and_one_planned_location_worked_by_hand():
     # k = 16, noise 9, residual 5: mean 12 + 16/25 * 5, variance 16 - 256/25 = 5.76; a second measurement of noise 9
-    # at the same place: 1 / (1/5.76 + 1/9).
+    # at the same location: 1 / (1/5.76 + 1/9).
     posterior = Posterior(GpConfig(mean_depth_m=12.0, signal_std_m=4.0, noise_std_m=3.0))
     at = np.array([[10.0, 20.0]])
     posterior.extend(Centers(at, np.array([17.0]), np.array([3.0])))
@@ -141,7 +141,7 @@ def test_follow_recomputes_only_changed_rows():
     every, posterior = centers(rng, 90), Posterior(GpConfig())
 
     def first(count, moved=False):
-        at, noise = every.places_m[:count].copy(), every.noise_std_m[:count].copy()
+        at, noise = every.locations_m[:count].copy(), every.noise_std_m[:count].copy()
         if moved:
             at[-1] += 1.5
             noise[-1] *= 0.7
@@ -154,26 +154,26 @@ def test_follow_recomputes_only_changed_rows():
         (first(60), 60),
         (first(40), 40),
         (first(90), 40),
-        (Centers(every.places_m, every.depths_m + 1.0, every.noise_std_m), 90),  # depths alone cost no factor
+        (Centers(every.locations_m, every.depths_m + 1.0, every.noise_std_m), 90),  # depths alone cost no factor
     ]:
         before = posterior.rows
         assert posterior.follow(data) == kept
         assert np.array_equal(posterior.rows[:kept], before[:kept])
-        agrees(posterior, np.zeros((0, 2)), every.places_m[:10] + 3.0)
+        agrees(posterior, np.zeros((0, 2)), every.locations_m[:10] + 3.0)
 
 
 def test_follow_copies_its_arrays():
     rng = np.random.default_rng(6)
     data, posterior = centers(rng, 20), Posterior(GpConfig())
     posterior.follow(data)
-    data.places_m[5] += 10.0  # the caller's arrays are the caller's
+    data.locations_m[5] += 10.0  # the caller's arrays are the caller's
     assert posterior.follow(data) == 5
 
 
 @pytest.mark.parametrize("name", ["copy", "blank"])
 def test_copies_are_independent(name):
     rng = np.random.default_rng(7)
-    posterior, queries = Posterior(config()), places(rng, 12)
+    posterior, queries = Posterior(config()), locations(rng, 12)
     posterior.extend(centers(rng, 140))
     posterior = posterior.with_planned(queries[:2])
     before = posterior.moments(queries)
@@ -190,7 +190,7 @@ def test_copies_are_independent(name):
 
 def test_planning_does_not_change_the_posterior():
     rng = np.random.default_rng(9)
-    posterior, queries, at = Posterior(config()), places(rng, 12), places(rng, 15)
+    posterior, queries, at = Posterior(config()), locations(rng, 12), locations(rng, 15)
     posterior.extend(centers(rng, 140))
     before = posterior.moments(queries)
     planned = posterior.with_planned(at[:10])
@@ -202,11 +202,13 @@ def test_planning_does_not_change_the_posterior():
     agrees(planned, at[:10], queries)  # a snapshot
 
 
-def test_data_after_planned_places_are_rejected():
+def test_data_after_planned_locations_are_rejected():
     rng = np.random.default_rng(8)
     posterior = Posterior(GpConfig())
-    posterior = posterior.with_planned(places(rng, 3))
-    with pytest.raises(ValueError, match=r"extend: got a posterior with 3 planned places; expected none. Extend the"):
+    posterior = posterior.with_planned(locations(rng, 3))
+    with pytest.raises(
+        ValueError, match=r"extend: got a posterior with 3 planned locations; expected none. Extend the"
+    ):
         posterior.extend(centers(rng, 2))
 
 
@@ -215,21 +217,23 @@ def test_ill_conditioned_centers_leave_the_unchanged_ones():
     posterior, data = Posterior(GpConfig()), centers(rng, 10)
     posterior.extend(data)
     twice = data.slice(0, 1).joined(data.slice(0, 1))
-    twice = Centers(twice.places_m + 5.0, twice.depths_m, np.zeros(2))  # two measurements at one place, without noise
+    twice = Centers(
+        twice.locations_m + 5.0, twice.depths_m, np.zeros(2)
+    )  # two measurements at one location, without noise
     with pytest.raises(IllConditionedError, match="12 centers is not positive definite"):
         posterior.extend(twice)
-    agrees(posterior, data.places_m[:0], data.places_m)
+    agrees(posterior, data.locations_m[:0], data.locations_m)
     with pytest.raises(IllConditionedError):
         posterior.follow(data.slice(0, 7).joined(twice))
     assert len(posterior) == 7
-    agrees(posterior, data.places_m[:0], data.places_m)
+    agrees(posterior, data.locations_m[:0], data.locations_m)
     assert posterior.follow(data) == 7
 
 
-def test_places_of_another_shape_are_rejected():
+def test_locations_of_another_shape_are_rejected():
     posterior = Posterior(GpConfig())
     for ask in (posterior.moments, posterior.mean_m, lambda p: CachedPoints(posterior, p)):
-        with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
+        with pytest.raises(ValueError, match=r"locations_m: got shape \(2,\); expected \(P, 2\)"):
             ask(np.zeros(2))
 
 
@@ -237,13 +241,13 @@ def test_points_are_selected_and_joined():
     rng = np.random.default_rng(5)
     posterior = Posterior(GpConfig())
     posterior.extend(centers(rng, 30))
-    posterior = posterior.with_planned(places(rng, 4))
-    first, second = places(rng, 6), places(rng, 9)  # three paths of 2 + 3 places
+    posterior = posterior.with_planned(locations(rng, 4))
+    first, second = locations(rng, 6), locations(rng, 9)  # three paths of 2 + 3 locations
     parts = [np.concatenate([first[2 * i : 2 * i + 2], second[3 * i : 3 * i + 3]]) for i in range(3)]
     wanted = posterior.at(np.concatenate(parts))
     joined = join_by_path(posterior.at(first), posterior.at(second), 3)
     pool = PointPool(len(posterior))
-    pool.add(posterior.at(places(rng, 4090)))
+    pool.add(posterior.at(locations(rng, 4090)))
     begin = pool.add(wanted)  # it grows
     for got in (joined, pool.take(begin + np.arange(15)), joined.take(np.arange(15))):
         for name in ("scaled", "white", "mean_m", "data_var_m2", "planned_var_m2"):
@@ -252,7 +256,7 @@ def test_points_are_selected_and_joined():
 
 
 def test_theorem_1_holds_for_random_fields():
-    """Benefit 0 for no planned place, never negative, monotone in the planned set; over many random fields."""
+    """Benefit 0 for no planned location, never negative, monotone in the planned set; over many random fields."""
     rng = np.random.default_rng(11)
     broken = checked = 0
     for trial in range(1000):
@@ -273,7 +277,7 @@ def test_theorem_1_holds_for_random_fields():
         posterior = Posterior(gp)
         data = Centers(rng.uniform(0, 300, (12, 2)), rng.normal(15, 4, 12), np.full(12, gp.noise_std_m))
         posterior.extend(data)
-        queries = np.concatenate([rng.uniform(0, 300, (6, 2)), data.places_m[:2]])
+        queries = np.concatenate([rng.uniform(0, 300, (6, 2)), data.locations_m[:2]])
         planned, benefits = rng.uniform(0, 300, (8, 2)), []
         for begin, end in itertools.pairwise((0, 0, 1, 4, 8)):
             posterior = posterior.with_planned(planned[begin:end])
@@ -298,7 +302,7 @@ def test_averaged_centers_are_the_means_of_their_groups():
         np.array([[1.0], [3.0], [5.0], [7.0]]),
     )
     found = centers.averaged(np.array([[2, 0], [1, 0], [2, 0], [0, 0]]))
-    assert found.places_m.tolist() == [[2.0, 1.0], [10.0, 0.0], [30.0, 0.0]]
+    assert found.locations_m.tolist() == [[2.0, 1.0], [10.0, 0.0], [30.0, 0.0]]
     assert found.depths_m.tolist() == [12.0, 12.0, 20.0]
     assert found.noise_std_m.tolist() == [0.25, 0.4, 0.5]  # sqrt(.3^2 + .4^2) / 2
-    assert found.place_effect_m.tolist() == [[3.0], [3.0], [7.0]]
+    assert found.position_effect_m.tolist() == [[3.0], [3.0], [7.0]]

@@ -3,8 +3,8 @@
 The expected Bayes risk after planned measurements is integrated as it is defined, not by the closed form that the
 package uses: E = integral over mu of N(mu; mean, std_of_mean^2) r(mu), with r(mu) = min(c1 P(f < l), c2 P(f >= l)) the
 Bayes risk of a depth f that is normal with mean mu and standard deviation std_after. Gauss-Legendre quadrature in
-pieces (mpmath), cut at the place where the best call changes; a value is accepted when a rule of half the nodes agrees
-with it to 30 digits.
+pieces (mpmath), cut at the location where the best call changes; a value is accepted when a rule of half the nodes
+agrees with it to 30 digits.
 
     python auv_lse_gp/test/make_expected_bayes_risk.py               # writes the table, in some minutes
     python auv_lse_gp/test/make_expected_bayes_risk.py --check FILE  # compares another table of the same columns

@@ -67,9 +67,9 @@ def test_it_is_the_mean_contour_length_of_fields_drawn_from_a_dense_posterior(ke
 
 def test_slopes_are_those_of_the_mean() -> None:
     posterior = Posterior(GpConfig(mean="plane", mean_slope_east=0.1))
-    places = np.random.default_rng(1).uniform(0.0, 100.0, (20, 2))
-    posterior.extend(Centers(places, 15.0 + places[:, 0] / 20.0, np.full(20, 0.3)))
-    at = posterior.depth_and_slope(places + 7.0)
-    assert at.slope == pytest.approx(posterior.slopes(places + 7.0), abs=1e-9)
-    assert at.mean_m == pytest.approx(posterior.moments(places + 7.0)[0], abs=1e-9)
-    assert at.variance_m2 == pytest.approx(posterior.moments(places + 7.0)[1], abs=1e-9)
+    locations = np.random.default_rng(1).uniform(0.0, 100.0, (20, 2))
+    posterior.extend(Centers(locations, 15.0 + locations[:, 0] / 20.0, np.full(20, 0.3)))
+    at = posterior.depth_and_slope(locations + 7.0)
+    assert at.slope == pytest.approx(posterior.slopes(locations + 7.0), abs=1e-9)
+    assert at.mean_m == pytest.approx(posterior.moments(locations + 7.0)[0], abs=1e-9)
+    assert at.variance_m2 == pytest.approx(posterior.moments(locations + 7.0)[1], abs=1e-9)

@@ -19,18 +19,18 @@ def track(n, spacing_m=6.0, north_m=0.0):
     return np.column_stack([np.full(n, north_m), spacing_m * np.arange(n)])
 
 
-def drawn(places_m, seed):
+def drawn(locations_m, seed):
     """Depths (n,) of a ground drawn from the prior, with noise."""
     kernel, rng = Kernel(CONFIG), np.random.default_rng(seed)
-    scaled = kernel.scale(places_m)
-    covariance = kernel.of_scaled(scaled, scaled) + CONFIG.noise_std_m**2 * np.eye(len(places_m))
-    return MEAN_M + np.linalg.cholesky(covariance) @ rng.standard_normal(len(places_m))
+    scaled = kernel.scale(locations_m)
+    covariance = kernel.of_scaled(scaled, scaled) + CONFIG.noise_std_m**2 * np.eye(len(locations_m))
+    return MEAN_M + np.linalg.cholesky(covariance) @ rng.standard_normal(len(locations_m))
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_honest_samples_are_not_weighed_down(seed):
-    places = np.concatenate([track(100), track(100, north_m=40.0)])
-    rows, gp = np.column_stack([places, drawn(places, seed)]), OnlineGp(CONFIG)
+    locations = np.concatenate([track(100), track(100, north_m=40.0)])
+    rows, gp = np.column_stack([locations, drawn(locations, seed)]), OnlineGp(CONFIG)
     gp.add_all(rows[:60])
     for begin in range(60, 200, 20):
         _, fit = gp.add_if_fitting(rows[begin : begin + 20], 5.0, 100)
@@ -39,11 +39,11 @@ def test_honest_samples_are_not_weighed_down(seed):
 
 
 def test_samples_that_contradict_each_other_are_weighed_down_where_the_map_is_uncertain():
-    places = track(19)
-    depths = drawn(places, 1)
+    locations = track(19)
+    depths = drawn(locations, 1)
     depths[[4, 9, 14]] += 6.0  # less than one standard deviation of the prior
     kernel = Kernel(CONFIG)
-    scaled = kernel.scale(places)
+    scaled = kernel.scale(locations)
     noise = noise_of_samples(kernel.of_scaled(scaled, scaled), depths - MEAN_M, CONFIG.noise_std_m, 5.0, ONE)
     assert np.flatnonzero(noise > CONFIG.noise_std_m).tolist() == [4, 9, 14]
     assert noise[[4, 9, 14]].min() > 3.0
@@ -51,11 +51,11 @@ def test_samples_that_contradict_each_other_are_weighed_down_where_the_map_is_un
 
 def test_a_packet_that_contradicts_the_other_packets_is_weighed_down_as_a_whole():
     moved = np.array([[0.0, 0.0], [15.0, 60.0], [0.0, 114.0], [0.0, 228.0]])
-    places = np.concatenate([track(19) + by for by in moved])
-    depths, packets = drawn(places, 3), np.repeat(np.arange(4), 19)
+    locations = np.concatenate([track(19) + by for by in moved])
+    depths, packets = drawn(locations, 3), np.repeat(np.arange(4), 19)
     depths[packets == 1] += 6.0  # consistent in itself
     kernel = Kernel(CONFIG)
-    scaled = kernel.scale(places)
+    scaled = kernel.scale(locations)
     noise = noise_of_samples(kernel.of_scaled(scaled, scaled), depths - MEAN_M, CONFIG.noise_std_m, 5.0, packets)
     assert np.unique(packets[noise > CONFIG.noise_std_m]).tolist() == [1]
 
@@ -77,8 +77,8 @@ def test_blocks_are_of_whole_packets():
 
 
 def test_forged_samples_beside_own_soundings_hardly_change_the_map():
-    places = track(100)
-    rows = np.column_stack([places, drawn(places, 2)])
+    locations = track(100)
+    rows = np.column_stack([locations, drawn(locations, 2)])
     forged = rows[10:90:4] + np.array([8.0, 0.0, 6.0])
     gp, alone = OnlineGp(CONFIG), OnlineGp(CONFIG)
     for one in (gp, alone):
@@ -89,7 +89,7 @@ def test_forged_samples_beside_own_soundings_hardly_change_the_map():
     gp.add_all(rows[::4])
     _, fit = gp.add_if_fitting(forged, 5.0, 100)
     assert not fit.any()
-    assert np.abs(gp.predict(places)[0] - alone.predict(places)[0]).max() < 0.5
+    assert np.abs(gp.predict(locations)[0] - alone.predict(locations)[0]).max() < 0.5
 
 
 def test_a_sounding_replaces_a_sample_that_was_weighed_down():

@@ -50,12 +50,12 @@ def test_field_updated_in_steps_equals_one_update(name, merge):
     field = step_by_step.field()
     fresh = Posterior(config)
     fresh.extend(step_by_step.centers)
-    mean, variance = fresh.moments(step_by_step.grid.places_m)
+    mean, variance = fresh.moments(step_by_step.grid.locations_m)
     std = np.sqrt(variance)
     inside = step_by_step.grid.inside
     assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
     assert_allclose(field.prior_std_m[inside], std, rtol=1e-9)
-    scales = variance_scales(fresh, config, step_by_step.grid.places_m, std**2)
+    scales = variance_scales(fresh, config, step_by_step.grid.locations_m, std**2)
     std = std * np.sqrt(scales)
     assert_allclose(field.std_m[inside], std, rtol=1e-9)
     assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
@@ -69,7 +69,7 @@ def test_local_map_uses_the_local_prediction():
     config = GpConfig(local=True, merge=False, length_scale_m=30.0)
     depth_map = DepthMap(config, LevelSet(), AREA)
     depth_map.add_soundings(track(200))
-    mean, std = depth_map.gp.predict(depth_map.grid.places_m)
+    mean, std = depth_map.gp.predict(depth_map.grid.locations_m)
     inside = depth_map.grid.inside
     assert_allclose(depth_map.field().mean_m[inside], mean)
     assert_allclose(depth_map.field().prior_std_m[inside], std)
@@ -81,7 +81,7 @@ def test_soundings_are_sorted_by_stamp_and_samples_keep_their_order():
     assert outcomes == [Outcome.TOO_CLOSE, Outcome.KEPT]
     outcomes = depth_map.add_samples([[50.0, 50.0, 10.0], [50.0, 53.0, 10.0]], 2)
     assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
-    assert depth_map.centers.places_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
+    assert depth_map.centers.locations_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
     assert depth_map.add_soundings(np.zeros((0, 4))) == []
     with pytest.raises(ValueError, match=r"soundings: got rows of shape \(1, 3\); expected \(n, 4\)"):
         depth_map.add_soundings([[1.0, 2.0, 3.0]])
@@ -102,7 +102,7 @@ def told_of(depth_map):
 
 
 def surveyed(**values):
-    """A map with own soundings on a grid of the true depth, and places between them."""
+    """A map with own soundings on a grid of the true depth, and locations between them."""
     depth_map = DepthMap(GpConfig(length_scale_m=60.0, **values), LevelSet(level_m=15.0), AREA)
     rng = np.random.default_rng(2)
     north, east = (axis.ravel() for axis in np.meshgrid(np.arange(10.0, 200.0, 20.0), np.arange(10.0, 240.0, 20.0)))
@@ -112,9 +112,9 @@ def surveyed(**values):
 
 
 def test_forged_samples_do_not_take_over_the_map():
-    depth_map, places, rng = surveyed()
+    depth_map, locations, rng = surveyed()
     before = depth_map.field().p_safe.copy()
-    samples = np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, len(places))])
+    samples = np.column_stack([locations, depth(*locations.T) + rng.normal(0, 0.3, len(locations))])
     forged = rng.random(len(samples)) < 0.5
     samples[forged, 2] = np.where(samples[forged, 2] > 15.0, 2.0, 874.0)
     outcomes = np.array([o for packet in np.split(samples, 10) for o in depth_map.add_samples(packet, 3)])
@@ -129,18 +129,18 @@ def test_forged_samples_do_not_take_over_the_map():
 
 
 def test_samples_with_a_position_error_fit_without_a_warning():
-    depth_map, places, rng = surveyed()
-    off = places + rng.normal(0.0, 3.0, places.shape)  # what drift leaves in a mate's places
-    depth_map.add_samples(np.column_stack([places, depth(*off.T) + rng.normal(0, 0.3, len(places))]), 2)
+    depth_map, locations, rng = surveyed()
+    off = locations + rng.normal(0.0, 3.0, locations.shape)  # what drift leaves in a mate's positions
+    depth_map.add_samples(np.column_stack([locations, depth(*off.T) + rng.normal(0, 0.3, len(locations))]), 2)
     assert not depth_map.team[2].suspicious
     assert told_of(depth_map).level is Level.OK
 
 
 def test_centers_are_limited_and_samples_to_half_of_them():
-    depth_map, places, _ = surveyed(max_centers=150, min_spacing_m=0.0, merge=False)
+    depth_map, locations, _ = surveyed(max_centers=150, min_spacing_m=0.0, merge=False)
     own = len(depth_map.centers)
     assert own < 150
-    told = [depth_map.add_samples([[*place, depth(*place)]], 2)[0] for place in places]
+    told = [depth_map.add_samples([[*location, depth(*location)]], 2)[0] for location in locations]
     assert len(depth_map.centers) == min(150, own + 75)
     assert told[-1] is Outcome.FULL
     assert "soundings discarded: the map is full (gp.max_centers = 150)" in told_of(depth_map).text
@@ -157,8 +157,8 @@ def test_samples_beyond_the_limit_are_still_merged():
 def test_isobath_and_its_band():
     depth_map = DepthMap(GpConfig(mean_depth_m=15.0, length_scale_m=60.0), LevelSet(level_m=15.0), AREA)
     rng = np.random.default_rng(1)
-    places = rng.uniform([0, 0], [200, 240], (500, 2))
-    depth_map.add_samples(np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, 500)]), 2)
+    locations = rng.uniform([0, 0], [200, 240], (500, 2))
+    depth_map.add_samples(np.column_stack([locations, depth(*locations.T) + rng.normal(0, 0.3, 500)]), 2)
     isobath = depth_map.isobath()
     assert isobath.band_probability == 0.95
     line = max(isobath.lines, key=len)

@@ -23,19 +23,19 @@ def _path(request, monkeypatch):
     monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
-def bottom(places):
+def bottom(locations):
     """A made-up lake."""
-    return 15.0 + 6.0 * np.sin(places[:, 0] / 60.0) * np.cos(places[:, 1] / 45.0) + places[:, 0] / 100.0
+    return 15.0 + 6.0 * np.sin(locations[:, 0] / 60.0) * np.cos(locations[:, 1] / 45.0) + locations[:, 0] / 100.0
 
 
 def soundings(n, seed=0, size=400.0):
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0, size, (n, 2))
-    return places, bottom(places) + rng.normal(0, 0.3, n)
+    locations = rng.uniform(0, size, (n, 2))
+    return locations, bottom(locations) + rng.normal(0, 0.3, n)
 
 
-def add_all(gp, places, depths):
-    for (north, east), depth in zip(places, depths, strict=True):
+def add_all(gp, locations, depths):
+    for (north, east), depth in zip(locations, depths, strict=True):
         gp.add(north, east, depth)
 
 
@@ -52,15 +52,15 @@ def test_agrees_with_the_textbook(name, merge):
     config = GpConfig(kernel=name, merge=merge, mean="plane", mean_slope_north=0.01, length_scale_2_m=50.0,
                       rotation_deg=20.0)  # fmt: skip
     gp = OnlineGp(config)
-    places, depths = soundings(420)
+    locations, depths = soundings(420)
     queries = np.random.default_rng(1).uniform(-50, 450, (333, 2))
-    for (north, east), depth in zip(places, depths, strict=True):
+    for (north, east), depth in zip(locations, depths, strict=True):
         gp.add(north, east, depth)
         if len(gp) in (1, 2, 130):
             gp.predict(queries[:3])  # asking in between must change nothing
     assert len(gp) > 2 * BLOCK
     assert gp.counts.kept == len(gp)
-    assert gp.counts.kept + gp.counts.merged + gp.counts.too_close == len(places)
+    assert gp.counts.kept + gp.counts.merged + gp.counts.too_close == len(locations)
     assert (gp.counts.merged > 0) is merge
     mean, covariance = textbook(gp, queries)
     tiny = 1e-11 * config.signal_std_m**2  # a covariance near 0 is a difference of numbers up to the signal's variance
@@ -71,7 +71,7 @@ def test_agrees_with_the_textbook(name, merge):
     assert_allclose(columns.mean_m, mean, rtol=1e-9)
     assert_allclose(gp.posterior.covariance(columns, columns), covariance, rtol=1e-9, atol=tiny)
     centers, lower = gp.centers, gp.posterior.factor.lower
-    own = gp.kernel(centers.places_m, centers.places_m) + np.diag(centers.noise_std_m**2)
+    own = gp.kernel(centers.locations_m, centers.locations_m) + np.diag(centers.noise_std_m**2)
     assert_allclose(lower @ lower.T, own, atol=1e-13 * config.signal_std_m**2)
 
 
@@ -116,37 +116,37 @@ def test_postponed_factorization_gives_the_same_posterior(merge, monkeypatch):
         append(self, cross, own)
 
     monkeypatch.setattr(Factor, "append", counted)
-    places, depths = soundings(300)
-    for (north, east), depth in zip(places, depths, strict=True):
+    locations, depths = soundings(300)
+    for (north, east), depth in zip(locations, depths, strict=True):
         later.add(north, east, depth)
     assert blocks == []
     centers = later.centers
     assert blocks == []  # where they are needs no factor
-    mean, std = later.predict(places + 3.0)
+    mean, std = later.predict(locations + 3.0)
     assert blocks == [len(later)]
     monkeypatch.setattr(OnlineGp, "_is_well_conditioned", lambda self, size: False)
-    for (north, east), depth in zip(places, depths, strict=True):
+    for (north, east), depth in zip(locations, depths, strict=True):
         at_once.add(north, east, depth)
     assert later.counts == at_once.counts
     assert later.revision == at_once.revision
     for got, wanted in zip(dataclasses.astuple(centers), dataclasses.astuple(at_once.centers), strict=True):
         assert np.array_equal(got, wanted)
-    wanted_mean, wanted_std = at_once.predict(places + 3.0)
+    wanted_mean, wanted_std = at_once.predict(locations + 3.0)
     assert mean == pytest.approx(wanted_mean, rel=1e-11)  # the same up to the order of the sums
     assert std == pytest.approx(wanted_std, rel=1e-11)
 
 
 def test_minimum_spacing_holds_and_dropped_soundings_are_counted():
     gp = OnlineGp(GpConfig(min_spacing_m=10.0, merge=False))
-    places, depths = soundings(600, seed=3, size=120.0)
-    outcomes = [gp.add(n, e, d) for (n, e), d in zip(places, depths, strict=True)]
-    kept = gp.centers.places_m
+    locations, depths = soundings(600, seed=3, size=120.0)
+    outcomes = [gp.add(n, e, d) for (n, e), d in zip(locations, depths, strict=True)]
+    kept = gp.centers.locations_m
     distance = np.hypot(*(kept[:, None] - kept[None]).T)
     assert distance[np.triu_indices(len(kept), 1)].min() >= 10.0
     assert outcomes.count(Outcome.KEPT) == len(kept) == gp.counts.kept
     assert outcomes.count(Outcome.TOO_CLOSE) == gp.counts.too_close == 600 - len(kept)
-    for place, outcome in zip(places, outcomes, strict=True):  # nothing was dropped without need
-        assert outcome is Outcome.KEPT or np.hypot(*(kept - place).T).min() < 10.0
+    for location, outcome in zip(locations, outcomes, strict=True):  # nothing was dropped without need
+        assert outcome is Outcome.KEPT or np.hypot(*(kept - location).T).min() < 10.0
 
 
 def test_sounding_at_exactly_the_spacing_is_kept():
@@ -186,12 +186,12 @@ def test_merged_center_is_the_mean_at_the_centroid():
     gp = OnlineGp(config)
     assert [gp.add(0, 0, 10.0), gp.add(2, 0, 11.0), gp.add(4, 0, 12.0)][1:] == [Outcome.MERGED] * 2
     centers = gp.centers
-    assert centers.places_m.tolist() == [[2.0, 0.0]]
+    assert centers.locations_m.tolist() == [[2.0, 0.0]]
     assert centers.depths_m.tolist() == [11.0]
     kernel = Kernel(config)
-    places = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])
+    locations = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])
     contrast = np.array([1 / 3, 1 / 3 - 1, 1 / 3])  # mean of the three less the one at the centroid
-    wanted = 0.09 / 3 + contrast @ kernel(places, places) @ contrast
+    wanted = 0.09 / 3 + contrast @ kernel(locations, locations) @ contrast
     assert centers.noise_std_m[0] ** 2 == pytest.approx(wanted, rel=1e-9)
 
 
@@ -200,11 +200,11 @@ def test_ill_conditioned_merge_is_undone_and_reported(monkeypatch):
     for (north, east), depth in zip(*soundings(150), strict=True):
         gp.add(north, east, depth)
     queries = np.array([[50.0, 60.0], [200.0, 100.0]])
-    before, place = gp.predict(queries), gp.centers.places_m[-3]
-    assert gp.add(*gp._merged[-3]._places_m[0], 15.0) is Outcome.MERGED
-    gp._merged[-4].add(place, 15.0, 0.3)
+    before, location = gp.predict(queries), gp.centers.locations_m[-3]
+    assert gp.add(*gp._merged[-3]._locations_m[0], 15.0) is Outcome.MERGED
+    gp._merged[-4].add(location, 15.0, 0.3)
     gp._moved.add(len(gp) - 4)
-    summary = (place, 15.0, 1e-16)  # two centers at one place, without noise
+    summary = (location, 15.0, 1e-16)  # two centers at one location, without noise
     monkeypatch.setattr(type(gp._merged[-4]), "summary", lambda self: summary)
     after = gp.predict(queries)
     assert gp.problems == ["undid merges: they made the covariance of the centers ill-conditioned"]
@@ -234,9 +234,9 @@ def test_implausible_soundings_are_rejected(sounding, message):
 def test_ill_conditioned_sounding_is_rejected_without_loss(monkeypatch):
     monkeypatch.setattr(online, "_EPSILON", 1.0)  # with so few digits, each sounding is factorized at once
     gp = OnlineGp(GpConfig())
-    places, depths = soundings(50)
-    add_all(gp, places, depths)
-    size, before = len(gp), gp.predict(places)
+    locations, depths = soundings(50)
+    add_all(gp, locations, depths)
+    size, before = len(gp), gp.predict(locations)
 
     def refuse(self, cross, own):
         raise IllConditionedError("not positive definite")
@@ -246,21 +246,21 @@ def test_ill_conditioned_sounding_is_rejected_without_loss(monkeypatch):
         with pytest.raises(IllConditionedError):
             gp.add(450.0, 450.0, 15.0)
     assert len(gp) == size
-    assert np.array_equal(gp.predict(places), before)
+    assert np.array_equal(gp.predict(locations), before)
     assert gp.add(450.0, 450.0, 15.0) is Outcome.KEPT
 
 
-def test_places_of_another_shape_are_rejected():
-    with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
+def test_locations_of_another_shape_are_rejected():
+    with pytest.raises(ValueError, match=r"locations_m: got shape \(2,\); expected \(P, 2\)"):
         OnlineGp(GpConfig()).predict(np.zeros(2))
 
 
 @pytest.mark.parametrize("name", ["matern32", "matern52", "squared_exponential"])
 def test_local_subset(name):
-    places, depths = soundings(500, size=900.0)
+    locations, depths = soundings(500, size=900.0)
     queries = np.random.default_rng(2).uniform(0, 900, (300, 2))
     full = OnlineGp(GpConfig(kernel=name, min_spacing_m=0.0))
-    add_all(full, places, depths)
+    add_all(full, locations, depths)
     mean, std = full.predict(queries)
     errors = []
     for ratio in (2.0, 3.0, None):
@@ -272,7 +272,7 @@ def test_local_subset(name):
         else:
             gp = OnlineGp(config)
             assert gp.problems == []
-        add_all(gp, places, depths)
+        add_all(gp, locations, depths)
         got_mean, got_std = gp.predict(queries)
         errors.append(np.max(np.abs(got_mean - mean) / std))
         assert np.all(got_std >= std - 1e-9)  # less data never knows more
@@ -283,12 +283,12 @@ def test_local_subset(name):
 
 
 def test_local_subset_of_a_wendland_kernel_equals_the_full_posterior():
-    places, depths = soundings(200)
+    locations, depths = soundings(200)
     results = []
     for local in (False, True):
         gp = OnlineGp(GpConfig(kernel="wendland_c2", support_m=150.0, local=local, min_spacing_m=0.0))
-        add_all(gp, places, depths)
-        results.append(gp.predict(places[:50] + 3.0))
+        add_all(gp, locations, depths)
+        results.append(gp.predict(locations[:50] + 3.0))
     assert np.array_equal(results[0], results[1])
 
 
@@ -326,8 +326,8 @@ def test_factor_appends_truncates_and_solves():
 def test_add_all_equals_adding_one_by_one(monkeypatch, at_once, max_new):
     if at_once:  # with so few digits, each sounding is factorized at once
         monkeypatch.setattr(online, "_EPSILON", 1.0)
-    places, depths = soundings(200)
-    rows = np.column_stack([places, depths])
+    locations, depths = soundings(200)
+    rows = np.column_stack([locations, depths])
     rows[7, 2], rows[9, 0] = -5.0, math.nan  # refused
     one, many = OnlineGp(GpConfig()), OnlineGp(GpConfig())
     wanted, room = [], len(rows) if max_new is None else max_new

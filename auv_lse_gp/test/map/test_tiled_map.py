@@ -15,9 +15,13 @@ def soundings(seed=0, step_m=8.0):
     """Soundings along lanes: stamp, north, east, depth (m)."""
     rng = np.random.default_rng(seed)
     north = np.arange(20.0, 880.0, step_m)
-    places = np.concatenate([np.column_stack([north, np.full_like(north, east)]) for east in range(40, 900, 90)])
-    depth = 15.0 + 6.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0) + rng.normal(0, 0.2, len(places))
-    return np.column_stack([np.arange(len(places)), places, depth])
+    locations = np.concatenate([np.column_stack([north, np.full_like(north, east)]) for east in range(40, 900, 90)])
+    depth = (
+        15.0
+        + 6.0 * np.sin(locations[:, 0] / 90.0) * np.cos(locations[:, 1] / 110.0)
+        + rng.normal(0, 0.2, len(locations))
+    )
+    return np.column_stack([np.arange(len(locations)), locations, depth])
 
 
 def built():
@@ -25,7 +29,7 @@ def built():
     depth_map = DepthMap(GpConfig(**CONFIG), LevelSet(), AREA)
     for part in np.array_split(soundings(), 12):
         depth_map.add_soundings(part)
-        depth_map.gp.set_place_effect(np.full((len(depth_map.gp), 3), 0.1))
+        depth_map.gp.set_position_effect(np.full((len(depth_map.gp), 3), 0.1))
         depth_map.field()
     return depth_map
 
@@ -41,9 +45,9 @@ def test_tiled_field_is_close_to_dense(monkeypatch):
     assert np.abs((tiled.mean_m - dense.mean_m) / dense.prior_std_m)[inside].max() < 0.02
     assert np.abs(tiled.prior_std_m / dense.prior_std_m - 1.0)[inside].max() < 0.005
     assert tiled.std_m[inside] == pytest.approx(dense.std_m[inside], rel=0.02)
-    places = np.array([[100.0, 100.0], [800.0, 95.0]])
-    mean, std = depth_map.gp.predict(places)
-    near = depth_map.gp.posterior.moments(places)
+    locations = np.array([[100.0, 100.0], [800.0, 95.0]])
+    mean, std = depth_map.gp.predict(locations)
+    near = depth_map.gp.posterior.moments(locations)
     assert mean == pytest.approx(near[0], abs=0.02)
     assert std == pytest.approx(np.sqrt(near[1]), rel=0.005)
 
@@ -65,11 +69,11 @@ def test_field_is_right_whenever_the_map_becomes_dense_or_tiled(monkeypatch):
 def test_samples_must_fit_a_tiled_map(monkeypatch):
     monkeypatch.setattr(online, "MAX_DENSE", 150)
     depth_map = built()
-    places = soundings(1)[::40, 1:3] + 12.0
-    mean, _ = depth_map.gp.predict(places)
-    good = depth_map.add_samples(np.column_stack([places, mean + 0.1]), 2)
+    locations = soundings(1)[::40, 1:3] + 12.0
+    mean, _ = depth_map.gp.predict(locations)
+    good = depth_map.add_samples(np.column_stack([locations, mean + 0.1]), 2)
     assert Outcome.OUTLIER not in good
-    wrong = depth_map.add_samples(np.column_stack([places + 1.0, mean + 30.0]), 3)
+    wrong = depth_map.add_samples(np.column_stack([locations + 1.0, mean + 30.0]), 3)
     assert set(wrong) == {Outcome.OUTLIER}
     assert depth_map.team[3].suspicious
 

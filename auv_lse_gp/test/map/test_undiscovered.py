@@ -20,16 +20,18 @@ AREA = OperatingArea(AreaConfig(polygon_m=[0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0
 CONFIG = GpConfig()
 
 
-def nowhere(places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return np.zeros(len(places), dtype=bool)
+def nowhere(locations: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.zeros(len(locations), dtype=bool)
 
 
 def surveyed(length_scale_m: float, north_m: float = 300.0) -> Centers:
     """Soundings every 10 m along tracks 40 m apart, up to `north_m`, of a field of this length scale about 15 m."""
     north, east = np.meshgrid(np.arange(5.0, north_m, 10.0), np.arange(20.0, 300.0, 40.0), indexing="ij")
-    places = np.column_stack([north.ravel(), east.ravel()])
+    locations = np.column_stack([north.ravel(), east.ravel()])
     field = Posterior(dataclasses.replace(CONFIG, length_scale_m=length_scale_m, signal_std_m=4.0))
-    return Centers(places, draws(field, places, np.ones(len(places)), 3, math.inf)[0], np.full(len(places), 0.3))
+    return Centers(
+        locations, draws(field, locations, np.ones(len(locations)), 3, math.inf)[0], np.full(len(locations), 0.3)
+    )
 
 
 @pytest.mark.parametrize("length_scale_m", [50.0, 120.0])
@@ -46,8 +48,8 @@ def test_hypotheses_are_weighted_by_their_marginal_likelihood() -> None:
     worth, logs = STD_WORTH, {}
     for hypothesis in hypotheses(CONFIG, data):
         kernel = hypothesis.posterior.kernel
-        covariance = kernel(data.places_m, data.places_m) + np.diag(data.noise_std_m**2)
-        residual = data.depths_m - hypothesis.posterior.prior_mean(data.places_m)
+        covariance = kernel(data.locations_m, data.locations_m) + np.diag(data.noise_std_m**2)
+        residual = data.depths_m - hypothesis.posterior.prior_mean(data.locations_m)
         squares = float(residual @ np.linalg.solve(covariance, residual))
         total = 0.5 * (worth + len(data)) * np.log(worth + squares)
         logs[hypothesis.weight] = -0.5 * float(np.linalg.slogdet(covariance)[1]) - total
@@ -83,28 +85,28 @@ def test_the_same_soundings_give_the_same_limit() -> None:
 
 
 def test_draws_have_the_posteriors_mean_and_variance() -> None:
-    """Between tracks, where the short waves matter: 5 % is four standard errors of 400 draws over 60 places."""
+    """Between tracks, where the short waves matter: 5 % is four standard errors of 400 draws over 60 locations."""
     posterior = Posterior(dataclasses.replace(CONFIG, std_soundings=0.0))
     effect = np.random.default_rng(2).normal(0.0, 0.2, (210, 2))
     data = surveyed(85.0)
-    posterior.extend(dataclasses.replace(data, place_effect_m=effect))
-    places = np.random.default_rng(3).uniform(10.0, 290.0, (60, 2))
-    mean, variance = posterior.moments(places)
-    scales = np.linspace(0.3, 2.0, len(places))
-    drawn = draws(posterior, places, scales, 400, math.inf)
-    floor = posterior.place_variance(posterior.kernel.scale(places))
+    posterior.extend(dataclasses.replace(data, position_effect_m=effect))
+    locations = np.random.default_rng(3).uniform(10.0, 290.0, (60, 2))
+    mean, variance = posterior.moments(locations)
+    scales = np.linspace(0.3, 2.0, len(locations))
+    drawn = draws(posterior, locations, scales, 400, math.inf)
+    floor = posterior.position_variance(posterior.kernel.scale(locations))
     variance = scales * (variance - floor) + floor
     assert np.mean((drawn - mean) ** 2 / variance) == pytest.approx(1.0, abs=0.05)
     assert np.abs(drawn.mean(axis=0) - mean).max() < 0.25 * np.sqrt(variance.max())
 
 
 def test_draws_share_an_uncertain_standard_deviation() -> None:
-    """The mean square of a draw over all places has a relative variance of 2 / (f - 4) with f degrees of freedom."""
-    places = np.random.default_rng(3).uniform(0.0, 20_000.0, (400, 2))  # far apart: independent
-    drawn = draws(Posterior(CONFIG), places, np.ones(len(places)), 400, 20.0)
+    """The mean square of a draw over all locations has a relative variance of 2 / (f - 4) with f degrees of freedom."""
+    locations = np.random.default_rng(3).uniform(0.0, 20_000.0, (400, 2))  # far apart: independent
+    drawn = draws(Posterior(CONFIG), locations, np.ones(len(locations)), 400, 20.0)
     squares = np.mean((drawn - 15.0) ** 2, axis=1) / CONFIG.signal_std_m**2
     assert squares.mean() == pytest.approx(20.0 / 18.0, abs=0.06)  # three standard errors
-    # Of 400 places alone it would be 2 / 400. The estimate of a heavy-tailed variance is rough.
+    # Of 400 locations alone it would be 2 / 400. The estimate of a heavy-tailed variance is rough.
     assert 0.06 < squares.var() / squares.mean() ** 2 < 0.25
 
 

@@ -16,30 +16,30 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthMap
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
-PLACES_M = np.random.default_rng(4).uniform(0.0, 600.0, (300, 2))
+LOCATIONS_M = np.random.default_rng(4).uniform(0.0, 600.0, (300, 2))
 
 
 def drawn(config: GpConfig, std_m: float, rng: np.random.Generator, effect_m: np.ndarray | None = None) -> Centers:
     """Soundings of a lake drawn from the prior, with another standard deviation of depth and noise alike."""
-    n = len(PLACES_M)
+    n = len(LOCATIONS_M)
     kernel = Posterior(config).kernel
-    covariance = kernel(PLACES_M, PLACES_M) + config.noise_std_m**2 * np.eye(n)
+    covariance = kernel(LOCATIONS_M, LOCATIONS_M) + config.noise_std_m**2 * np.eye(n)
     depths = 15.0 + std_m / config.signal_std_m * np.linalg.cholesky(covariance) @ rng.standard_normal(n)
     if effect_m is not None:
         depths = depths + effect_m @ rng.standard_normal(effect_m.shape[1])
-    return Centers(PLACES_M, depths, np.full(n, config.noise_std_m), effect_m)
+    return Centers(LOCATIONS_M, depths, np.full(n, config.noise_std_m), effect_m)
 
 
 @pytest.mark.parametrize("modes", [0, 3])
 def test_variance_scale_agrees_with_the_dense_solve(modes: int) -> None:
-    """(100 + r' S^-1 r) / (100 + n), S with the place effects."""
+    """(100 + r' S^-1 r) / (100 + n), S with the location effects."""
     rng = np.random.default_rng(modes)
     config = GpConfig()
-    effect = rng.standard_normal((len(PLACES_M), modes)) if modes else None
+    effect = rng.standard_normal((len(LOCATIONS_M), modes)) if modes else None
     centers = drawn(config, 5.0, rng, effect)
     posterior = Posterior(config)
     posterior.follow(centers)
-    s = posterior.kernel(PLACES_M, PLACES_M) + np.diag(centers.noise_std_m**2)
+    s = posterior.kernel(LOCATIONS_M, LOCATIONS_M) + np.diag(centers.noise_std_m**2)
     if effect is not None:
         s = s + effect @ effect.T
     residuals = centers.depths_m - 15.0
@@ -62,15 +62,15 @@ def test_variance_scale_recovers_the_true_standard_deviation(std_m: float) -> No
         found.append(posterior.variance_scale)
     expected = (std_m / 8.0) ** 2
     # |b|^2 is chi-squared with n degrees of freedom; four standard errors of the mean of 20
-    assert abs(np.mean(found) / expected - 1.0) < 4.0 * np.sqrt(2.0 / len(PLACES_M) / 20)
+    assert abs(np.mean(found) / expected - 1.0) < 4.0 * np.sqrt(2.0 / len(LOCATIONS_M) / 20)
 
 
 def test_known_position_uncertainty_does_not_raise_the_scale() -> None:
     config, rng = GpConfig(), np.random.default_rng(1)
-    centers = drawn(config, 8.0, rng, 30.0 * rng.standard_normal((len(PLACES_M), 2)))
+    centers = drawn(config, 8.0, rng, 30.0 * rng.standard_normal((len(LOCATIONS_M), 2)))
     told, untold = Posterior(config), Posterior(config)
     told.follow(centers)
-    untold.follow(Centers(centers.places_m, centers.depths_m, centers.noise_std_m))
+    untold.follow(Centers(centers.locations_m, centers.depths_m, centers.noise_std_m))
     assert told.variance_scale == pytest.approx(1.0, abs=0.25)
     assert untold.variance_scale > 10.0
 
@@ -82,17 +82,17 @@ def test_map_without_soundings_has_the_priors_scale() -> None:
 
 
 @pytest.mark.parametrize("local", [False, True])
-def test_published_map_is_rescaled_except_the_place_variance(local: bool) -> None:
+def test_published_map_is_rescaled_except_the_position_variance(local: bool) -> None:
     config = GpConfig(local=local, length_scale_m=30.0)
     depth_map = DepthMap(config, LevelSet(), AREA)
     rng = np.random.default_rng(2)
     at = rng.uniform(0.0, 200.0, (40, 2))
     depth_map.add_soundings(np.column_stack([np.arange(40.0), at, rng.normal(15.0, 2.0, 40)]))
-    depth_map.gp.set_place_effect(0.5 * rng.standard_normal((len(depth_map.gp), 2)))
+    depth_map.gp.set_position_effect(0.5 * rng.standard_normal((len(depth_map.gp), 2)))
     field, inside, posterior = depth_map.field(), depth_map.grid.inside, depth_map.gp.posterior
     assert 0.0 < field.variance_scale < 0.9
-    cells = depth_map.grid.places_m
-    floor = posterior.place_variance(posterior.kernel.scale(cells))
+    cells = depth_map.grid.locations_m
+    floor = posterior.position_variance(posterior.kernel.scale(cells))
     prior, told = field.prior_std_m[inside] ** 2, field.std_m[inside] ** 2
     scales = variance_scales(posterior, config, cells, prior - floor)
     assert field.variance_scale == pytest.approx(scales.mean())

@@ -3,14 +3,14 @@
 | quantity | MAVLink | here |
 |---|---|---|
 | heading | ATTITUDE.yaw: rad, clockwise from north, -pi to pi | the same |
-| place | LOCAL_POSITION_NED.x, y: m north and east of the autopilot's own origin | of the mission's origin |
+| position | LOCAL_POSITION_NED.x, y: m north and east of the autopilot's own origin | of the mission's origin |
 | depth | pressure minus the pressure at the surface (`depth_gauge.py`), in m | depth_m, positive down |
 | own depth | LOCAL_POSITION_NED.z: m down from the autopilot's origin, wherever that is | compared with depth_m |
 | geodetic | lat, lon: 1e-7 degrees, WGS84; altitude mm, up | degrees; depth_m |
 | altitude over ground | DISTANCE_SENSOR, orientation 25 (down): cm | m |
 | pressure | SCALED_PRESSURE2.press_abs (or another, `link.pressure`): hPa | Pa |
 
-The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN). If it differs from the mission's, places are
+The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN). If it differs from the mission's, positions are
 shifted by the offset. Both planes are assumed parallel: within 1 km the error is below 0.1 m.
 """
 

@@ -1,4 +1,4 @@
-"""The mission's origin and the autopilot's: conversion of places between their local planes, and to WGS84."""
+"""The mission's origin and the autopilot's: conversion of positions between their local planes, and to WGS84."""
 
 from __future__ import annotations
 

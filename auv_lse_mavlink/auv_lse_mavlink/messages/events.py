@@ -22,7 +22,7 @@ class AutopilotEstimate:
         depth_m: Below the surface, positive down.
         speed_mps: Over ground, horizontal.
         yaw_rate_radps: Positive to starboard.
-        raw_north_m: North of the raw place, without corrections by fixes.
+        raw_north_m: North of the dead-reckoned position, without corrections by fixes.
         raw_east_m: East of it.
     """
 

@@ -38,7 +38,7 @@ class OriginExchange:
         """Starts without the autopilot's origin.
 
         Args:
-            mission: The mission's origin; None: local places are used unchanged.
+            mission: The mission's origin; None: local positions are used unchanged.
             autopilot: The autopilot's system and component id.
             set_origin: Whether to set the mission's origin if the autopilot has none.
             send: Sends a message to the autopilot.
@@ -55,7 +55,7 @@ class OriginExchange:
 
     @property
     def placed(self) -> bool:
-        """Whether places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        """Whether positions are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self.datum.mission is None or self.datum.autopilot is not None
 
     def forget(self, rebooted: bool) -> None:
@@ -102,9 +102,9 @@ class OriginExchange:
         self._counts["origin_set"] += 1
         if self._counts["origin_set"] == 1:
             self._report(
-                "the autopilot has no origin: setting the mission's; without GPS its estimator will place its start at "
-                f"latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg (start it there, or wait for its "
-                "GPS and set link.set_origin to false)"
+                "the autopilot has no origin: setting the mission's; without GPS its estimator will position its start "
+                f"at latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg (start it there, or wait for "
+                "its GPS and set link.set_origin to false)"
             )
         self._send(
             mavlink.MAVLink_set_gps_global_origin_message(
@@ -133,20 +133,20 @@ class OriginExchange:
                 f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: corrected"
             )
 
-    def check(self, lat_e7: int, lon_e7: int, place_m: tuple[float, float], moved_m: float) -> None:
+    def check(self, lat_e7: int, lon_e7: int, position_m: tuple[float, float], moved_m: float) -> None:
         """Counts, and reports once, a global position (1e-7 deg) that contradicts the local one.
 
         Args:
             lat_e7: Latitude.
             lon_e7: Longitude.
-            place_m: North, east of the local position (m).
+            position_m: North, east of the local position (m).
             moved_m: How far the vehicle may have moved between both (m).
         """
         if self.datum.mission is None:
             return
-        place = self.datum.from_geodetic(lat_e7, lon_e7)
-        apart_m = math.dist(place, place_m)
-        if apart_m <= ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(*place):
+        position = self.datum.from_geodetic(lat_e7, lon_e7)
+        apart_m = math.dist(position, position_m)
+        if apart_m <= ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(*position):
             return
         self._counts["datum_mismatch"] += 1
         if self._counts["datum_mismatch"] == 1:
@@ -162,5 +162,5 @@ class OriginExchange:
         where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
         self._report(
             f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} deg"
-            f"{where}; expected a place within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of the mission's origin"
+            f"{where}; expected a position within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of the mission's origin"
         )

@@ -35,8 +35,8 @@ class NaivePath(PathMethod):
         if not self.context.space.path_feasible(s.state, rollout.naive.actions(s.state, naive_path, left), DETOUR_LEGS):
             around = rollout.naive.actions(s.state, naive_path, left, around_shallows=True)
             actions = tuple(int(a) for a in around[:DETOUR_LEGS])
-        places = rollout.path(s.step, s.state, actions, naive_path).places_m
-        return Proposal(SearchResult(actions, reward.value(reward.posterior.at(places))), naive_path)
+        locations = rollout.path(s.step, s.state, actions, naive_path).locations_m
+        return Proposal(SearchResult(actions, reward.value(reward.posterior.at(locations))), naive_path)
 
 
 class OneLeg(PathMethod):
@@ -57,5 +57,5 @@ class OneLeg(PathMethod):
         else:
             scores = self.context.rng.random(len(choices))
         action = int(choices[int(np.argmax(scores))])
-        places = self.context.rollout.path(s.step, s.state, (action,), NONE).places_m
-        return Proposal(SearchResult((action,), reward.value(reward.posterior.at(places))), NONE)
+        locations = self.context.rollout.path(s.step, s.state, (action,), NONE).locations_m
+        return Proposal(SearchResult((action,), reward.value(reward.posterior.at(locations))), NONE)

@@ -53,5 +53,5 @@ def share_of_hull(cells: Grid) -> float:
     """Share of the cells' convex hull that they fill."""
     half = 0.5 * cells.resolution_m
     corners = half * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    hull = ConvexHull((cells.places_m[:, None] + corners).reshape(-1, 2))
+    hull = ConvexHull((cells.locations_m[:, None] + corners).reshape(-1, 2))
     return float(np.count_nonzero(cells.inside)) * cells.resolution_m**2 / float(hull.volume)  # of two dimensions: area

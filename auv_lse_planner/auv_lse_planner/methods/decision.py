@@ -61,14 +61,14 @@ class Statistics:
     """How a decision was found.
 
     Attributes:
-        team_places: Number of places ahead on team mates' plans.
+        team_locations: Number of locations ahead on team mates' plans.
         best_new_value: Value of the best path found by the search, in the search's reward; NaN without one.
         escape: Whether no action was feasible.
         reanchored: Whether the plan starts from odometry instead of the planned state.
         incumbent_infeasible: Whether the map now forbids the next legs of the last plan.
     """
 
-    team_places: int
+    team_locations: int
     evaluations: int
     best_new_value: float
     escape: bool

@@ -35,8 +35,8 @@ SETTLED_SHARE, SETTLED_SCALES = 1e-3, 0.5
 STALE_SCALES = 2.0
 #: Side (m) of the square tiles in which risk and mean elsewhere are updated.
 TILE_M = 300.0
-#: Places to be measured count if they are at most this far from a cell of the window, in length scales.
-PLACES_SCALES = 2.5
+#: Locations to be measured count if they are at most this far from a cell of the window, in length scales.
+LOCATIONS_SCALES = 2.5
 #: How far from all cells centers count, and from where on they are averaged, in length scales. Closely sounded ground
 #: screens what lies beyond: the second pair applies if the first one leaves more than `MOST_EXACT` centers.
 MARGINS, MOST_EXACT = ((2.5, 1.25), (1.5, 0.6)), 400
@@ -83,7 +83,7 @@ class GroundWindow:
         """The posterior at the window's cells."""
         self.update()
         if self._fine is None:
-            self._fine = CachedPoints(self.posterior, self._grid.places_m)
+            self._fine = CachedPoints(self.posterior, self._grid.locations_m)
         return self._fine
 
     @property
@@ -91,7 +91,7 @@ class GroundWindow:
         """The posterior at the window's cells of the coarse grid."""
         self.update()
         if self._coarse is None:
-            self._coarse = CachedPoints(self.posterior, self._coarse_grid.places_m)
+            self._coarse = CachedPoints(self.posterior, self._coarse_grid.locations_m)
         return self._coarse
 
     @property
@@ -110,32 +110,33 @@ class GroundWindow:
         if not self._is_current:
             self._follow()
 
-    def near(self, places_m: Array) -> Mask:
-        """Mask (P,) of the places (P, 2) that are near enough to change the window's cells."""
+    def near(self, locations_m: Array) -> Mask:
+        """Mask (P,) of the locations (P, 2) that are near enough to change the window's cells."""
         if not self.is_focused:
-            return np.ones(len(places_m), dtype=bool)
-        return self._far_at(places_m) <= PLACES_SCALES * self._scale_m
+            return np.ones(len(locations_m), dtype=bool)
+        return self._far_at(locations_m) <= LOCATIONS_SCALES * self._scale_m
 
-    def covers(self, places_m: Array) -> Mask:
-        """Mask (P,) of the places (P, 2) near the path, on settled ground too."""
-        return np.asarray(self._covered[self._index(places_m)])
+    def covers(self, locations_m: Array) -> Mask:
+        """Mask (P,) of the locations (P, 2) near the path, on settled ground too."""
+        return np.asarray(self._covered[self._index(locations_m)])
 
-    def mean_m(self, places_m: Array) -> Array:
-        """Mean depth (P,) at covered places (P, 2); on settled ground, that of the nearest cell at the last focus."""
+    def mean_m(self, locations_m: Array) -> Array:
+        """Mean depth (P,) at covered locations (P, 2); on settled ground, that of the nearest cell at the last
+        focus."""
         if not self.is_focused:
-            return self.posterior.mean_m(places_m)
+            return self.posterior.mean_m(locations_m)
         field = self._grid.fill(self._mean_m)
-        mean_m, settled = field[self._index(places_m)], self._far_at(places_m) > 0.0
-        mean_m[~settled] = self.posterior.mean_m(places_m[~settled])
+        mean_m, settled = field[self._index(locations_m)], self._far_at(locations_m) > 0.0
+        mean_m[~settled] = self.posterior.mean_m(locations_m[~settled])
         return mean_m
 
-    def around(self, place_m: Array, radius_m: float) -> Posterior:
-        """The posterior within a circle about a place (2,), given the centers in it and near it.
+    def around(self, position_m: Array, radius_m: float) -> Posterior:
+        """The posterior within a circle about a location (2,), given the centers in it and near it.
 
         Raises:
             IllConditionedError: if they cannot be factorized.
         """
-        off_m = np.hypot(*(self._centers.places_m - place_m).T)
+        off_m = np.hypot(*(self._centers.locations_m - position_m).T)
         local = self.posterior.blank()
         local.follow(self._centers.take(np.flatnonzero(off_m <= radius_m + MARGINS[-1][0] * self._scale_m)))
         return local
@@ -162,7 +163,7 @@ class GroundWindow:
         grid = self._grid
         self._update_map()
         self._covered = self._near(path_m, CELLS_SCALES) & grid.inside
-        surveyed = self._near(self._centers.places_m, SETTLED_SCALES)
+        surveyed = self._near(self._centers.locations_m, SETTLED_SCALES)
         settled = surveyed & (grid.fill(self._risk) <= SETTLED_SHARE * self._levels.largest_risk)
         on = self._covered & ~settled
         on = on if on.any() else self._covered
@@ -170,10 +171,10 @@ class GroundWindow:
         self.is_focused = True
         self._follow()
         self._cells = np.flatnonzero(on[grid.inside])
-        self._fine = CachedPoints(self.posterior, grid.places_m[self._cells])
-        coarse_m = self._coarse_grid.places_m
+        self._fine = CachedPoints(self.posterior, grid.locations_m[self._cells])
+        coarse_m = self._coarse_grid.locations_m
         inside = self._far_at(coarse_m) <= 0.0
-        self._coarse = CachedPoints(self.posterior, coarse_m[inside] if inside.any() else self._fine.places_m)
+        self._coarse = CachedPoints(self.posterior, coarse_m[inside] if inside.any() else self._fine.locations_m)
         self.elsewhere_risk = float(self._risk.sum() - self._risk[self._cells].sum())
 
     def release(self) -> None:
@@ -198,20 +199,20 @@ class GroundWindow:
 
     def _averaged(self, centers: Centers, most: int) -> Centers:
         """At most `most` centers: averages in square cells, if there are more."""
-        scaled, found, side = self.posterior.kernel.scale(centers.places_m), centers, AVERAGED_SIDE
+        scaled, found, side = self.posterior.kernel.scale(centers.locations_m), centers, AVERAGED_SIDE
         while len(found) > most:
             found, side = centers.averaged(np.floor(scaled / side).astype(np.int64)), 1.5 * side
         return found
 
     def _thinned(self, centers: Centers) -> Centers:
         """The centers near the window's cells, those not close to them averaged."""
-        far_m, found = self._far_at(centers.places_m), centers
+        far_m, found = self._far_at(centers.locations_m), centers
         for counts, averaged in MARGINS:
             kept = np.flatnonzero(far_m <= counts * self._scale_m)
             found = centers.take(kept)
             far = far_m[kept] > averaged * self._scale_m
             keys = np.column_stack([np.arange(len(found)), np.full((len(found), 2), -1)])
-            cells = np.floor(self.posterior.kernel.scale(found.places_m[far]) / AVERAGED_SIDE)
+            cells = np.floor(self.posterior.kernel.scale(found.locations_m[far]) / AVERAGED_SIDE)
             keys[far] = np.column_stack([np.full(len(cells), -1), cells])
             found = found.averaged(keys) if len(found) else found
             if len(found) <= MOST_EXACT:
@@ -220,9 +221,9 @@ class GroundWindow:
 
     def _update_map(self) -> None:
         """Updates risk and mean of all cells near which centers have come or gone."""
-        grid, everywhere = self._grid, self._grid.places_m
+        grid, everywhere = self._grid, self._grid.locations_m
         count = np.zeros(grid.inside.shape)
-        np.add.at(count, self._index(self._centers.places_m), 1.0)
+        np.add.at(count, self._index(self._centers.locations_m), 1.0)
         if not len(self._risk):
             self._risk, self._mean_m = np.zeros(len(everywhere)), np.zeros(len(everywhere))
             self._set_map(np.arange(len(everywhere)), NO_CENTERS)
@@ -234,31 +235,31 @@ class GroundWindow:
         stale = np.flatnonzero(near[grid.inside])
         tiles, tile = np.unique(np.floor(everywhere[stale] / TILE_M), axis=0, return_inverse=True)
         for number, corner in enumerate(tiles * TILE_M):
-            off = np.abs(self._centers.places_m - (corner + 0.5 * TILE_M)).max(axis=1)
-            close = np.flatnonzero(off <= 0.5 * TILE_M + PLACES_SCALES * self._scale_m)
+            off = np.abs(self._centers.locations_m - (corner + 0.5 * TILE_M)).max(axis=1)
+            close = np.flatnonzero(off <= 0.5 * TILE_M + LOCATIONS_SCALES * self._scale_m)
             self._set_map(stale[tile.ravel() == number], self._centers.take(close))
 
     def _set_map(self, cells: NDArray[np.int64], centers: Centers) -> None:
         """Sets risk and mean of some cells given the centers near them."""
         local = self.posterior.blank()
         local.follow(centers)
-        mean_m, variance_m2 = local.moments(self._grid.places_m[cells])
+        mean_m, variance_m2 = local.moments(self._grid.locations_m[cells])
         self._mean_m[cells], self._risk[cells] = mean_m, self._levels.risk(mean_m, np.sqrt(variance_m2))
 
-    def _near(self, places_m: Array, scales: float) -> Mask:
-        """Mask (ny, nx) of the cells within a number of length scales of places (P, 2)."""
+    def _near(self, locations_m: Array, scales: float) -> Mask:
+        """Mask (ny, nx) of the cells within a number of length scales of locations (P, 2)."""
         off = np.ones(self._grid.inside.shape, dtype=bool)
-        off[self._index(places_m)] = False
+        off[self._index(locations_m)] = False
         if off.all():
             return np.zeros_like(off)
         return np.asarray(distance_transform_edt(off) * self._grid.resolution_m <= scales * self._scale_m)
 
-    def _index(self, places_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the cells nearest to places (P, 2)."""
+    def _index(self, locations_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the cells nearest to locations (P, 2)."""
         grid = self._grid
-        row = np.rint((places_m[:, 0] - grid.north_m[0]) / grid.resolution_m).astype(np.int64)
-        column = np.rint((places_m[:, 1] - grid.east_m[0]) / grid.resolution_m).astype(np.int64)
+        row = np.rint((locations_m[:, 0] - grid.north_m[0]) / grid.resolution_m).astype(np.int64)
+        column = np.rint((locations_m[:, 1] - grid.east_m[0]) / grid.resolution_m).astype(np.int64)
         return np.clip(row, 0, len(grid.north_m) - 1), np.clip(column, 0, len(grid.east_m) - 1)
 
-    def _far_at(self, places_m: Array) -> Array:
-        return self._far_m[self._index(np.asarray(places_m, dtype=float).reshape(-1, 2))]
+    def _far_at(self, locations_m: Array) -> Array:
+        return self._far_m[self._index(np.asarray(locations_m, dtype=float).reshape(-1, 2))]

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
+from auv_lse_common.mission_file.methods import MAP_LOCATIONS_PER_LEG
 from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import id_in_plan
@@ -30,7 +30,7 @@ from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
-from auv_lse_planner.paths.place_margin import PlaceMargin
+from auv_lse_planner.paths.position_margin import PositionMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Constant, Value, Weighting
 from auv_lse_planner.reward.fix import gain_of_fix
@@ -41,8 +41,8 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Largest number of mates' planned places near the ground of a stage: more than three vehicles have.
-MAX_MATE_PLACES = 800
+#: Largest number of mates' planned locations near the ground of a stage: more than three vehicles have.
+MAX_MATE_LOCATIONS = 800
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +51,12 @@ class Rest:
 
     Attributes:
         begin: Mission step at which it begins.
-        places_m: Places after each of its legs, (P, 2).
+        locations_m: Locations after each of its legs, (P, 2).
         drop: Expected drop of the map's risk that belongs to it.
     """
 
     begin: int
-    places_m: Array
+    locations_m: Array
     drop: float
 
 
@@ -67,9 +67,9 @@ class PlanningContext:
     Attributes:
         vehicle: Number of the vehicle, from 1.
         horizon: The step that paths are planned to.
-        posterior: The map. A method that needs planned places copies it (`with_planned`).
-        map_grid: Places over which the map's risk is summed.
-        coarse_grid: Places over which it is summed for its gradient.
+        posterior: The map. A method that needs planned locations copies it (`with_planned`).
+        map_grid: Locations over which the map's risk is summed.
+        coarse_grid: Locations over which it is summed for its gradient.
     """
 
     vehicle: int
@@ -94,16 +94,18 @@ class PlanningContext:
         self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
 
     def mates_ahead(self, situation: Situation) -> list[tuple[Array, Array]]:
-        """For each mate, times (P,) and places (P, 2) of the planned measurements near the window.
+        """For each mate, times (P,) and locations (P, 2) of the planned measurements near the window.
 
         Near the ground of a stage, those of a large team are thinned out: every second, third... of each mate.
         """
         ahead = self.team.in_time_order(situation.now_s + situation.planner.replan_lead_s)
-        near = [self.window.near(places) for _, places in ahead]
+        near = [self.window.near(locations) for _, locations in ahead]
         every = 1
         if self.window.is_focused:
-            every = max(math.ceil(sum(int(mask.sum()) for mask in near) / MAX_MATE_PLACES), 1)
-        return [(legs[mask][::every], places[mask][::every]) for (legs, places), mask in zip(ahead, near, strict=True)]
+            every = max(math.ceil(sum(int(mask.sum()) for mask in near) / MAX_MATE_LOCATIONS), 1)
+        return [
+            (legs[mask][::every], locations[mask][::every]) for (legs, locations), mask in zip(ahead, near, strict=True)
+        ]
 
     def map_reward(self, situation: Situation, rest: Rest | None = None) -> AnytimeReward:
         """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order.
@@ -115,9 +117,9 @@ class PlanningContext:
         mates, end, constant = self.mates_ahead(situation), steps, Constant()
         if rest is not None:
             end, constant = rest.begin, Constant(self.window.elsewhere_risk, rest.drop)
-            near = self.window.near(rest.places_m)
+            near = self.window.near(rest.locations_m)
             legs = (rest.begin - situation.step + 1.0 + np.flatnonzero(near)).astype(np.float64)
-            mates.append((legs, rest.places_m[near]))
+            mates.append((legs, rest.locations_m[near]))
         return AnytimeReward(
             self.window.fine,
             self.settings.level_set,
@@ -129,7 +131,7 @@ class PlanningContext:
         )
 
     def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
-        """Reward at the places of this vehicle's path, with measurements planned at places (O, 2)."""
+        """Reward at the positions of this vehicle's path, with measurements planned at locations (O, 2)."""
         level_set, integral = self.settings.level_set, situation.planner.entry.risk_integral
         if integral:
             level_set = dataclasses.replace(level_set, method=integral)
@@ -160,10 +162,10 @@ class PlanningContext:
         actions = self.rollout.naive.actions(plan.state, naive_path, self.horizon.end - step)
         return Plan.at(step, state, tuple(int(a) for a in actions), NONE)
 
-    def map_places(self, path: PlannedPath) -> Array:
-        """Places (L, n, 2) at which the map's reward evaluates a path: `MAP_PLACES_PER_LEG`, or more."""
-        each = max(MAP_PLACES_PER_LEG, self.rollout.samples_per_leg)
-        return self.rollout.leg_places(path.states[:-1], path.actions, each)
+    def map_locations(self, path: PlannedPath) -> Array:
+        """Locations (L, n, 2) at which the map's reward evaluates a path: `MAP_LOCATIONS_PER_LEG`, or more."""
+        each = max(MAP_LOCATIONS_PER_LEG, self.rollout.samples_per_leg)
+        return self.rollout.leg_locations(path.states[:-1], path.actions, each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +186,7 @@ class Situation:
         state: Heading (rad), north, east (m), shape (3,).
         last: The last plan and its path from this step on; None before the first.
         off_plan: Whether `state` comes from odometry, so that the last plan cannot be continued from it.
-        margin: Margin from the border for the present uncertainty of the place.
+        margin: Margin from the border for the present uncertainty of the location.
         deadline: Returns whether to stop searching; None: no deadline.
     """
 
@@ -194,7 +196,7 @@ class Situation:
     state: Array
     last: Followed | None = None
     off_plan: bool = False
-    margin: PlaceMargin = field(default_factory=PlaceMargin)
+    margin: PositionMargin = field(default_factory=PositionMargin)
     deadline: Callable[[], bool] | None = None
 
     @property
@@ -243,7 +245,7 @@ class Choice:
     void: str = ""
     void_value: float = math.nan
     infeasible: bool = False
-    team_places: int = 0
+    team_locations: int = 0
     iterations: int = 0
     evaluations: int = 0
     best_new_value: float = math.nan
@@ -255,7 +257,7 @@ class SurfacingValue:
     """Gain and cost of a surfacing, both in the unit of the map's risk.
 
     Attributes:
-        gain: Drop of the loss from uncertain places.
+        gain: Drop of the loss from uncertain positions.
         cost: Drop of the map's expected risk that is lost with the skipped legs.
     """
 
@@ -290,9 +292,9 @@ class Method(Protocol):
         self.context.assume_plans(situation)
         gain = gain_of_fix(self.context.window.fine, self.context.settings.level_set)
         reward = self.map_reward(situation)
-        places = self.context.map_places(path)[: reward.legs]
-        kept = places[: max(len(places) - legs, 0)]
-        return SurfacingValue(gain, reward.value(places).expected_end - reward.value(kept).expected_end)
+        locations = self.context.map_locations(path)[: reward.legs]
+        kept = locations[: max(len(locations) - legs, 0)]
+        return SurfacingValue(gain, reward.value(locations).expected_end - reward.value(kept).expected_end)
 
     def spend(self, cost: float) -> float | None:
         """Subtracts the cost of a surfacing from the budget, down to 0.

@@ -1,6 +1,6 @@
-"""Common base of the methods that maximize the paper's reward at the places of one path (paper, section 6).
+"""Common base of the methods that maximize the paper's reward at the locations of one path (paper, section 6).
 
-With data S, places O on the plans of the team mates before this vehicle, and a path V:
+With data S, locations O on the plans of the team mates before this vehicle, and a path V:
 
 1. Incumbent: the last plan, evaluated as J(V | S u O) on the current data; void if the map forbids its next legs.
 2. Proposal: the method's new plan (`propose`).
@@ -27,7 +27,7 @@ class PathMethod(Method):
         self.context = context
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
-        """A new plan, evaluated by `reward`, whose posterior includes the team mates' places."""
+        """A new plan, evaluated by `reward`, whose posterior includes the team mates' positions."""
         raise NotImplementedError
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
@@ -40,7 +40,7 @@ class PathMethod(Method):
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
         s, context = situation, self.context
-        mates_m = self._places_of_mates(s)
+        mates_m = self._locations_of_mates(s)
         reward = context.path_reward(s, mates_m)
         incumbent = self._incumbent(s, reward)
         infeasible = incumbent is not None and not self._is_feasible(s, incumbent)
@@ -51,7 +51,7 @@ class PathMethod(Method):
         chosen, may_stay = new, s.planner.incumbent and not infeasible
         if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
             chosen = incumbent
-        gains = reward.contributions(reward.posterior.at(chosen.path.places_m))
+        gains = reward.contributions(reward.posterior.at(chosen.path.locations_m))
         per_leg = context.rollout.samples_per_leg
         choice = Choice(
             chosen=chosen,
@@ -59,7 +59,7 @@ class PathMethod(Method):
             assured=float(gains[chosen.path.own * per_leg :].sum()),
             leg_reward=float(gains[:per_leg].sum()),
             infeasible=infeasible,
-            team_places=len(mates_m),
+            team_locations=len(mates_m),
             iterations=found.iterations,
             evaluations=found.evaluations,
             best_new_value=found.value,
@@ -68,17 +68,17 @@ class PathMethod(Method):
         self.remember(s, proposal, choice)
         return choice
 
-    def _places_of_mates(self, s: Situation) -> np.ndarray:
-        """Places (O, 2) ahead of the team mates whose plans are taken into account."""
+    def _locations_of_mates(self, s: Situation) -> np.ndarray:
+        """Locations (O, 2) ahead of the team mates whose plans are taken into account."""
         team = self.context.team
         mates = team.others if s.planner.family.all_mates else team.before
-        return np.concatenate([np.empty((0, 2)), *(team.places_ahead(s.now_s, mate) for mate in mates)])
+        return np.concatenate([np.empty((0, 2)), *(team.locations_ahead(s.now_s, mate) for mate in mates)])
 
     def _incumbent(self, s: Situation, reward: PathReward) -> Candidate | None:
         """The last plan with its value on the current data."""
         if s.off_plan or s.last is None or not len(s.last.path):
             return None
-        value = reward.value(reward.posterior.at(s.last.path.places_m))
+        value = reward.value(reward.posterior.at(s.last.path.locations_m))
         return Candidate(s.last.plan, s.last.path, Value(value, value))
 
     def _is_feasible(self, s: Situation, incumbent: Candidate) -> bool:

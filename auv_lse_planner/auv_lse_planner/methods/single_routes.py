@@ -47,8 +47,8 @@ def single_routes_m(
 
 
 def _prior_risk(context: PlanningContext, ground: Ground) -> Array:
-    """Prior risk at the ground's places."""
+    """Prior risk at the ground's locations."""
     posterior = context.posterior
-    places_m = np.asarray(0.01 * ground.places_cm, dtype=np.float64)
-    std_m = np.sqrt(posterior.kernel.variance(posterior.kernel.scale(places_m)))
-    return np.asarray(LevelSet.of(context.settings.level_set).risk(posterior.prior_mean(places_m), std_m))
+    locations_m = np.asarray(0.01 * ground.locations_cm, dtype=np.float64)
+    std_m = np.sqrt(posterior.kernel.variance(posterior.kernel.scale(locations_m)))
+    return np.asarray(LevelSet.of(context.settings.level_set).risk(posterior.prior_mean(locations_m), std_m))

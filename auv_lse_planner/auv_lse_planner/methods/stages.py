@@ -2,8 +2,8 @@
 
 At the start, the best naive path over the whole mission becomes the *line*. A stage covers the next `STAGE_LEGS` legs.
 It bends them as if they were a short mission, except that it ends on the line and is bent less often. Planning is
-limited to the ground near the stage (`ground_window.py`); the places of the line after it count as measured at its end.
-After `RENEW_LEGS` legs, the next stage begins: the rest of this one, and more of the line.
+limited to the ground near the stage (`ground_window.py`); the locations of the line after it count as measured at its
+end. After `RENEW_LEGS` legs, the next stage begins: the rest of this one, and more of the line.
 
 The account of the bound covers the whole map. The drop of risk expected until the mission's end is E = E_s + d. The
 stage computes E_s for its ground; d belongs to the cells elsewhere. They are expected to end with the risk e or less,
@@ -65,7 +65,7 @@ class Stages:
         self._steering = Steering(context.space)
         self._steps = context.settings.mission.steps
         self._begin = self._end = 0  # steps at which the stage begins and ends
-        self._line_m = np.zeros((0, 2))  # places at the steps from `_line_step` on
+        self._line_m = np.zeros((0, 2))  # locations at the steps from `_line_step` on
         self._line_step = 0
         self._drop = 0.0
         self._first_drop = math.nan  # drop expected of the line at the start, E_0
@@ -101,8 +101,8 @@ class Stages:
         return self._extended(s, last)
 
     def tour(self, end_m: Array) -> Tour | None:
-        """The rest of the line as a tour from a place (2,); None if there is no rest."""
-        rest = self.rest().places_m
+        """The rest of the line as a tour from a location (2,); None if there is no rest."""
+        rest = self.rest().locations_m
         if not len(rest):
             return None
         leg_m = self._context.space.motion.leg_length_m
@@ -147,19 +147,19 @@ class Stages:
         plan = Plan.at(s.step, start, tuple(int(a) for a in actions), NONE)
         followed = context.rollout.follow(plan)
         plan = replace(plan, tour=self.tour(followed.states[-1, 1:]))
-        context.window.focus(followed.places_m)
+        context.window.focus(followed.locations_m)
         self._drop = 0.0
         risks = context.window.risks_elsewhere
         if math.isnan(self._end_level):
             reward = context.map_reward(s, self.rest())
-            elsewhere = self._first_drop - reward.value(context.map_places(followed)[: reward.legs]).expected_end
+            elsewhere = self._first_drop - reward.value(context.map_locations(followed)[: reward.legs]).expected_end
             self._end_level = max(0.0, float(risks.mean()) - elsewhere / len(risks)) if len(risks) else 0.0
         most = max(self._first_drop, 0.0) * (1.0 - s.step / self._steps)
         self._drop = min(float(np.maximum(risks - self._end_level, 0.0).sum()), most)
         return Followed(plan, followed)
 
     def _line(self, begin: int, end: int) -> Array:
-        """Places of the line at the steps `begin` to `end` - 1, as far as it goes."""
+        """Locations of the line at the steps `begin` to `end` - 1, as far as it goes."""
         return self._line_m[max(begin - self._line_step, 0) : max(end - self._line_step, 0)]
 
     # ------------------------------------------------------------------ the start
@@ -173,18 +173,18 @@ class Stages:
         apart = math.ceil(math.sqrt(int(grid.inside.sum()) / COMPARED_CELLS))
         chosen = np.zeros_like(grid.inside)
         chosen[apart // 2 :: apart, apart // 2 :: apart] = True
-        cells = grid.places_m[chosen[grid.inside]]
-        points = CachedPoints(context.posterior, cells if len(cells) else grid.places_m)
-        mates = [(0.0 * ahead[::every], places[::every]) for ahead, places in context.mates_ahead(s)]
+        cells = grid.locations_m[chosen[grid.inside]]
+        points = CachedPoints(context.posterior, cells if len(cells) else grid.locations_m)
+        mates = [(0.0 * ahead[::every], locations[::every]) for ahead, locations in context.mates_ahead(s)]
         reward = AnytimeReward(points, context.settings.level_set, mates, Weighting(-(-legs // every), 0, legs))
         best, best_drop = None, -math.inf
         for naive in dict.fromkeys((FITTED[number % len(FITTED)], *COVERING, *LAWNMOWERS)):
             plan = Plan.at(s.step, s.state, (), naive)
             path = context.rollout.follow(plan)
-            drop = reward.value(path.leg_places_m[every // 2 :: every]).expected_end
+            drop = reward.value(path.leg_locations_m[every // 2 :: every]).expected_end
             if drop > best_drop:
                 best, best_drop = Followed(plan, path), drop
             if s.out_of_time:
                 break
         assert best is not None
-        return best, best_drop * int(grid.inside.sum()) / len(points.places_m)
+        return best, best_drop * int(grid.inside.sum()) / len(points.locations_m)

@@ -1,4 +1,4 @@
-"""Team mates of a vehicle: their last received plans, and the places ahead on them."""
+"""Team mates of a vehicle: their last received plans, and the locations ahead on them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.planner import MAX_PLACES
+from auv_lse_common.mission_file.sections.planner import MAX_LOCATIONS
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.paths.rollout import PlannedPath
 
@@ -94,24 +94,25 @@ class Team:
         """Age of each team mate's last received plan (s)."""
         return {v: now_s - m.last_heard_s for v, m in sorted(self._mates.items())}
 
-    def places_ahead(self, now_s: float, vehicle: int) -> Array:
-        """Measurement places (P, 2) ahead of a team mate, at its estimated step."""
+    def locations_ahead(self, now_s: float, vehicle: int) -> Array:
+        """Measurement locations (P, 2) ahead of a team mate, at its estimated step."""
         mate = self._mates.get(vehicle)
         if mate is None or self._expired(mate, now_s):
             return np.empty((0, 2))
-        return self._path_ahead(mate, now_s).places_m[:MAX_PLACES]
+        return self._path_ahead(mate, now_s).locations_m[:MAX_LOCATIONS]
 
     def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
-        """For each mate with a valid or assumed plan: its legs (P,) from now to each place, and the places (P, 2)."""
+        """For each mate with a valid or assumed plan: its legs (P,) from now to each location, and the locations (P,
+        2)."""
         ahead = []
         for vehicle in self.others:
             mate = self._mates.get(vehicle) or self._assumed.get(vehicle)
             if mate is None or self._expired(mate, now_s):
                 continue
             path = self._path_ahead(mate, now_s)
-            each = path.leg_places_m.shape[1]
+            each = path.leg_locations_m.shape[1]
             legs = path.step + (np.arange(len(path) * each) + 1.0) / each - self._step_of(mate, now_s)
-            ahead.append((legs[:MAX_PLACES], path.places_m[:MAX_PLACES]))
+            ahead.append((legs[:MAX_LOCATIONS], path.locations_m[:MAX_LOCATIONS]))
         return ahead
 
     def assume_plans(self, now_s: float) -> None:

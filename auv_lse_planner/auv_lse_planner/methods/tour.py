@@ -1,6 +1,6 @@
 """The method `tour`: one tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
 
-A decision evaluates all plans with the same reward (`reward/anytime.py`), with the team mates' places in time order.
+A decision evaluates all plans with the same reward (`reward/anytime.py`), with the team mates' positions in time order.
 The incumbent is the last plan, continued; it is kept unless another plan has a higher value. `tour_candidates.py` makes
 new plans every `planner.tour_interval` legs, and whenever the incumbent is void.
 
@@ -15,8 +15,8 @@ telescopes, so the mission's expected end is never below that of the best naive 
 current makes void stays the reference, so its loss is charged to the budget. If no plan is left that the budget allows,
 the one with the largest expected end is chosen, and the bound falls by the rest; the bound record gives the reason.
 
-A vehicle whose place is uncertain keeps farther from the border (`place_margin.py`): plans that come too near do not
-count where others keep clear. What an incumbent loses by that is charged to the budget, and beyond it to the bound.
+A vehicle whose location is uncertain keeps farther from the border (`position_margin.py`): plans that come too near do
+not count where others keep clear. What an incumbent loses by that is charged to the budget, and beyond it to the bound.
 
 A vehicle alone among shores, on ground that it cannot cover (`coverage.py`), follows the isobath: it tries heads at
 every leg, and the plan with the largest path reward of its next legs wins among those that the budget allows. The
@@ -38,7 +38,7 @@ from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.stages import INTERVALS, Stages, is_staged
 from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
-from auv_lse_planner.paths.place_margin import LEGS, TOLERATED_M2
+from auv_lse_planner.paths.position_margin import LEGS, TOLERATED_M2
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
@@ -88,7 +88,7 @@ class Tour(Method):
             s = replace(s, last=self._stages.last_plan(s))
             last = s.last
         reward = self.map_reward(s)
-        mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in context.mates_ahead(s))])
+        mates_m = np.concatenate([np.empty((0, 2)), *(locations for _, locations in context.mates_ahead(s))])
         due = situation.last is None or bool(void) or renewed or self._interval_is_over(s.step, s.planner)
         heads = self._heads(s, mates_m) if (due or self._follows) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
@@ -124,7 +124,7 @@ class Tour(Method):
             void=void,
             void_value=void_value,
             infeasible=void == "shallow ground",
-            team_places=len(mates_m),
+            team_locations=len(mates_m),
             iterations=found.gradients,
             evaluations=len(every),
             best_new_value=max((c.value.expected_end for c in found.plans), default=math.nan),
@@ -197,13 +197,14 @@ class Tour(Method):
         return "shallow ground" if in_area else "border of the area"
 
     def _lack(self, s: Situation, path: PlannedPath) -> float:
-        """Sum of the squared clearances (m^2) that a path's next legs lack for the present uncertainty of the place."""
+        """Sum of the squared clearances (m^2) that a path's next legs lack for the present uncertainty of the
+        location."""
         if not s.margin.is_wider(self.context.space):
             return 0.0
-        return s.margin.lack(self.context.space, self.context.map_places(path)[:LEGS].reshape(-1, 2))[0]
+        return s.margin.lack(self.context.space, self.context.map_locations(path)[:LEGS].reshape(-1, 2))[0]
 
     def _chosen(self, s: Situation, candidates: list[Candidate], floor: float, mates_m: Array) -> Candidate:
-        """The best candidate that the budget and the place's margin allow.
+        """The best candidate that the budget and the location's margin allow.
 
         If there is none, the one with the largest expected end, less a penalty for what it lacks of the margin.
         """
@@ -230,7 +231,7 @@ class Tour(Method):
         return self._candidates.under_way(problem, last.path, heads)
 
     def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
-        """The best sequences of a tree search for the path reward, given the mates' places."""
+        """The best sequences of a tree search for the path reward, given the mates' positions."""
         early = s.step < HEADS_FROM_SHARE * self.context.horizon.end and not self._follows
         early = early or (self._stages is not None and not self._stages.is_last)
         if early or not s.planner.tour_interval or s.out_of_time:
@@ -244,14 +245,14 @@ class Tour(Method):
     def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
         """The first candidate with the largest score: its anytime value plus `planner.own_share` times its path reward.
 
-        The path reward is that of its next legs, given the mates' places. A vehicle that follows the isobath goes by
+        The path reward is that of its next legs, given the mates' positions. A vehicle that follows the isobath goes by
         its path reward alone.
         """
         score = np.array([0.0 if self._follows else c.value.weighted for c in candidates])
         share = 1.0 if self._follows else s.planner.own_share
         if share and len(candidates) > 1:
             reward, legs = self.context.path_reward(s, mates_m), s.planner.horizon
-            places = [c.path.leg_places_m[:legs].reshape(-1, 2) for c in candidates]
-            own = [reward.value(reward.posterior.at(m)) for m in places]
+            locations = [c.path.leg_locations_m[:legs].reshape(-1, 2) for c in candidates]
+            own = [reward.value(reward.posterior.at(m)) for m in locations]
             score = score + share * np.array(own)
         return candidates[int(np.argmax(score))]

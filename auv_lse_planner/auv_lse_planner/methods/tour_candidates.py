@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
+from auv_lse_common.mission_file.methods import MAP_LOCATIONS_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_planner.methods.coverage import follows_isobath
@@ -45,7 +45,7 @@ STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 #: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with as many
-#: places per leg as its value.
+#: locations per leg as its value.
 START_BENDS, START_BEND_ITERATIONS = 4, 40
 FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
@@ -58,9 +58,9 @@ REJOIN_M = 20.0
 #: Largest number of explicit actions of a plan; two fit in a byte, so that a packet also holds ten samples.
 MAX_EXPLICIT_ACTIONS = 200
 #: Corners per leg of the polyline that represents a path for bending.
-LINE_PLACES = 4
-#: The risk along a path is estimated from every n-th of its places.
-SPARSE_PLACES = 4
+LINE_LOCATIONS = 4
+#: The risk along a path is estimated from every n-th of its locations.
+SPARSE_LOCATIONS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class TourProblem:
         return Plan.at(self.situation.step, self.situation.state, (), NONE).state
 
     @property
-    def place_m(self) -> Array:
+    def position_m(self) -> Array:
         """North and east of the state, shape (1, 2)."""
         return np.asarray(self.situation.state, dtype=float)[None, 1:]
 
@@ -126,7 +126,7 @@ class TourCandidates:
         self._space, self._rollout = context.space, context.rollout
         self._steering = Steering(context.space)
         self._search = TourSearch(context.space, context.rollout.samples_per_leg)
-        self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
+        self._finer = TourSearch(context.space, max(MAP_LOCATIONS_PER_LEG, context.rollout.samples_per_leg))
         self._strips_floor = follows_isobath(context.settings)
         self._earliness = 0  # index into `WEIGHT_SHARES` to try first
         self._waypoints: Array | None = None  # of the current tour, if it was optimized ...
@@ -250,7 +250,7 @@ class TourCandidates:
         number, reward = self._context.vehicle - 1, problem.reward
         plans = [self._naive_plan(problem, i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
         paths = [(plan, self._rollout.follow(plan)) for plan in plans]
-        paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE_PLACES]))
+        paths.sort(key=lambda item: -reward.risk_near(item[1].locations_m[::SPARSE_LOCATIONS]))
         fitted = self._naive_plan(problem, FITTED[number % len(FITTED)])
         naive = [self.evaluated(fitted, self._rollout.follow(fitted), reward)]
         for plan, path in paths:
@@ -266,11 +266,11 @@ class TourCandidates:
     def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
         """Tours optimized from the best of several starts, and the best one after more iterations.
 
-        Starts are compared with fewer places on each leg, which is enough to rank them.
+        Starts are compared with fewer locations on each leg, which is enough to rank them.
         """
         values = []
         for waypoints in starts:
-            values.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
+            values.append(aim.coarse_value(self._search.locations(waypoints, aim.legs)))
             if s.out_of_time:
                 break
         found: list[Found] = []
@@ -324,12 +324,12 @@ class TourCandidates:
         """Waypoints to optimize from: those of the last optimization that lie ahead, else those of the last path."""
         passed, partial = divmod(problem.situation.step - self._waypoints_step, self._search.segment_legs(len(path)))
         if self._waypoints is not None and not partial and len(self._waypoints) > passed + 1:
-            return np.concatenate([problem.place_m, self._waypoints[passed + 1 :]])
+            return np.concatenate([problem.position_m, self._waypoints[passed + 1 :]])
         return self._search.resampled(self._polyline(problem, path), len(path))
 
     def _polyline(self, problem: TourProblem, path: PlannedPath) -> Array:
         """A path as a polyline from the state through the ends of its legs."""
-        return np.concatenate([problem.place_m, path.states[1:, 1:]])
+        return np.concatenate([problem.position_m, path.states[1:, 1:]])
 
     def _bend_early(
         self, problem: TourProblem, path: PlannedPath, iterations: int, tries: int, result: Candidates
@@ -366,8 +366,8 @@ class TourCandidates:
         self, search: TourSearch, problem: TourProblem, path: PlannedPath, share: float, iterations: int
     ) -> tuple[Candidate, Found]:
         reward, legs = problem.reward, problem.reward.legs
-        fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
-        line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
+        fine = self._rollout.leg_locations(path.states[:-1], path.actions, LINE_LOCATIONS)[:legs]
+        line = np.concatenate([problem.position_m, fine.reshape(-1, 2)])
         spacing = length_m(line) / legs
         staged = problem.stages is not None and not problem.stages.is_last
         s, aim = problem.situation, reward.weighing(share)
@@ -420,4 +420,4 @@ class TourCandidates:
 
     def evaluated(self, plan: Plan, path: PlannedPath, reward: AnytimeReward) -> Candidate:
         """A plan and its path with their value."""
-        return Candidate(plan, path, reward.value(self._context.map_places(path)[: reward.legs]))
+        return Candidate(plan, path, reward.value(self._context.map_locations(path)[: reward.legs]))

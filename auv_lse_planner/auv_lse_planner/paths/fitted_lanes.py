@@ -1,7 +1,7 @@
 """Fits a lawnmower of straight lanes to a strip of the area and to the length of the path.
 
 Lanes lie along either axis of the strip. The fit chooses the number of lanes, the distance of the outer lanes from the
-strip's sides, and the distance of the lanes' ends from the border. It minimizes the mean distance from places of the
+strip's sides, and the distance of the lanes' ends from the border. It minimizes the mean distance from locations of the
 strip to the path, over all designs that fit the path's length. The mean distance correlates closely with the map's
 expected risk (docs/design/planner.md) and needs no map. After the last lane the path returns midway between the lanes.
 
@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_planner.paths.polyline import places_along
+from auv_lse_planner.paths.polyline import locations_along
 
 Array = NDArray[np.float64]
 
-#: Largest number of places of a strip at which the distance to the path is computed.
-PLACES = 400
+#: Largest number of locations of a strip at which the distance to the path is computed.
+LOCATIONS = 400
 #: Largest number of lanes.
 MAX_LANES = 40
 #: Candidate distances of the outer lanes from the strip's sides, and of the lanes' ends from the border, as shares of
@@ -36,11 +36,11 @@ MAX_LENGTH_RATIO = 1.25
 
 
 @compiled
-def lay(places, grid, begin, count, side, end, corners):
+def lay(locations, grid, begin, count, side, end, corners):
     """Writes the corners of `count` lanes and of the return path between them; returns the length of the lanes alone.
 
     Args:
-        places: Places of the strip, shape (M, 2): along and across the lanes (m).
+        locations: Locations of the strip, shape (M, 2): along and across the lanes (m).
         grid: Their spacing along and across (m).
         begin: Start of the path, shape (2,).
         side: Distance of the outer lanes from the strip's sides, relative to half the spacing of evenly spread lanes.
@@ -48,9 +48,9 @@ def lay(places, grid, begin, count, side, end, corners):
         corners: Receives the corners, shape (4 count - 1, 2); the first is `begin`.
     """
     low, high, near, far = 1e18, -1e18, 1e18, -1e18
-    for p in range(places.shape[0]):
-        near, far = min(near, places[p, 0]), max(far, places[p, 0])
-        low, high = min(low, places[p, 1]), max(high, places[p, 1])
+    for p in range(locations.shape[0]):
+        near, far = min(near, locations[p, 0]), max(far, locations[p, 0])
+        low, high = min(low, locations[p, 1]), max(high, locations[p, 1])
     low -= 0.5 * grid[1]
     high += 0.5 * grid[1]
     half_gap = 0.5 * (high - low) / count
@@ -66,9 +66,9 @@ def lay(places, grid, begin, count, side, end, corners):
         number = float(lane) if lane < count else 2.0 * count - 1.5 - lane
         across = first + (last - first) * (number / max(count - 1, 1))
         begins, ends = 1e18, -1e18
-        for p in range(places.shape[0]):
-            if abs(places[p, 1] - across) <= 0.75 * grid[1]:
-                begins, ends = min(begins, places[p, 0]), max(ends, places[p, 0])
+        for p in range(locations.shape[0]):
+            if abs(locations[p, 1] - across) <= 0.75 * grid[1]:
+                begins, ends = min(begins, locations[p, 0]), max(ends, locations[p, 0])
         if begins > ends:
             begins, ends = near, far
         begins += end * half_gap - 0.5 * grid[0]
@@ -87,9 +87,9 @@ def lay(places, grid, begin, count, side, end, corners):
 
 
 @compiled
-def mean_distance(places, corners, length):
-    """Mean distance (m) of places (M, 2) to the first `length` (m) of a polyline (n, 2)."""
-    nearest = np.full(places.shape[0], 1e18)
+def mean_distance(locations, corners, length):
+    """Mean distance (m) of locations (M, 2) to the first `length` (m) of a polyline (n, 2)."""
+    nearest = np.full(locations.shape[0], 1e18)
     left = length
     for k in range(corners.shape[0] - 1):
         du, dv = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
@@ -97,8 +97,8 @@ def mean_distance(places, corners, length):
         if size <= 0.0:
             continue
         most = min(left / size, 1.0)
-        for p in range(places.shape[0]):
-            u, v = places[p, 0] - corners[k, 0], places[p, 1] - corners[k, 1]
+        for p in range(locations.shape[0]):
+            u, v = locations[p, 0] - corners[k, 0], locations[p, 1] - corners[k, 1]
             t = min(max((u * du + v * dv) / (size * size), 0.0), most)
             u -= t * du
             v -= t * dv
@@ -107,19 +107,19 @@ def mean_distance(places, corners, length):
         if left <= 0.0:
             break
     total = 0.0
-    for p in range(places.shape[0]):
+    for p in range(locations.shape[0]):
         total += math.sqrt(nearest[p])
-    return total / places.shape[0]
+    return total / locations.shape[0]
 
 
 @compiled
-def fit(places, grid, begin, length, sides, ends):
+def fit(locations, grid, begin, length, sides, ends):
     """The best design: whether lanes lie across the strip's first axis, their number, and values of `sides`, `ends`."""
     best = 1e18
     best_across, best_count, best_side, best_end = False, 1, sides[0], ends[0]
     for turned in range(2):
-        own = np.empty(places.shape)
-        own[:, 0], own[:, 1] = places[:, turned], places[:, 1 - turned]
+        own = np.empty(locations.shape)
+        own[:, 0], own[:, 1] = locations[:, turned], locations[:, 1 - turned]
         start = np.array([begin[turned], begin[1 - turned]])
         spacing = np.array([grid[turned], grid[1 - turned]])
         for count in range(1, MAX_LANES + 1):
@@ -140,11 +140,11 @@ def fit(places, grid, begin, length, sides, ends):
     return best_across, best_count, best_side, best_end
 
 
-def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Array, leg_m: float, legs: int) -> Array:
+def fitted_points(locations_m: Array, grid_m: Array, axis_rad: float, start_m: Array, leg_m: float, legs: int) -> Array:
     """Points (legs + 1, 2), north and east, one leg apart along the fitted lanes of a strip.
 
     Args:
-        places_m: Places of the strip along and across `axis_rad`, shape (M, 2).
+        locations_m: Locations of the strip along and across `axis_rad`, shape (M, 2).
         grid_m: Their spacing along and across it, (2,).
         axis_rad: The first axis of the strip (rad, clockwise from north); lanes may lie along or across it.
         start_m: Start of the path, north and east, shape (2,).
@@ -154,9 +154,9 @@ def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Arra
     north, east = float(start_m[0]), float(start_m[1])
     begin = np.array([north * c + east * s, -north * s + east * c])
     length = legs * leg_m
-    turned, count, side, end = fit(places_m, grid_m, begin, length, np.array(SIDES), np.array(ENDS))
+    turned, count, side, end = fit(locations_m, grid_m, begin, length, np.array(SIDES), np.array(ENDS))
     order = [1, 0] if turned else [0, 1]
     corners = np.empty((4 * count - 1, 2))
-    lay(np.ascontiguousarray(places_m[:, order]), grid_m[order], begin[order], count, side, end, corners)
-    along = places_along(corners, 0.0, leg_m, legs + 1)[0][:, order]
+    lay(np.ascontiguousarray(locations_m[:, order]), grid_m[order], begin[order], count, side, end, corners)
+    along = locations_along(corners, 0.0, leg_m, legs + 1)[0][:, order]
     return np.column_stack([along[:, 0] * c - along[:, 1] * s, along[:, 0] * s + along[:, 1] * c])

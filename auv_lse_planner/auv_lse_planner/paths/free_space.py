@@ -1,7 +1,7 @@
 """Free space of a vehicle: the operating area without ground that the map shows as too shallow.
 
-The clearance is the distance to the nearest forbidden place, negative inside forbidden ground. It is kept on a raster
-and read by bilinear interpolation. Theory of operation:
+The clearance is the distance to the nearest forbidden location, negative inside forbidden ground. It is kept on a
+raster and read by bilinear interpolation. Theory of operation:
 
 - A leg is *free* if the clearance along its sampled track is at least half a sample spacing.
 - A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free. The vehicle can then
@@ -45,7 +45,7 @@ class Space(NamedTuple):
         raster: Clearance (m) at the nodes, shape (N, E).
         north0, east0, cell: North and east of the first node, and spacing of the nodes (m).
         tracks: Body-frame tracks of the actions, shape (A, T, 2).
-        spacing: Spacing of the track's places (m).
+        spacing: Spacing of the track's locations (m).
         loops: Center (ahead, starboard) and reach of the turning loops, shape (2, 3).
         turns: Heading change of each action (rad), shape (A,).
         steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
@@ -79,7 +79,7 @@ def bilinear(field, x, y):
 
 @compiled
 def clearance_at(space, north, east):
-    """Bilinear clearance (m) at a place; outside the raster the nearest node's, minus the distance to it."""
+    """Bilinear clearance (m) at a location; outside the raster the nearest node's, minus the distance to it."""
     raster = space.raster
     x = (north - space.north0) / space.cell
     y = (east - space.east0) / space.cell
@@ -96,7 +96,7 @@ def clearance_at(space, north, east):
 def leg_clearance(space, heading, north, east, action):
     """Smallest clearance (m) along the leg of an action.
 
-    It skips track places where the clearance is large. Since clearance is 1-Lipschitz, the error is at most half the
+    It skips track locations where the clearance is large. Since clearance is 1-Lipschitz, the error is at most half the
     spacing if the leg is nearly blocked.
     """
     c, s = math.cos(heading), math.sin(heading)
@@ -181,7 +181,7 @@ def escape_action(space, heading, north, east):
 def cheapest_action(space, heading, north, east, costs, roomy):
     """The feasible action with the lowest of `costs` (A,), which are overwritten; the escape if none is feasible.
 
-    `roomy`: the place's clearance is at least `safe_reach`, so that all actions are feasible.
+    `roomy`: the location's clearance is at least `safe_reach`, so that all actions are feasible.
     """
     for _ in range(costs.shape[0]):
         action = int(np.argmin(costs))
@@ -242,7 +242,7 @@ class FreeSpace:
         east0_m: East of the first column.
         cell_m: Spacing of the nodes.
         margin_m: Distance kept from the border; clearance is measured from there.
-        outline_m: Places (n, 2) that span the ground: the polygon's corners, or the nodes in the area if some of the
+        outline_m: Locations (n, 2) that span the ground: the polygon's corners, or the nodes in the area if some of the
             polygon cannot be reached.
     """
 
@@ -265,23 +265,23 @@ class FreeSpace:
         is_clipped = any(name.startswith(UNREACHABLE) for name in area.no_go)
         self.outline_m: Array = nodes if is_clipped and len(nodes) else corners
 
-    def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
+    def set_shallow(self, locations_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
         """Blocks ground that is known to be too shallow, in addition to the area's limits.
 
         Args:
-            places_m: Places of a regular grid, shape (P, 2); elsewhere only the area's limits apply.
+            locations_m: Locations of a regular grid, shape (P, 2); elsewhere only the area's limits apply.
             shallow: Whether the ground there is too shallow, shape (P,).
-            spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
+            spacing_m: Spacing of that grid: a shallow location blocks everything within half of it (per axis).
         """
         if not shallow.any():
             self.raster = self.area_raster
             return
-        rows = np.rint((places_m[:, 0] - self.north0_m) / self.cell_m).astype(int)
-        columns = np.rint((places_m[:, 1] - self.east0_m) / self.cell_m).astype(int)
+        rows = np.rint((locations_m[:, 0] - self.north0_m) / self.cell_m).astype(int)
+        columns = np.rint((locations_m[:, 1] - self.east0_m) / self.cell_m).astype(int)
         half = max(0, round(0.5 * spacing_m / self.cell_m))
         top, bottom = max(int(rows.min()) - half, 0), int(rows.max()) + half + 1
         left, right = max(int(columns.min()) - half, 0), int(columns.max()) + half + 1
-        window = np.s_[top:bottom, left:right]  # the part of the raster that the places cover
+        window = np.s_[top:bottom, left:right]  # the part of the raster that the locations cover
         there = self.area_raster[window]
         blocked = np.zeros_like(there, dtype=bool)
         for i in range(-half, half + 1):
@@ -310,7 +310,7 @@ class FreeSpace:
         )
 
     def clearance_m(self, north_m: float, east_m: float) -> float:
-        """Distance (m) of a place to the border of the area without its margin, negative outside."""
+        """Distance (m) of a location to the border of the area without its margin, negative outside."""
         return float(clearance_at(self.arguments(static=True), north_m, east_m))
 
     def feasible(self, state: Array) -> Ints:

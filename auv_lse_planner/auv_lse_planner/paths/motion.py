@@ -1,8 +1,8 @@
 """Motion primitives (paper, section 4): an action is an arc of |a| at the turning radius, then a straight.
 
 A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The paper's misprints
-(docs/design/paper.md) are corrected: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one
-plus the rotated step.
+(docs/design/paper.md) are corrected: dx is to starboard, dy ahead, heading 0 is north, and the new location is the old
+one plus the rotated step.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from auv_lse_common.vocabulary.leg import Leg, leg_point
 
 Array = NDArray[np.float64]
 
-#: Largest spacing (m) of the places at which a leg's clearance is checked.
+#: Largest spacing (m) of the locations at which a leg's clearance is checked.
 TRACK_SPACING_M = 1.0
 
 
@@ -113,14 +113,14 @@ class MotionTable:
         return np.array([leg_point(turn, self.radius_m, float(s))[1:] for s in along_m]).reshape(-1, 2)
 
     def samples(self, action: int, count: int) -> Array:
-        """`count` measurement places along an action's leg, shape (count, 2), in the frame of `points`.
+        """`count` measurement locations along an action's leg, shape (count, 2), in the frame of `points`.
 
         They are evenly spaced, the last one at the leg's end.
         """
         fractions = np.arange(1, count + 1) / count
-        places = self.points(action, fractions * self.lengths_m[action])
-        places[-1] = self.steps_m[action]
-        return places
+        locations = self.points(action, fractions * self.lengths_m[action])
+        locations[-1] = self.steps_m[action]
+        return locations
 
     def _loops(self) -> tuple[Array, NDArray[np.int64]]:
         """Tightest closed loop to each side: a repeated turn circles the fixed point of its rigid displacement."""

@@ -40,7 +40,7 @@ from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.frames import wrap_pi
 from auv_lse_common.vocabulary.naive_ids import FITTED, HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
 from auv_lse_common.vocabulary.plan import NONE
-from auv_lse_planner.paths.fitted_lanes import PLACES, fitted_points
+from auv_lse_planner.paths.fitted_lanes import LOCATIONS, fitted_points
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
     bilinear,
@@ -246,7 +246,7 @@ class NaivePaths:
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
         fitted = min(vehicles, len(FITTED))
-        self._strip_places = [self._places_of_strip(number, fitted) for number in range(fitted)]
+        self._strip_locations = [self._locations_of_strip(number, fitted) for number in range(fitted)]
         self._fits: dict[tuple[int, float, float, int], Array] = {}  # the cached fits, oldest first
         self._steering = Steering(space)
         order = np.argsort(np.abs(space.motion.turns_rad), kind="stable")
@@ -328,18 +328,18 @@ class NaivePaths:
 
     def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
         """Points one leg apart along the lanes fitted to a strip and to `steps` legs from a state."""
-        strip = FITTED.index(naive_path) % len(self._strip_places)
+        strip = FITTED.index(naive_path) % len(self._strip_locations)
         key = strip, float(state[1]), float(state[2]), steps
         if key not in self._fits:
             if len(self._fits) >= CACHED_FITS:
                 del self._fits[next(iter(self._fits))]
-            places, grid = self._strip_places[strip]
+            locations, grid = self._strip_locations[strip]
             leg_m = self.space.motion.leg_length_m
-            self._fits[key] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
+            self._fits[key] = fitted_points(locations, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
         return self._fits[key]
 
-    def _places_of_strip(self, number: int, strips: int) -> tuple[Array, Array]:
-        """Places (M, 2) of one of some strips along and across the main axis, and their spacing (2,)."""
+    def _locations_of_strip(self, number: int, strips: int) -> tuple[Array, Array]:
+        """Locations (M, 2) of one of some strips along and across the main axis, and their spacing (2,)."""
         space, axis = self.space, self._frames[0].axis_rad
         c, s = math.cos(axis), math.sin(axis)
         outline_m = space.outline_m
@@ -350,7 +350,7 @@ class NaivePaths:
         width = (high[1] - low[1]) / strips
         low[1], high[1] = low[1] + number * width, low[1] + (number + 1) * width
         size = np.maximum(high - low, 1e-3)
-        counts = np.maximum(np.floor(size / math.sqrt(size[0] * size[1] / PLACES)), 1.0)
+        counts = np.maximum(np.floor(size / math.sqrt(size[0] * size[1] / LOCATIONS)), 1.0)
         grid = size / counts
         own = [low[k] + (np.arange(int(counts[k])) + 0.5) * grid[k] for k in (0, 1)]
         along, across = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
@@ -360,8 +360,8 @@ class NaivePaths:
         # With a slanted main axis the strip's box extends beyond the raster.
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         inside[inside] = space.area_raster[row[inside], column[inside]] >= -space.margin_m
-        places = np.column_stack([along, across])
-        return (places[inside] if inside.any() else places), grid
+        locations = np.column_stack([along, across])
+        return (locations[inside] if inside.any() else locations), grid
 
     def sums_along(self, states: Array, naive_path: int, steps: int, field: Array, grid: Grid) -> Array:
         """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
@@ -375,7 +375,7 @@ class NaivePaths:
 
     def distinct(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
         """`naive_paths` without ids that stand for the same strip as an earlier one (with fewer strips than ids)."""
-        named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: len(self._strip_places)])
+        named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: len(self._strip_locations)])
         return tuple(h for h in naive_paths if h not in (*STRIPS, *FITTED) or h in named) or naive_paths[:1]
 
     def _freer_side(self, state: Array) -> int:

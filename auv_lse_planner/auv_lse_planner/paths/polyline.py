@@ -1,4 +1,4 @@
-"""Places along a polyline, and their derivatives with respect to its corners."""
+"""Locations along a polyline, and their derivatives with respect to its corners."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SHORTEST_M = 1e-3
 
 
 @compiled
-def places_along(waypoints, first, spacing, count):
-    """Places (count, 2) along a polyline (n + 1, 2) at arc lengths first + i * spacing (m), extended straight.
+def locations_along(waypoints, first, spacing, count):
+    """Locations (count, 2) along a polyline (n + 1, 2) at arc lengths first + i * spacing (m), extended straight.
 
-    Also returns the segment of each place, shape (count,), and its distance (m) from that segment's first corner.
+    Also returns the segment of each location, shape (count,), and its distance (m) from that segment's first corner.
     """
-    places = np.empty((count, 2))
+    locations = np.empty((count, 2))
     segments = np.empty(count, dtype=np.int64)
     along = np.empty(count)
     last = waypoints.shape[0] - 2
@@ -39,21 +39,22 @@ def places_along(waypoints, first, spacing, count):
             north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
             length = max(math.sqrt(north * north + east * east), SHORTEST_M)
         t = (at - begin) / length
-        places[i, 0] = waypoints[k, 0] + t * north
-        places[i, 1] = waypoints[k, 1] + t * east
+        locations[i, 0] = waypoints[k, 0] + t * north
+        locations[i, 1] = waypoints[k, 1] + t * east
         segments[i] = k
         along[i] = at - begin
-    return places, segments, along
+    return locations, segments, along
 
 
 @compiled
 def pull_back(waypoints, segments, along, gradient):
-    """Gradient (n + 1, 2) with respect to the waypoints, from that with respect to the places of `places_along`."""
+    """Gradient (n + 1, 2) with respect to the waypoints, from that with respect to the locations of
+    `locations_along`."""
     result = np.zeros(waypoints.shape)
     count = waypoints.shape[0] - 1
     units = np.empty((count, 2))
     lengths = np.empty(count)
-    pushed = np.zeros(count)  # by segment: sum of its places' gradients along it
+    pushed = np.zeros(count)  # by segment: sum of its locations' gradients along it
     for k in range(count):
         north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
         lengths[k] = max(math.sqrt(north * north + east * east), SHORTEST_M)
@@ -69,7 +70,7 @@ def pull_back(waypoints, segments, along, gradient):
         result[k + 1, 0] += turn_n
         result[k + 1, 1] += turn_e
         pushed[k] += ahead
-    behind = 0.0  # effect of lengthening a segment on all places after it
+    behind = 0.0  # effect of lengthening a segment on all locations after it
     for k in range(count - 1, -1, -1):
         result[k + 1, 0] -= behind * units[k, 0]
         result[k + 1, 1] -= behind * units[k, 1]

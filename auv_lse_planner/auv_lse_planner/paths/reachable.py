@@ -1,7 +1,9 @@
 """Ground that vehicles can reach from their starts by feasible actions.
 
-The flood keeps the first state found in each bin of place and heading, and expands it by its feasible actions. States
-are not rounded, so whatever is flooded can be reached: also ground behind a strait that one leg bridges, from a place
+The flood keeps the first state found in each bin of location and heading, and expands it by its feasible actions.
+States
+are not rounded, so whatever is flooded can be reached: also ground behind a strait that one leg bridges, from a
+location
 with room for a turn to another. Ground counts as reached within the margin and a turning loop's reach of a flooded
 state, along ways inside the area.
 
@@ -33,7 +35,7 @@ from auv_lse_planner.paths.free_space import (
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Size of the flood's bins: place (m), and heading. Bins are larger where all actions are feasible.
+#: Size of the flood's bins: location (m), and heading. Bins are larger where all actions are feasible.
 BIN_M, HEADINGS = 4.0, 72
 ROOMY_BINS, ROOMY_HEADINGS = 4, 12
 #: Maximum number of bins; larger areas get larger ones.
@@ -51,7 +53,7 @@ class UnreachedPart:
     Attributes:
         nodes: Its nodes of the free space's raster, shape (N, E).
         area_m2: Its size.
-        strait_m: North and east of the narrowest place on the widest way to it, shape (2,).
+        strait_m: North and east of the narrowest location on the widest way to it, shape (2,).
         strait_width_m: Width of the water there; 0 if land separates the part.
     """
 
@@ -85,7 +87,7 @@ def _reach_m(space: FreeSpace) -> float:
 
 
 def _beyond_m(space: FreeSpace) -> float:
-    """Distance (m) from a vehicle's places within which ground counts as reached."""
+    """Distance (m) from a vehicle's positions within which ground counts as reached."""
     return space.margin_m + _reach_m(space)
 
 
@@ -123,10 +125,10 @@ def _is_open_water(space: FreeSpace, inside: Mask, starts: Array) -> bool:
     return bool(near[_nodes_at(space, starts[:, 1:])].all()) and all(safe) and not _missing(space, inside & ~near)[1]
 
 
-def _nodes_at(space: FreeSpace, places_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the raster's nodes nearest to places (P, 2)."""
-    row = np.rint((places_m[:, 0] - space.north0_m) / space.cell_m).astype(np.int64)
-    column = np.rint((places_m[:, 1] - space.east0_m) / space.cell_m).astype(np.int64)
+def _nodes_at(space: FreeSpace, locations_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the raster's nodes nearest to locations (P, 2)."""
+    row = np.rint((locations_m[:, 0] - space.north0_m) / space.cell_m).astype(np.int64)
+    column = np.rint((locations_m[:, 1] - space.east0_m) / space.cell_m).astype(np.int64)
     return np.clip(row, 0, len(space.area_raster) - 1), np.clip(column, 0, len(space.area_raster[0]) - 1)
 
 
@@ -194,8 +196,8 @@ def _flooded(space: FreeSpace, inside: Mask, starts: Array) -> Mask:
     while len(states):
         found = expand(arguments, states, origin, bin_m, safe_reach(arguments), seen)
         states = np.ascontiguousarray(found[:, :3])
-        for places in (found[:, 1:3], found[:, 3:]):
-            reached[_nodes_at(space, places)] = True
+        for locations in (found[:, 1:3], found[:, 3:]):
+            reached[_nodes_at(space, locations)] = True
         layers += 1
         if layers % LAYERS_PER_CHECK == 0:
             near = _widened(reached, inside, _count_nodes(space, _beyond_m(space)))
@@ -205,7 +207,7 @@ def _flooded(space: FreeSpace, inside: Mask, starts: Array) -> Mask:
 
 
 def _part(space: FreeSpace, nodes: Mask, reached: Mask) -> UnreachedPart:
-    """Describes a part: finds the narrowest place on the widest way from the reached ground to it."""
+    """Describes a part: finds the narrowest location on the widest way from the reached ground to it."""
     raster = space.area_raster
     ends = [np.unravel_index(np.argmax(np.where(mask, raster, -np.inf)), raster.shape) for mask in (reached, nodes)]
     levels = np.unique(raster)

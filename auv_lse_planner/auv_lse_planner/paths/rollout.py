@@ -1,6 +1,6 @@
-"""Converts a plan to a path: its states, its actions to the mission's end, and its measurement places.
+"""Converts a plan to a path: its states, its actions to the mission's end, and its measurement locations.
 
-The planner, its team mates and the judge of a mission all use this module, so that they compute the same places.
+The planner, its team mates and the judge of a mission all use this module, so that they compute the same locations.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class PlannedPath:
         states: States before and after each of L legs, shape (L + 1, 3): heading (rad), north, east (m).
         actions: Action of each leg, shape (L,).
         own: Number of legs from the plan's actions and its tour; the naive path adds the others.
-        leg_places_m: Measurement places of each leg, in the order travelled, shape (L, n, 2): north, east.
+        leg_locations_m: Measurement locations of each leg, in the order travelled, shape (L, n, 2): north, east.
     """
 
     step: int
     states: Array
     actions: Ints
     own: int
-    leg_places_m: Array
+    leg_locations_m: Array
 
     def __len__(self) -> int:
         """Number of legs."""
@@ -52,7 +52,7 @@ class PlannedPath:
             self.states[skipped:],
             self.actions[skipped:],
             max(0, self.own - skipped),
-            self.leg_places_m[skipped:],
+            self.leg_locations_m[skipped:],
         )
 
     def to_step(self, step: int) -> PlannedPath:
@@ -61,23 +61,23 @@ class PlannedPath:
         if legs >= len(self):
             return self
         return PlannedPath(
-            self.step, self.states[: legs + 1], self.actions[:legs], min(self.own, legs), self.leg_places_m[:legs]
+            self.step, self.states[: legs + 1], self.actions[:legs], min(self.own, legs), self.leg_locations_m[:legs]
         )
 
     @property
-    def places_m(self) -> Array:
-        """All measurement places, shape (L * n, 2)."""
-        return self.leg_places_m.reshape(-1, 2)
+    def locations_m(self) -> Array:
+        """All measurement locations, shape (L * n, 2)."""
+        return self.leg_locations_m.reshape(-1, 2)
 
     @property
-    def own_places_m(self) -> Array:
-        """Measurement places on the legs of the plan's actions and tour, shape (P, 2)."""
-        return self.leg_places_m[: self.own].reshape(-1, 2)
+    def own_locations_m(self) -> Array:
+        """Measurement locations on the legs of the plan's actions and tour, shape (P, 2)."""
+        return self.leg_locations_m[: self.own].reshape(-1, 2)
 
     @property
-    def naive_places_m(self) -> Array:
-        """Measurement places of the naive path, shape (P, 2)."""
-        return self.leg_places_m[self.own :].reshape(-1, 2)
+    def naive_locations_m(self) -> Array:
+        """Measurement locations of the naive path, shape (P, 2)."""
+        return self.leg_locations_m[self.own :].reshape(-1, 2)
 
 
 class Rollout:
@@ -87,7 +87,7 @@ class Rollout:
         """Sets up the rollout.
 
         Args:
-            samples_per_leg: Measurement places on a leg, evenly spaced, the last one at its end.
+            samples_per_leg: Measurement locations on a leg, evenly spaced, the last one at its end.
         """
         self.motion = motion
         self.naive = naive
@@ -121,7 +121,7 @@ class Rollout:
             end = self.motion.roll(end, along)[-1]
         every = np.concatenate([own, self.naive.actions(end, naive_path, left - len(own))])
         states = self.motion.roll(state, every)
-        return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))
+        return PlannedPath(step, states, every, len(own), self.leg_locations(states[:-1], every))
 
     def can_follow(self, plan: Plan) -> bool:
         """Whether a received plan can be followed: its state is possible; step, actions, tour and naive path are valid.
@@ -137,11 +137,11 @@ class Rollout:
             and plan.naive_path in (*IDS, NONE)
         )
 
-    def leg_places(self, states: Array, actions: Ints, samples: int | None = None) -> Array:
-        """Measurement places (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,).
+    def leg_locations(self, states: Array, actions: Ints, samples: int | None = None) -> Array:
+        """Measurement locations (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,).
 
         Args:
-            samples: Places on a leg; None: `samples_per_leg`.
+            samples: Locations on a leg; None: `samples_per_leg`.
         """
         each = samples or self.samples_per_leg
         if each not in self._samples_m:
@@ -152,19 +152,19 @@ class Rollout:
         east = states[:, 2:3] + s * ahead + c * starboard
         return np.stack([north, east], axis=2)
 
-    def places_of_many(self, states: Array, actions: Ints) -> Array:
-        """Measurement places (B, L * n, 2) of many sequences of `actions` (B, L) from `states` (B, 3)."""
+    def locations_of_many(self, states: Array, actions: Ints) -> Array:
+        """Measurement locations (B, L * n, 2) of many sequences of `actions` (B, L) from `states` (B, 3)."""
         rolled = roll_many(states, actions, self.motion.turns_rad, self.motion.steps_m)
         if self.samples_per_leg == 1:
             return np.asarray(rolled[:, 1:, 1:])
-        places = self.leg_places(rolled[:, :-1].reshape(-1, 3), actions.ravel())
-        return places.reshape(len(states), -1, 2)
+        locations = self.leg_locations(rolled[:, :-1].reshape(-1, 3), actions.ravel())
+        return locations.reshape(len(states), -1, 2)
 
-    def naive_places(self, states: Array, naive_path: int, legs: int) -> Array:
-        """Measurement places (B, legs * n, 2) of a naive path over `legs` legs from many states (B, 3)."""
-        return self.places_of_many(states, self.naive.actions_from(states, naive_path, legs))
+    def naive_locations(self, states: Array, naive_path: int, legs: int) -> Array:
+        """Measurement locations (B, legs * n, 2) of a naive path over `legs` legs from many states (B, 3)."""
+        return self.locations_of_many(states, self.naive.actions_from(states, naive_path, legs))
 
 
 def _samples(motion: MotionTable, count: int) -> Array:
-    """Measurement places (A, count, 2) of every action in the frame of the state before it: ahead, to starboard."""
+    """Measurement locations (A, count, 2) of every action in the frame of the state before it: ahead, to starboard."""
     return np.stack([motion.samples(a, count) for a in range(motion.actions)])

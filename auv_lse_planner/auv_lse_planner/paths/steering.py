@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, cheapest_action, clearance_at, end_of_leg, safe_reach
-from auv_lse_planner.paths.polyline import SHORTEST_M, places_along
+from auv_lse_planner.paths.polyline import SHORTEST_M, locations_along
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,7 +50,7 @@ def point_along(waypoints, segment, along):
 
 @compiled
 def due_on_tour(waypoints, segment, leg, count):
-    """Scheduled points (count, 4) at the ends of legs, place and direction, along segments of equal length."""
+    """Scheduled points (count, 4) at the ends of legs, location and direction, along segments of equal length."""
     due = np.empty((count, 4))
     for i in range(count):
         due[i, 0], due[i, 1], due[i, 2], due[i, 3] = point_along(waypoints, segment, i * leg + leg)
@@ -60,13 +60,13 @@ def due_on_tour(waypoints, segment, leg, count):
 @compiled
 def due_on_line(waypoints, leg, count):
     """Scheduled points (count, 4) every `leg` (m of arc) along any polyline (n + 1, 2), extended straight."""
-    places, segments, _ = places_along(waypoints, 0.0, leg, count + 1)
+    locations, segments, _ = locations_along(waypoints, 0.0, leg, count + 1)
     due = np.empty((count, 4))
     for i in range(count):
         k = segments[i + 1]
         north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
         length = max(math.sqrt(north * north + east * east), SHORTEST_M)
-        due[i, 0], due[i, 1] = places[i + 1, 0], places[i + 1, 1]
+        due[i, 0], due[i, 1] = locations[i + 1, 0], locations[i + 1, 1]
         due[i, 2], due[i, 3] = north / length, east / length
     return due
 
@@ -178,8 +178,8 @@ class Steering:
         return np.asarray(steer(space, np.asarray(state, dtype=float), max(0, legs), due))
 
 
-def _polyline(name: str, places_m: Array) -> Array:
+def _polyline(name: str, locations_m: Array) -> Array:
     """A polyline (n + 1, 2) for compiled code, which does not check that there is a segment."""
-    if len(places_m) < 2:
-        raise ValueError(f"{name}: got {len(places_m)}; expected at least two places, so that there is a segment")
-    return np.ascontiguousarray(places_m, dtype=float)
+    if len(locations_m) < 2:
+        raise ValueError(f"{name}: got {len(locations_m)}; expected at least two locations, so that there is a segment")
+    return np.ascontiguousarray(locations_m, dtype=float)

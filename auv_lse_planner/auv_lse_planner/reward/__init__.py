@@ -1,1 +1,1 @@
-"""Rewards of a path: at its own places (the paper), or over the map."""
+"""Rewards of a path: at its own locations (the paper), or over the map."""

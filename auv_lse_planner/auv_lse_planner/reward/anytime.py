@@ -1,7 +1,7 @@
 """The anytime reward of a path, and its gradient: the drop of the map's expected risk, with early drops weighted more.
 
-R_i is the expected risk of the map M after this vehicle's first i legs. V_i are its places on those legs and the places
-that team mates have measured by then; S is the data, and O are places already planned on the posterior.
+R_i is the expected risk of the map M after this vehicle's first i legs. V_i are its locations on those legs and the
+locations that team mates have measured by then; S is the data, and O are locations already planned on the posterior.
 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
@@ -15,7 +15,7 @@ checkpoints. `expected_end` does not depend on them.
 `reward/joint.py` computes the variance left at the map's cells after each checkpoint, and the gradient of J.
 
 `value_and_gradient` returns a coarser value than `value`, and the exact gradient of that coarser value. It uses a wider
-grid, fewer checkpoints and a subset of the mates' places, and it skips cells of negligible risk.
+grid, fewer checkpoints and a subset of the mates' positions, and it skips cells of negligible risk.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Ints = NDArray[np.int64]
 CHECKPOINT_LEGS = 4
 #: Largest number of checkpoints of the gradient.
 GRADIENT_CHECKPOINTS = 10
-#: The gradient uses every n-th of a mate's places.
+#: The gradient uses every n-th of a mate's positions.
 GRADIENT_MATES_EVERY = 3
 #: The value and the gradient skip cells whose risk, relative to the largest possible, is lower than this.
 VALUE_RISK_SHARE = 1e-6
@@ -127,12 +127,12 @@ class _Schedule:
 
 
 class AnytimeReward:
-    """Anytime reward for one decision, with fixed data, mates' places and time.
+    """Anytime reward for one decision, with fixed data, mates' positions and time.
 
     Attributes:
         legs: Legs that this vehicle still has to travel.
         risk_before: Risk of the map before the first of them, R_0.
-        mates: For each mate, the times (P,) of its measurements, in legs of this vehicle, and their places (P, 2).
+        mates: For each mate, the times (P,) of its measurements, in legs of this vehicle, and their locations (P, 2).
     """
 
     def __init__(
@@ -145,14 +145,14 @@ class AnytimeReward:
         inflation: float = 1.0,
         constant: Constant = Constant(),
     ) -> None:
-        """Places planned on the posterior count as measured before the first leg.
+        """Locations planned on the posterior count as measured before the first leg.
 
         Args:
-            fine: The map's places, kept up to date with the posterior.
+            fine: The map's locations, kept up to date with the posterior.
             level_set: Level and costs; the expected risk is always the exact one.
             mates: For each mate, the times (P,) of its measurements, in legs of this vehicle (may be fractional), and
-                their places (P, 2).
-            coarse: Places at which the gradient is computed; None: those of `fine`.
+                their locations (P, 2).
+            coarse: Locations at which the gradient is computed; None: those of `fine`.
             inflation: Factor on the posterior's standard deviations in `weighted`.
             constant: Added to the risk before the first leg and to `expected_end`.
         """
@@ -178,55 +178,56 @@ class AnytimeReward:
     def _drop(
         self, points: CachedPoints, every: int, schedule: _Schedule, least_share: float, *, cache_inverse: bool
     ) -> _Drop:
-        """The drop of risk at the given points, with every n-th (`every`) of the mates' places."""
+        """The drop of risk at the given points, with every n-th (`every`) of the mates' positions."""
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
-        places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
-        scale = len(self._fine.places_m) / len(points.places_m)
+        locations = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
+        scale = len(self._fine.locations_m) / len(points.locations_m)
         counted = _Counted.of(points, self._level_set, self._inflation, least_share, scale)
-        measured = Measured(points.posterior, points.posterior.kernel.scale(places), cache_inverse)
+        measured = Measured(points.posterior, points.posterior.kernel.scale(locations), cache_inverse)
         groups = schedule.after(legs)
         return _Drop(points.posterior, self._level_set, counted, schedule, measured, groups, cache_inverse)
 
-    def value(self, places_m: Array) -> Value:
+    def value(self, locations_m: Array) -> Value:
         """Value of a path over the whole map.
 
         Args:
-            places_m: Measurement places of each leg from now on, (L, n, 2); L may be less than the remaining legs.
+            locations_m: Measurement locations of each leg from now on, (L, n, 2); L may be less than the remaining
+                legs.
 
         Raises:
-            ValueError: for more legs than remain, or if the covariance of the places is not positive definite.
+            ValueError: for more legs than remain, or if the covariance of the locations is not positive definite.
         """
-        value = self._exact.value(*self._timed(places_m))
+        value = self._exact.value(*self._timed(locations_m))
         return replace(value, expected_end=value.expected_end + self._constant_drop)
 
-    def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
+    def value_and_gradient(self, locations_m: Array) -> tuple[float, Array]:
         """A coarser `weighted` of a path over all remaining legs, and its exact gradient.
 
         Args:
-            places_m: Measurement places (L * n, 2) of the L remaining legs, leg after leg.
+            locations_m: Measurement locations (L * n, 2) of the L remaining legs, leg after leg.
 
         Returns:
-            The value, and its gradient with respect to the places (L * n, 2), per metre.
+            The value, and its gradient with respect to the locations (L * n, 2), per metre.
 
         Raises:
-            ValueError: for a wrong number of places, or if their covariance is not positive definite.
+            ValueError: for a wrong number of locations, or if their covariance is not positive definite.
         """
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        if self.legs and (len(places) % self.legs or not len(places)):
+        locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
+        if self.legs and (len(locations) % self.legs or not len(locations)):
             raise ValueError(
-                f"places_m: got {len(places)} places; expected the same number on each of {self.legs} legs"
+                f"locations_m: got {len(locations)} locations; expected the same number on each of {self.legs} legs"
             )
-        return self._coarsely().weighted_and_gradient(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+        return self._coarsely().weighted_and_gradient(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
 
-    def coarse_value(self, places_m: Array) -> float:
+    def coarse_value(self, locations_m: Array) -> float:
         """The value of `value_and_gradient` alone."""
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        return self._coarsely().weighted(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+        locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
+        return self._coarsely().weighted(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
 
-    def risk_near(self, places_m: Array) -> float:
-        """Risk before the first leg within `NEAR_M` of places (P, 2): a fast estimate of their benefit."""
-        return self._coarsely().risk_near(np.asarray(places_m, dtype=float).reshape(-1, 2))
+    def risk_near(self, locations_m: Array) -> float:
+        """Risk before the first leg within `NEAR_M` of locations (P, 2): a fast estimate of their benefit."""
+        return self._coarsely().risk_near(np.asarray(locations_m, dtype=float).reshape(-1, 2))
 
     def _coarsely(self) -> _Drop:
         if self._rough is None:
@@ -236,13 +237,13 @@ class AnytimeReward:
             )
         return self._rough
 
-    def _timed(self, places_m: Array) -> tuple[Array, Array]:
-        """Places (P, 2), and the legs (P,) after which each is measured, of a path (L, n, 2)."""
-        if len(places_m) > self.legs and np.size(places_m):
-            raise ValueError(f"places_m: got {len(places_m)} legs; expected at most the remaining {self.legs}")
-        places = np.asarray(places_m, dtype=float)
-        each = places.shape[1] if places.ndim == 3 else 1
-        return places.reshape(-1, 2), np.repeat(np.arange(1.0, len(places) + 1.0), each)
+    def _timed(self, locations_m: Array) -> tuple[Array, Array]:
+        """Locations (P, 2), and the legs (P,) after which each is measured, of a path (L, n, 2)."""
+        if len(locations_m) > self.legs and np.size(locations_m):
+            raise ValueError(f"locations_m: got {len(locations_m)} legs; expected at most the remaining {self.legs}")
+        locations = np.asarray(locations_m, dtype=float)
+        each = locations.shape[1] if locations.ndim == 3 else 1
+        return locations.reshape(-1, 2), np.repeat(np.arange(1.0, len(locations) + 1.0), each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +252,7 @@ class _Counted:
 
     Attributes:
         cells: The cells; their means' distance from the level is divided by the inflation.
-        places_m: Their places, (M, 2).
+        locations_m: Their locations, (M, 2).
         risk: Their risk before the first leg, (M,).
         uninflated: Their means (M,) and their total risk without inflation; None if there is no inflation.
         scale: Weight of a cell.
@@ -259,7 +260,7 @@ class _Counted:
     """
 
     cells: Cells
-    places_m: Array
+    locations_m: Array
     risk: Array
     uninflated: tuple[Array, float] | None
     scale: float
@@ -288,11 +289,11 @@ class _Counted:
         )
         total = scale * float(known_risk.sum())
         uninflated = None if inflation == 1.0 else (now.mean_m[kept], float(known_risk[kept].sum()))
-        return cls(cells, points.places_m[kept], np.asarray(risk[kept]), uninflated, scale, total)
+        return cls(cells, points.locations_m[kept], np.asarray(risk[kept]), uninflated, scale, total)
 
 
 class _Drop:
-    """The drop of risk over one set of cells at each checkpoint, with one set of mates' places."""
+    """The drop of risk over one set of cells at each checkpoint, with one set of mates' positions."""
 
     def __init__(
         self,
@@ -307,8 +308,8 @@ class _Drop:
         """Prepares all terms that do not depend on this vehicle's path.
 
         Args:
-            mates: Measurement places of the mates, (Q,).
-            mate_groups: Number of the first checkpoint that includes each of their places, (Q,).
+            mates: Measurement positions of the mates, (Q,).
+            mate_groups: Number of the first checkpoint that includes each of their locations, (Q,).
             cache_inverse: Whether to invert the posterior's factor, which is faster for many paths.
         """
         self.schedule, self.risk_before = schedule, counted.total
@@ -324,11 +325,11 @@ class _Drop:
         other.schedule = _Schedule.of(weighting, len(self.schedule.checkpoints))
         return other
 
-    def value(self, places_m: Array, legs: Array) -> Value:
+    def value(self, locations_m: Array, legs: Array) -> Value:
         """Value of a path: J, and the drop of the risk at the mission's end without inflation."""
-        if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
+        if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return Value(0.0, 0.0)
-        left = self._joint(places_m, legs).left(np.arange(len(self.schedule.checkpoints)))
+        left = self._joint(locations_m, legs).left(np.arange(len(self.schedule.checkpoints)))
         variance = self._cells.data_var_m2
         risks = self._level_set.risk_sums(self._cells.mean_m, variance, left)
         drops = -self._scale * np.diff(risks, prepend=self._before)
@@ -338,36 +339,36 @@ class _Drop:
             end = self._scale * (before - float(self._level_set.risk_sums(mean, variance, left[-1:])[0]))
         return Value(float(self.schedule.weights @ drops), end)
 
-    def weighted(self, places_m: Array, legs: Array) -> float:
+    def weighted(self, locations_m: Array, legs: Array) -> float:
         """J of a path, without the drop at the mission's end."""
-        if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
+        if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return 0.0
-        left = self._joint(places_m, legs).left(self.schedule.counting)
+        left = self._joint(locations_m, legs).left(self.schedule.counting)
         return self._weighted(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
 
-    def weighted_and_gradient(self, places_m: Array, legs: Array) -> tuple[float, Array]:
-        """J, and its gradient with respect to this vehicle's places (P, 2)."""
-        if not len(places_m) or not len(self.schedule.checkpoints):
-            return 0.0, np.zeros_like(places_m)
-        joint, cells, counting = self._joint(places_m, legs), self._cells, self.schedule.counting
+    def weighted_and_gradient(self, locations_m: Array, legs: Array) -> tuple[float, Array]:
+        """J, and its gradient with respect to this vehicle's positions (P, 2)."""
+        if not len(locations_m) or not len(self.schedule.checkpoints):
+            return 0.0, np.zeros_like(locations_m)
+        joint, cells, counting = self._joint(locations_m, legs), self._cells, self.schedule.counting
         left = joint.left(counting)
         risks, slopes = self._level_set.risk_sums_and_slopes(cells.mean_m, cells.data_var_m2, left)
         slopes *= self._scale * self.schedule.share[counting, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
         return self._weighted(risks), joint.gradient(later, counting)
 
-    def risk_near(self, places_m: Array) -> float:
-        """Risk of the cells near places (P, 2)."""
-        off = self._counted.places_m[:, None] - places_m
+    def risk_near(self, locations_m: Array) -> float:
+        """Risk of the cells near locations (P, 2)."""
+        off = self._counted.locations_m[:, None] - locations_m
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._counted.risk[near].sum())
 
-    def _joint(self, places_m: Array, legs: Array) -> Joint:
+    def _joint(self, locations_m: Array, legs: Array) -> Joint:
         key = legs.tobytes()
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
             self._timetables[key] = Timetable(self._posterior, self._cells, self._mates, *groups)
-        own = Measured(self._posterior, self._posterior.kernel.scale(places_m), self._cache_inverse)
+        own = Measured(self._posterior, self._posterior.kernel.scale(locations_m), self._cache_inverse)
         return Joint(self._posterior, self._cells, own, self._timetables[key])
 
     def _weighted(self, risks: Array) -> float:

@@ -1,11 +1,11 @@
 """Variance of the map's cells after measurements of this vehicle and its mates, conditioned jointly in time order.
 
-S is the data, O are places planned on the posterior beforehand, and M the map's cells. In the reward J of
+S is the data, O are locations planned on the posterior beforehand, and M the map's cells. In the reward J of
 `reward/anytime.py`, the risk after checkpoint j has the weight wbar_j - wbar_{j+1}.
 
-**Value.** With all places V in time order (RW2006: Rasmussen and Williams 2006, algorithm 2.1, for new rows),
+**Value.** With all locations V in time order (RW2006: Rasmussen and Williams 2006, algorithm 2.1, for new rows),
 
-    W = L^-1 k(X, V),  w = L^-1 k(X, M)        L the factor of data and planned places X
+    W = L^-1 k(X, V),  w = L^-1 k(X, M)        L the factor of data and planned locations X
     C = k(V, M) - W^T w,   K = k(V, V) + sigma_n^2 I - W^T W = Lv Lv^T,   Y = Lv^-1 C
 
 the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows. One
@@ -20,7 +20,7 @@ mark derivatives of J (reverse mode):
     Xbar = -L^-T (w Cbar^T + 2 W Kbar)
     dJ / dV_i = sum_p Cbar_ip k'(V_i, p) + 2 sum_j Kbar_ij k'(V_i, V_j) + sum_x Xbar_xi k'(V_i, x)
 
-If only the last checkpoint counts, the order of the places does not matter, and less is solved:
+If only the last checkpoint counts, the order of the locations does not matter, and less is solved:
 
     Z = Lv^-T Y,   Cbar = 2 Z diag(wbar g),   Kbar = -Z diag(wbar g) Z^T
 """
@@ -63,15 +63,15 @@ class Cells:
 
 
 class Measured:
-    """Places to be measured.
+    """Locations to be measured.
 
     Attributes:
-        scaled: The places in the kernel's axes and length scales, (P, 2).
-        white: Their whitened covariance with data and planned places, (P, n).
+        scaled: The locations in the kernel's axes and length scales, (P, 2).
+        white: Their whitened covariance with data and planned locations, (P, n).
     """
 
     def __init__(self, posterior: Posterior, scaled: Array, cache_inverse: bool) -> None:
-        """Takes scaled places (P, 2); `cache_inverse` inverts the posterior's factor: faster for many paths."""
+        """Takes scaled locations (P, 2); `cache_inverse` inverts the posterior's factor: faster for many paths."""
         self._kernel = posterior.kernel
         self.scaled = scaled
         covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
@@ -82,7 +82,7 @@ class Measured:
             self.white = posterior.factor.solve_rows_in_place(covariance)
 
     def __len__(self) -> int:
-        """Number of places."""
+        """Number of locations."""
         return len(self.scaled)
 
     def covariance_with_cells(self, cells: Cells, out: Array) -> Array:
@@ -94,15 +94,15 @@ class Measured:
 
 
 class Timetable:
-    """Places of this vehicle and its mates in time order, the mates' part of their covariances, and scratch memory.
+    """Positions of this vehicle and its mates in time order, the mates' part of their covariances, and scratch memory.
 
     The next call of a method overwrites its last result: allocating new memory would take a third of the time.
 
     Attributes:
-        groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
-        own: Row numbers of this vehicle's places, ascending, (P,).
-        scaled: All places in the kernel's scale, (P + Q, 2); `matrix` inserts this vehicle's.
-        white: Their whitened covariance with data and planned places, (P + Q, n).
+        groups: Number of the first checkpoint that includes each location, ascending, (P + Q,).
+        own: Row numbers of this vehicle's positions, ascending, (P,).
+        scaled: All locations in the kernel's scale, (P + Q, 2); `matrix` inserts this vehicle's.
+        white: Their whitened covariance with data and planned locations, (P + Q, n).
         spare: Scratch memory of the size of the covariance with the cells, (P + Q, M).
     """
 
@@ -135,7 +135,7 @@ class Timetable:
         return matrix
 
     def cross(self, own: Measured, cells: Cells) -> Array:
-        """Covariance C of all places in time order with the cells."""
+        """Covariance C of all locations in time order with the cells."""
         if not len(self._others):
             return own.covariance_with_cells(cells, self._cross)
         self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
@@ -144,10 +144,10 @@ class Timetable:
 
 
 class Joint:
-    """Conditions the cells on the places of this vehicle and its mates in time order."""
+    """Conditions the cells on the positions of this vehicle and its mates in time order."""
 
     def __init__(self, posterior: Posterior, cells: Cells, own: Measured, timetable: Timetable) -> None:
-        """Factorizes the covariance of the places.
+        """Factorizes the covariance of the locations.
 
         Raises:
             ValueError: if it is not positive definite.
@@ -172,7 +172,7 @@ class Joint:
         return left
 
     def gradient(self, later: Array, checkpoints: Ints) -> Array:
-        """Gradient (P, 2) with respect to this vehicle's places.
+        """Gradient (P, 2) with respect to this vehicle's positions.
 
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).

@@ -1,10 +1,12 @@
-"""The paper's reward of a path: the expected benefit of search at its own places (docs/design/paper.md).
+"""The paper's reward of a path: the expected benefit of search at its own locations (docs/design/paper.md).
 
-    J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the mates' planned places, V the path.
+    J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the mates' planned locations, V the
+    path.
 
 This is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O), so that a vehicle is not rewarded for
-places that a team mate will visit. With M = cov(V, V | S u O) + sigma^2 I, the variance left at the path's places is
-sigma^2 - sigma^4 diag(M^-1), plus the variance due to uncertain places of the data, which measuring does not reduce.
+locations that a team mate will visit. With M = cov(V, V | S u O) + sigma^2 I, the variance left at the path's locations
+is sigma^2 - sigma^4 diag(M^-1), plus the variance due to uncertain positions of the data, which measuring does not
+reduce.
 """
 
 from __future__ import annotations
@@ -23,15 +25,15 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 Array = NDArray[np.float64]
 
-#: Compiled loops factorize paths with at most this many places together; LAPACK factorizes longer ones one by one.
+#: Compiled loops factorize paths with at most this many locations together; LAPACK factorizes longer ones one by one.
 MAX_SMALL_PATH = 24
 
 
 class PathReward:
-    """Path reward of one decision, whose data and team mates' places are fixed."""
+    """Path reward of one decision, whose data and team mates' positions are fixed."""
 
     def __init__(self, posterior: Posterior, level_set: LevelSetConfig, credit: str = "whole") -> None:
-        """Takes a posterior on which the team mates' places are already planned.
+        """Takes a posterior on which the team mates' positions are already planned.
 
         Raises:
             ValueError: for an unknown credit.
@@ -50,7 +52,7 @@ class PathReward:
         return self._expected(points, points.planned_var_m2)
 
     def _gains(self, points: PointPosteriors, var_after_m2: Array) -> Array:
-        """Credited benefit at each place (P,) for variances `var_after_m2` (P,) after the path."""
+        """Credited benefit at each location (P,) for variances `var_after_m2` (P,) after the path."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.before(points) - self._expected(points, var_after_m2)
         # before and after in one call
@@ -64,17 +66,17 @@ class PathReward:
         return self.level_set.expected_risk(points.mean_m, np.sqrt(points.data_var_m2 - after), np.sqrt(after))
 
     def contributions(self, points: PointPosteriors) -> Array:
-        """Expected benefit (P,) at each place of a path with exactly these places."""
+        """Expected benefit (P,) at each location of a path with exactly these locations."""
         if not len(points):
             return np.empty(0)
         return self._gains(points, self.var_after_m2(points))
 
     def value(self, points: PointPosteriors) -> float:
-        """J of the path with these places."""
+        """J of the path with these locations."""
         return float(self.contributions(points).sum())
 
     def var_after_m2(self, points: PointPosteriors) -> Array:
-        """Variance (P,) of the depth at the path's places after all of them are measured."""
+        """Variance (P,) of the depth at the path's locations after all of them are measured."""
         matrix = self.posterior.measured_covariance(points)
         floor = self._floor(points, np.diagonal(matrix))
         return self._left(inverse_diagonal_of(matrix)) + floor
@@ -83,8 +85,8 @@ class PathReward:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
     def _floor(self, points: PointPosteriors, measured_var_m2: Array) -> Array | float:
-        """Part of each variance (P,) due to uncertain places: the planned variance minus that of exact places."""
-        if not self.posterior.places_uncertain:
+        """Part of each variance (P,) due to uncertain positions: the planned variance minus that of exact positions."""
+        if not self.posterior.positions_uncertain:
             return 0.0
         return np.maximum(points.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
 
@@ -92,8 +94,8 @@ class PathReward:
         """J of several paths of equal length, computed together.
 
         Args:
-            points: Places of all paths, one path after the other, B * length in total.
-            length: Number of places of each path.
+            points: Locations of all paths, one path after the other, B * length in total.
+            length: Number of locations of each path.
 
         Returns:
             Values, shape (B,).
@@ -112,9 +114,9 @@ class PathReward:
         return np.asarray(self._gains(points, after).reshape(batch, length).sum(axis=1))
 
 
-def not_positive_definite(places: int) -> str:
-    """Error message for a covariance of `places` measurements that is not positive definite."""
-    return f"covariance of {places} planned places is not positive definite; expected a larger gp.noise_std_m"
+def not_positive_definite(locations: int) -> str:
+    """Error message for a covariance of `locations` measurements that is not positive definite."""
+    return f"covariance of {locations} planned locations is not positive definite; expected a larger gp.noise_std_m"
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:

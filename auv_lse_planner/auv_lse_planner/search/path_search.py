@@ -33,7 +33,7 @@ class SearchProblem:
         horizon: Legs to search: the horizon, or the remaining legs of the mission if fewer.
         naive_paths: Ids of naive paths that may continue the plan; empty for none.
         deadline: Returns whether to stop searching; None: no deadline.
-        grid: Grid of the map's places, to estimate the reward of naive paths; None: no estimate.
+        grid: Grid of the map's locations, to estimate the reward of naive paths; None: no estimate.
     """
 
     planner: PlannerConfig

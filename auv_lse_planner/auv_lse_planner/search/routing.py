@@ -33,39 +33,39 @@ ITERATIONS = 10_000
 MAX_REMOVED = 12
 #: Cost of leaving a node of mean weight out, in spacings of the nodes.
 COST_OF_OMISSION = 6
-#: Largest number of places over which nodes are spread, and of places of the grid of ways.
-MAX_PLACES, MAX_WAY_PLACES = 4000, 6000
+#: Largest number of locations over which nodes are spread, and of locations of the grid of ways.
+MAX_LOCATIONS, MAX_WAY_LOCATIONS = 4000, 6000
 #: Multiplier and modulus of the random numbers (Park and Miller 1988).
 MULTIPLIER, MODULUS = 48271, 2147483647
 
 
 @compiled
-def lloyd(places, count, iterations):
-    """Nodes (count, 2) in the middle of the places (P, 2) nearest to them; integers."""
+def lloyd(locations, count, iterations):
+    """Nodes (count, 2) in the middle of the locations (P, 2) nearest to them; integers."""
     nodes = np.empty((count, 2), dtype=np.int64)
     state = 1 + count
     for i in range(count):
         state = state * MULTIPLIER % MODULUS
-        nodes[i] = places[state % places.shape[0]]
+        nodes[i] = locations[state % locations.shape[0]]
     sums, numbers = np.zeros((count, 2), dtype=np.int64), np.zeros(count, dtype=np.int64)
     for _ in range(iterations):
         sums[:] = 0
         numbers[:] = 0
-        for p in range(places.shape[0]):
+        for p in range(locations.shape[0]):
             nearest, least = 0, 1 << 62
             for i in range(count):
-                north, east = places[p, 0] - nodes[i, 0], places[p, 1] - nodes[i, 1]
+                north, east = locations[p, 0] - nodes[i, 0], locations[p, 1] - nodes[i, 1]
                 square = north * north + east * east
                 if square < least:
                     nearest, least = i, square
-            sums[nearest] += places[p]
+            sums[nearest] += locations[p]
             numbers[nearest] += 1
         for i in range(count):
             if numbers[i]:
                 nodes[i, 0], nodes[i, 1] = sums[i, 0] // numbers[i], sums[i, 1] // numbers[i]
             else:
                 state = state * MULTIPLIER % MODULUS
-                nodes[i] = places[state % places.shape[0]]
+                nodes[i] = locations[state % locations.shape[0]]
     return nodes
 
 
@@ -79,7 +79,7 @@ def insert_best(node, route, size, length, budget, distance, state):
     best, best_at = 1 << 62, 0
     for at in range(1, size + 1):
         state = state * MULTIPLIER % MODULUS
-        if state % 100 == 0:  # a blink: sometimes another place is taken
+        if state % 100 == 0:  # a blink: sometimes another location is taken
             continue
         before = route[at - 1]
         extra = distance[before, node]
@@ -167,18 +167,18 @@ def free_area_m2(space: FreeSpace) -> float:
 
 
 class Ground:
-    """Places of the free space as integers, and ways between them around land."""
+    """Locations of the free space as integers, and ways between them around land."""
 
     def __init__(self, space: FreeSpace) -> None:
         self._space = space
         inside, free = space.area_raster > -space.margin_m, space.area_raster >= 0.0
         self.area_m2 = free_area_m2(space)
-        self.places_cm = self._thinned(inside, MAX_PLACES)[1]
-        self._ways, self._ways_cm = self._thinned(free, MAX_WAY_PLACES)
+        self.locations_cm = self._thinned(inside, MAX_LOCATIONS)[1]
+        self._ways, self._ways_cm = self._thinned(free, MAX_WAY_LOCATIONS)
         self._graph: coo_array | None = None
 
     def _thinned(self, mask: NDArray[np.bool_], most: int) -> tuple[Ints, Ints]:
-        """Rows and columns (M, 2) of about `most` nodes of a mask, evenly spaced, and their places (cm)."""
+        """Rows and columns (M, 2) of about `most` nodes of a mask, evenly spaced, and their locations (cm)."""
         every = max(1, round(float(np.sqrt(np.count_nonzero(mask) / most)) + 0.499))
         thin = np.zeros_like(mask)
         thin[::every, ::every] = mask[::every, ::every]
@@ -189,22 +189,22 @@ class Ground:
 
     def nodes_cm(self, count: int) -> Ints:
         """Centroidal nodes (N, 2) on free ground, without duplicates."""
-        nodes = lloyd(self.places_cm, min(count, len(self.places_cm)), LLOYD_ITERATIONS)
+        nodes = lloyd(self.locations_cm, min(count, len(self.locations_cm)), LLOYD_ITERATIONS)
         return np.unique(self._ways_cm[self._nearest(nodes)], axis=0)
 
-    def _nearest(self, places_cm: Ints) -> Ints:
-        """Index of the place on a way nearest to each place (P, 2)."""
-        off = places_cm[:, None, :] - self._ways_cm[None]
+    def _nearest(self, locations_cm: Ints) -> Ints:
+        """Index of the location on a way nearest to each location (P, 2)."""
+        off = locations_cm[:, None, :] - self._ways_cm[None]
         return np.asarray(np.argmin(np.einsum("pwi,pwi->pw", off, off), axis=1))
 
-    def distances_cm(self, places_cm: Ints) -> tuple[Ints, dict[tuple[int, int], Ints]]:
-        """Distances (P, P) between places, around land, and the places on the way where it is not straight."""
-        off = (places_cm[:, None] - places_cm[None]).astype(float)
+    def distances_cm(self, locations_cm: Ints) -> tuple[Ints, dict[tuple[int, int], Ints]]:
+        """Distances (P, P) between locations, around land, and the locations on the way where it is not straight."""
+        off = (locations_cm[:, None] - locations_cm[None]).astype(float)
         straight = np.rint(np.hypot(off[..., 0], off[..., 1])).astype(np.int64)
-        blocked = ~self._in_sight(places_cm)
+        blocked = ~self._in_sight(locations_cm)
         if not blocked.any():
             return straight, {}
-        indices = self._nearest(places_cm)
+        indices = self._nearest(locations_cm)
         around, before = dijkstra(self._ways_graph(), directed=False, indices=indices, return_predecessors=True)
         between = around[:, indices]
         far = 10.0 * float(np.ptp(self._ways_cm, axis=0).sum())
@@ -219,13 +219,13 @@ class Ground:
             bends[int(i), int(j)] = self._ways_cm[way[::-1][:-1]]
         return lengths, bends
 
-    def _in_sight(self, places_cm: Ints) -> NDArray[np.bool_]:
-        """Whether the straight line between two places stays on free ground, (P, P)."""
+    def _in_sight(self, locations_cm: Ints) -> NDArray[np.bool_]:
+        """Whether the straight line between two locations stays on free ground, (P, P)."""
         space = self._space
         shares = np.linspace(0.0, 1.0, 65)[:, None]
-        seen = np.ones((len(places_cm), len(places_cm)), dtype=bool)
-        for i, place in enumerate(places_cm):
-            line = 0.01 * (place + shares[None] * (places_cm[:, None] - place))
+        seen = np.ones((len(locations_cm), len(locations_cm)), dtype=bool)
+        for i, location in enumerate(locations_cm):
+            line = 0.01 * (location + shares[None] * (locations_cm[:, None] - location))
             row = np.rint((line[..., 0] - space.north0_m) / space.cell_m).astype(np.int64)
             column = np.rint((line[..., 1] - space.east0_m) / space.cell_m).astype(np.int64)
             seen[i] = (space.area_raster[row, column] >= -0.5 * space.cell_m).all(axis=1)
@@ -248,9 +248,9 @@ class Ground:
         return self._graph
 
 
-def nearest_node(nodes: Ints, place: Ints) -> int:
-    """Index of the node (N, 2) nearest to a place (2,)."""
-    return int(np.argmin(((nodes - place) ** 2).sum(axis=1)))
+def nearest_node(nodes: Ints, location: Ints) -> int:
+    """Index of the node (N, 2) nearest to a location (2,)."""
+    return int(np.argmin(((nodes - location) ** 2).sum(axis=1)))
 
 
 def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, count: int) -> Array:
@@ -258,15 +258,15 @@ def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, 
 
     Args:
         start_m: North and east, shape (2,).
-        weights_at: Importance of the ground's places (P,); any unit.
+        weights_at: Importance of the ground's locations (P,); any unit.
         length_m: Largest length of the route.
         count: Number of nodes.
     """
     nodes = ground.nodes_cm(count)
     start = np.rint(100.0 * np.asarray(start_m, dtype=float)).astype(np.int64)
-    places = np.concatenate([nodes, start[None]])
-    distance, bends = ground.distances_cm(places)
-    off = ground.places_cm[:, None] - nodes[None]
+    locations = np.concatenate([nodes, start[None]])
+    distance, bends = ground.distances_cm(locations)
+    off = ground.locations_cm[:, None] - nodes[None]
     nearest = np.argmin(np.einsum("pni,pni->pn", off, off), axis=1)
     weight = np.bincount(nearest, weights=weights_at, minlength=len(nodes))
     spacing = round(100.0 * float(np.sqrt(ground.area_m2 / len(nodes))))
@@ -276,7 +276,7 @@ def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, 
     route = ruin_and_recreate(distance, near, penalty, round(100.0 * length_m), ITERATIONS, spacing)
     line = [start[None]]
     for i, j in itertools.pairwise(route):
-        line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), places[j][None]]
+        line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), locations[j][None]]
     if len(route) == 1:  # no node: it stays near the start
-        line.append(places[nearest_node(nodes, start)][None])
+        line.append(locations[nearest_node(nodes, start)][None])
     return np.asarray(0.01 * np.concatenate(line), dtype=np.float64)

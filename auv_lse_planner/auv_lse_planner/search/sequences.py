@@ -1,4 +1,4 @@
-"""Values of action sequences from one state. Converts the actions of the search to the places of the reward."""
+"""Values of action sequences from one state. Converts the actions of the search to the locations of the reward."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GUESSES_AT_ONCE = 64
 class PathSequences:
     """Path reward of action sequences, each continued by the best of the naive paths.
 
-    The posterior at places of a common prefix is computed once.
+    The posterior at locations of a common prefix is computed once.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class PathSequences:
         Args:
             state: Root state, shape (3,).
             naive_paths: Ids of the naive paths to choose from; empty for none.
-            grid: Grid of places over the area, to estimate the reward of naive paths; None: no estimate.
+            grid: Grid of locations over the area, to estimate the reward of naive paths; None: no estimate.
         """
         self._reward, self._rollout, self._grid = reward, rollout, grid
         self._steps_left, self._naive_paths, self._samples = rollout.steps - step, naive_paths, rollout.samples_per_leg
@@ -69,7 +69,7 @@ class PathSequences:
         """The most promising sequences, for a search to try first.
 
         Evaluates all sequences exactly, if there are at most `MAX_PREFIXES` (three legs of eleven actions). The reward
-        of a naive path is estimated as the current risk along it, since little risk remains at a measured place.
+        of a naive path is estimated as the current risk along it, since little risk remains at a measured location.
 
         Args:
             horizon: Length of the sequences.
@@ -91,7 +91,7 @@ class PathSequences:
         )
         order = np.argsort(-values, kind="stable")
         if self._naive_paths and self._grid is not None and not (deadline is not None and deadline()):
-            risk = self._grid.fill(self._reward.before(self._reward.posterior.at(self._grid.places_m)), outside=0.0)
+            risk = self._grid.fill(self._reward.before(self._reward.posterior.at(self._grid.locations_m)), outside=0.0)
             every = len(prefixes) if deadline is None else GUESSES_AT_ONCE
             guessed = 0
             while guessed < len(prefixes) and (guessed == 0 or deadline is None or not deadline()):
@@ -115,17 +115,18 @@ class PathSequences:
         return np.asarray(self._samples * np.max(rough, axis=0))
 
     def _numbered(self, sequences: Ints) -> tuple[Ints, Array]:
-        """Numbers (B, L) of all prefixes of sequences (B, L), and the places (P, 2) of those that are new."""
+        """Numbers (B, L) of all prefixes of sequences (B, L), and the locations (P, 2) of those that are new."""
         first = self._prefixes.count
         numbers = self._prefixes.enter(sequences)
         states, actions, ends = self._prefixes.last_legs(first)
         if self._samples == 1:
             return numbers, ends[:, 1:]
-        return numbers, self._rollout.leg_places(states, actions).reshape(-1, 2)
+        return numbers, self._rollout.leg_locations(states, actions).reshape(-1, 2)
 
     def _prefix_columns(self, numbers: Ints) -> PointPosteriors:
-        """The posterior at the B * L * samples places of sequences, given by the numbers (B, L) of their prefixes."""
-        legs = (numbers - 1) * self._samples  # the empty prefix has no place
+        """The posterior at the B * L * samples locations of sequences, given by the numbers (B, L) of their
+        prefixes."""
+        legs = (numbers - 1) * self._samples  # the empty prefix has no location
         return self._pool.take((legs[:, :, None] + np.arange(self._samples)).ravel())
 
     def _prefix_values(self, numbers: Ints) -> Array:
@@ -137,7 +138,7 @@ class PathSequences:
         numbers, new = self._numbered(actions)
         ends = self._prefixes.states(numbers[:, -1])
         left = self._steps_left - actions.shape[1]
-        naive = [self._rollout.naive_places(ends, h, left) for h in self._naive_paths]
+        naive = [self._rollout.naive_locations(ends, h, left) for h in self._naive_paths]
         columns = self._reward.posterior.at(np.concatenate([new, *(p.reshape(-1, 2) for p in naive)]))
         self._pool.add(columns.slice(0, len(new)))
         if not naive:
@@ -145,8 +146,8 @@ class PathSequences:
         prefixes = self._prefix_columns(numbers)
         values = np.empty((len(naive), len(actions)))
         begin = len(new)
-        for row, places in zip(values, naive, strict=True):
-            end = begin + places.shape[0] * places.shape[1]
+        for row, locations in zip(values, naive, strict=True):
+            end = begin + locations.shape[0] * locations.shape[1]
             joined = join_by_path(prefixes, columns.slice(begin, end), len(actions))
             row[:] = self._reward.values_of_equal(joined, len(joined) // len(actions))
             begin = end

@@ -1,16 +1,17 @@
 """Optimizes a tour: the waypoints of the rest of a mission, by gradient ascent on the tour's reward.
 
-The measurement places lie at fixed arc lengths along the polyline from the vehicle through the waypoints: p_i = P((i -
-1/2) leg / n). They avoid the corners, which the steered path cuts. The polyline ends with the mission, so its length
-needs no penalty: an early detour costs the reward of the last legs. For a place at arc length a, let w_k be the corner
-before it, S_k the arc length of that corner, u_k and l_k the direction and length of the segment, and t = (a - S_k) /
+The measurement locations lie at fixed arc lengths along the polyline from the vehicle through the waypoints: p_i = P((i
+- 1/2) leg / n). They avoid the corners, which the steered path cuts. The polyline ends with the mission, so its length
+needs no penalty: an early detour costs the reward of the last legs. For a location at arc length a, let w_k be the
+corner before it, S_k the arc length of that corner, u_k and l_k the direction and length of the segment, and t = (a -
+S_k) /
 l_k. Then
 
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
 
 and dS_k is the sum of the length changes of all segments before it. `pull_back` uses this to convert the gradient dJ/dp
-with respect to places to one with respect to waypoints. L-BFGS-B moves the waypoints within the bounding box of the
-free area. A penalty on missing clearance pushes places away from forbidden ground.
+with respect to locations to one with respect to waypoints. L-BFGS-B moves the waypoints within the bounding box of the
+free area. A penalty on missing clearance pushes locations away from forbidden ground.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ from scipy.optimize import minimize
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour, length_m
 from auv_lse_planner.paths.free_space import FreeSpace
-from auv_lse_planner.paths.place_margin import EXACT, LEGS, PlaceMargin, lack_of_room
-from auv_lse_planner.paths.polyline import SHORTEST_M, places_along, pull_back
+from auv_lse_planner.paths.polyline import SHORTEST_M, locations_along, pull_back
+from auv_lse_planner.paths.position_margin import EXACT, LEGS, PositionMargin, lack_of_room
 from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
 
-#: Clearance (m) that a tour's places should keep, to leave room for turns.
+#: Clearance (m) that a tour's locations should keep, to leave room for turns.
 ROOM_M = 6.0
-#: Penalty per square metre of missing clearance at a place, relative to the tour's value.
+#: Penalty per square metre of missing clearance at a location, relative to the tour's value.
 ROOM_WEIGHT = 1e-4
 #: Penalty of a segment of twice the nominal length, relative to the tour's value.
 EVEN_WEIGHT = 3e-2
@@ -136,8 +137,8 @@ class TourSearch:
         every = self.segment_legs(legs)
         count = math.ceil(legs / every)
         spacing = every * self._leg_m
-        places, _, _ = places_along(np.ascontiguousarray(waypoints_m, dtype=float), spacing, spacing, count)
-        return np.concatenate([waypoints_m[:1], np.clip(places, self._low, self._high)])
+        locations, _, _ = locations_along(np.ascontiguousarray(waypoints_m, dtype=float), spacing, spacing, count)
+        return np.concatenate([waypoints_m[:1], np.clip(locations, self._low, self._high)])
 
     def lanes(self, start_m: Array, legs: int, axis_rad: float, count: int, strip: tuple[int, int]) -> Array:
         """Boustrophedon of `count` lanes over one of several strips of the area, from its nearest corner.
@@ -205,10 +206,10 @@ class TourSearch:
         short = segments - len(tour.bearings)
         return replace(tour, bearings=(*tour.bearings[:segments], *tour.bearings[-1:] * max(0, short)))
 
-    def places(self, waypoints_m: Array, legs: int) -> Array:
-        """Measurement places (legs * n, 2) along a polyline."""
+    def locations(self, waypoints_m: Array, legs: int) -> Array:
+        """Measurement locations (legs * n, 2) along a polyline."""
         spacing = self._leg_m / self._samples
-        return np.asarray(places_along(waypoints_m, 0.5 * spacing, spacing, legs * self._samples)[0])
+        return np.asarray(locations_along(waypoints_m, 0.5 * spacing, spacing, legs * self._samples)[0])
 
     def improve(
         self,
@@ -217,7 +218,7 @@ class TourSearch:
         reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None = None,
-        margin: PlaceMargin | None = None,
+        margin: PositionMargin | None = None,
     ) -> Found:
         """Optimizes the waypoints of a polyline, except its start, with at most `iterations` iterations.
 
@@ -249,7 +250,7 @@ class TourSearch:
         deadline: Callable[[], bool] | None = None,
         *,
         fixed_end: bool = False,
-        margin: PlaceMargin | None = None,
+        margin: PositionMargin | None = None,
     ) -> Found:
         """Bends a path: displaces it at equally spaced knots, with linear interpolation in between.
 
@@ -298,7 +299,7 @@ class TourSearch:
         reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None,
-        margin: PlaceMargin | None,
+        margin: PositionMargin | None,
     ) -> Found:
         """The best polyline that L-BFGS-B evaluates; a leg covers `leg_m` of its arc."""
         d = deformation
@@ -314,13 +315,13 @@ class TourSearch:
                 raise OutOfTimeError
             calls += 1
             corners = d.corners_of(x)
-            places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
-            value, gradient = reward.value_and_gradient(places)
+            locations, segments, along = locations_along(corners, 0.5 * spacing, spacing, count)
+            value, gradient = reward.value_and_gradient(locations)
             if not scale:
                 scale = max(abs(value), 1e-9)
-            lack, push = lack_of_room(room, ROOM_M, places, self._space.margin_m, EXACT)
+            lack, push = lack_of_room(room, ROOM_M, locations, self._space.margin_m, EXACT)
             if near and margin is not None:
-                more, there = margin.lack(self._space, places[:near], ROOM_M)
+                more, there = margin.lack(self._space, locations[:near], ROOM_M)
                 lack += more
                 push[:near] += there
             up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
-#: Largest difference (s) between the stamps of a corrected place and of the odometry it belongs to.
+#: Largest difference (s) between the stamps of a corrected position and of the odometry it belongs to.
 STAMP_TOLERANCE_S = 0.05
 #: Number of recent odometry messages kept for that comparison.
 KEPT = 50
@@ -44,7 +44,7 @@ class PlannerIntake:
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
         self._recent_odometry: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east
-        self._corrected: CorrectedPlace | None = None
+        self._corrected: CorrectedPosition | None = None
         self._run_status: RunStatus | None = None
         self._state: RunState | None = None  # the mission's last reported state
 
@@ -66,9 +66,9 @@ class PlannerIntake:
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
         self._recent_odometry.append((stamp_s, north_m, east_m))
 
-    def set_corrected(self, place: CorrectedPlace) -> None:
-        """Queues the vehicle's corrected place in the map; its offset is computed from odometry of the same time."""
-        self._corrected = place
+    def set_corrected(self, location: CorrectedPosition) -> None:
+        """Queues the vehicle's corrected position in the map; its offset is computed from odometry of the same time."""
+        self._corrected = location
 
     def set_run_status(self, status: RunStatus) -> None:
         """Queues the mission's state; replaces a queued one."""
@@ -104,14 +104,14 @@ class PlannerIntake:
     def apply_correction(self) -> None:
         """Passes the planner the offset between map and odometry, if odometry of the same time is available.
 
-        `take` calls this too. Call it directly if the corrected place is computed after `take`.
+        `take` calls this too. Call it directly if the corrected position is computed after `take`.
         """
-        place = self._corrected
-        if place is None:
+        location = self._corrected
+        if location is None:
             return
         for odometry_s, own_north_m, own_east_m in reversed(self._recent_odometry):
-            if abs(odometry_s - place.stamp_s) < STAMP_TOLERANCE_S:
-                covariance_m2 = np.array(place.covariance)[1:, 1:]
-                self.planner.set_map_offset(place.north_m - own_north_m, place.east_m - own_east_m, covariance_m2)
+            if abs(odometry_s - location.stamp_s) < STAMP_TOLERANCE_S:
+                covariance_m2 = np.array(location.covariance)[1:, 1:]
+                self.planner.set_map_offset(location.north_m - own_north_m, location.east_m - own_east_m, covariance_m2)
                 self._corrected = None
                 return

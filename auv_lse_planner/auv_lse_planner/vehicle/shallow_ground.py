@@ -24,48 +24,48 @@ class ShallowGround:
         Args:
             space: Where it is blocked.
             window: The map.
-            grid: Places that are checked.
+            grid: Locations that are checked.
             limit_m: Ground that is less deep is too shallow.
         """
         self._space, self._window, self._grid, self._limit_m = space, window, grid, limit_m
-        self._shallow = np.zeros(len(grid.places_m), dtype=bool)
+        self._shallow = np.zeros(len(grid.locations_m), dtype=bool)
 
     def update_window(self) -> None:
         """Checks all ground of the window."""
-        self._set(self._window.covers(self._grid.places_m))
+        self._set(self._window.covers(self._grid.locations_m))
 
-    def update_around(self, place_m: Array, legs_m: float) -> None:
-        """Checks the ground within reach of legs of a total length from a place (2,)."""
-        self._set(self._within(place_m, legs_m))
+    def update_around(self, position_m: Array, legs_m: float) -> None:
+        """Checks the ground within reach of legs of a total length from a location (2,)."""
+        self._set(self._within(position_m, legs_m))
 
-    def update_ahead(self, place_m: Array, legs_m: float) -> None:
+    def update_ahead(self, position_m: Array, legs_m: float) -> None:
         """As `update_around`, with the last centers although the window has not taken them; elsewhere nothing changes.
 
         Raises:
             IllConditionedError: if the centers there cannot be factorized; nothing changes.
         """
-        near = self._within(place_m, legs_m)
-        local = self._window.around(place_m, legs_m + BEYOND_M)
-        shallow = self._is_shallow(near, local.mean_m(self._grid.places_m[near]))
+        near = self._within(position_m, legs_m)
+        local = self._window.around(position_m, legs_m + BEYOND_M)
+        shallow = self._is_shallow(near, local.mean_m(self._grid.locations_m[near]))
         if not np.array_equal(self._shallow[near], shallow):
             self._shallow[near] = shallow
-            self._block(near | self._window.covers(self._grid.places_m))
+            self._block(near | self._window.covers(self._grid.locations_m))
 
-    def _within(self, place_m: Array, legs_m: float) -> NDArray[np.bool_]:
-        off_m = np.hypot(*(self._grid.places_m - place_m).T)
+    def _within(self, position_m: Array, legs_m: float) -> NDArray[np.bool_]:
+        off_m = np.hypot(*(self._grid.locations_m - position_m).T)
         return np.asarray(off_m <= legs_m + BEYOND_M)
 
     def _set(self, checked: NDArray[np.bool_]) -> None:
         self._shallow[:] = False
-        self._shallow[checked] = self._is_shallow(checked, self._window.mean_m(self._grid.places_m[checked]))
+        self._shallow[checked] = self._is_shallow(checked, self._window.mean_m(self._grid.locations_m[checked]))
         self._block(checked)
 
     def _is_shallow(self, checked: NDArray[np.bool_], depths_m: Array) -> NDArray[np.bool_]:
-        """Whether checked places of these mean depths are too shallow, or too near to a bank."""
+        """Whether checked locations of these mean depths are too shallow, or too near to a bank."""
         banks = self._window.posterior.banks
         if banks is not None and len(depths_m):
-            depths_m = banks.depths(self._grid.places_m[checked], depths_m)
+            depths_m = banks.depths(self._grid.locations_m[checked], depths_m)
         return np.asarray(depths_m < self._limit_m)
 
     def _block(self, checked: NDArray[np.bool_]) -> None:
-        self._space.set_shallow(self._grid.places_m[checked], self._shallow[checked], self._grid.resolution_m)
+        self._space.set_shallow(self._grid.locations_m[checked], self._shallow[checked], self._grid.resolution_m)

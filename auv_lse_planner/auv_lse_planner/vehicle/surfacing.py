@@ -1,7 +1,7 @@
 """Decides when a vehicle surfaces for a fix: when the fix gains more than the skipped legs are worth.
 
 Dead reckoning errs by a rotation and a scale about the start, so a fix far from the start is the most informative. It
-corrects the places of earlier and later soundings. A vehicle considers a surfacing only if all of these hold:
+corrects the locations of earlier and later soundings. A vehicle considers a surfacing only if all of these hold:
 
 - At least the share `FIRST` of the mission is over. Each vehicle of a team waits longer than the previous one by the
   share `TURN`: ranges pass one vehicle's fix on to all, which reduces the gain of the next fix.

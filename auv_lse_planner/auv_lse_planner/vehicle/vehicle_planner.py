@@ -13,7 +13,7 @@ Theory of operation.
 - *Early end.* With `mission.until` the leg after the team's agreement is the last one (`until.py`).
 - *Hold.* Steps are counted only while the mission is running (`set_blocked`). While it waits or holds, no decision is
   made and the current leg's timer is paused.
-- *Frames.* Plans are made in the map's frame, whose places may be corrected and so differ from odometry
+- *Frames.* Plans are made in the map's frame, whose locations may be corrected and so differ from odometry
   (`set_map_offset`). Legs are passed to the vehicle in its odometry frame (`in_odometry_frame`).
 - The method decides (`methods/method.py`); this module writes the bound record. A decision always yields a leg; if no
   action is feasible, it is the escape (`free_space.py`).
@@ -47,7 +47,7 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.paths.place_margin import PlaceMargin
+from auv_lse_planner.paths.position_margin import PositionMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.vehicle import problems
@@ -131,7 +131,7 @@ class VehiclePlanner:
         self._recent = Recent()
         self._map_offset_m = np.zeros(3)  # of the map from odometry: heading (always 0), north, east
         self._leg_map_offset_m = self._map_offset_m  # when the last leg was decided
-        self._place_margin = PlaceMargin()
+        self._position_margin = PositionMargin()
 
     def _most_surfacings(self) -> int:
         wanted, usual = self.settings.vehicle.surfacings, 0 if self.planner.entry.of_paper else MAX_SURFACINGS
@@ -140,7 +140,8 @@ class VehiclePlanner:
     def set_planner(self, config: PlannerConfig) -> None:
         """Sets new planner parameters; they take effect at the next decision.
 
-        The lane spacing, the measurement places (which all receivers must share) and the map's spacing do not change.
+        The lane spacing, the measurement locations (which all receivers must share) and the map's spacing do not
+        change.
 
         Raises:
             ValueError: if they contradict each other; the current ones are then kept.
@@ -168,11 +169,12 @@ class VehiclePlanner:
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
     def set_map_offset(self, north_m: float, east_m: float, covariance_m2: Array | None = None) -> None:
-        """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the place in the map."""
+        """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the location in the
+        map."""
         if math.isfinite(north_m) and math.isfinite(east_m):
             self._map_offset_m = np.array([0.0, north_m, east_m])
             if covariance_m2 is not None and np.isfinite(covariance_m2).all():
-                self._place_margin = PlaceMargin(covariance_m2)
+                self._position_margin = PositionMargin(covariance_m2)
 
     def in_odometry_frame(self, leg: Leg) -> Leg:
         """Converts a leg from map to odometry coordinates."""
@@ -214,7 +216,7 @@ class VehiclePlanner:
         """Texts about current problems, by problem key (`problems.py`)."""
         started = now_s >= self.settings.vehicle.start_delay_s
         found = problems.of_odometry(now_s, self._travel, self.planner, started)
-        found |= problems.of_place(self._travel, self.space, self._map_offset_m)
+        found |= problems.of_location(self._travel, self.space, self._map_offset_m)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
             travelled_s = self._travel.decided * self.motion.leg_length_m / self.settings.vehicle.speed_mps
@@ -264,7 +266,7 @@ class VehiclePlanner:
             state=state,
             last=last,
             off_plan=reanchored,
-            margin=self._place_margin,
+            margin=self._position_margin,
             deadline=deadline,
         )
         choice = method.decide(situation)
@@ -278,7 +280,7 @@ class VehiclePlanner:
             leg=leg,
             bound=self._bound(situation, choice),
             statistics=Statistics(
-                team_places=choice.team_places,
+                team_locations=choice.team_locations,
                 evaluations=choice.evaluations,
                 best_new_value=choice.best_new_value,
                 escape=not self.space.feasible(state).size,
@@ -327,7 +329,7 @@ class VehiclePlanner:
             "surfacings": self._surfacings.snapshot(),
             "until": self.until.snapshot(),
             "displaced": [self._map_offset_m.tolist(), self._leg_map_offset_m.tolist()],
-            "place_covariance_m2": self._place_margin.covariance_m2.tolist(),
+            "position_covariance_m2": self._position_margin.covariance_m2.tolist(),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -344,7 +346,7 @@ class VehiclePlanner:
         self._surfacings.restore(values["surfacings"])
         self.until.restore(values["until"])
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
-        self._place_margin = PlaceMargin(np.array(values["place_covariance_m2"]))
+        self._position_margin = PositionMargin(np.array(values["position_covariance_m2"]))
 
     def judge_map(self) -> bool:
         """Judges the map for `mission.until`, if that is due; returns whether it was.

@@ -27,9 +27,9 @@ def _lanes(seed):
         north = np.arange(rng.uniform(0.0, 400.0), SIDE_M * rng.uniform(0.5, 1.0), 22.0)
         lanes.append(np.column_stack([north, east + 5.0 * np.sin(north / 50.0)]))
         east += rng.uniform(50.0, 250.0)
-    places = np.concatenate(lanes)
-    depth = 15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0)
-    return Centers(places, depth + 0.3 * rng.normal(size=len(places)), np.full(len(places), 0.2))
+    locations = np.concatenate(lanes)
+    depth = 15.0 + 8.0 * np.sin(locations[:, 0] / 90.0) * np.cos(locations[:, 1] / 110.0)
+    return Centers(locations, depth + 0.3 * rng.normal(size=len(locations)), np.full(len(locations), 0.2))
 
 
 def _dense_lanes():
@@ -38,10 +38,14 @@ def _dense_lanes():
     lanes = [np.column_stack([np.arange(rng.uniform(0, 300.0), 1400.0, 14.0)] * 2) for _ in range(30)]
     for lane, east in zip(lanes, np.cumsum(rng.uniform(20.0, 60.0, 30)), strict=True):
         lane[:, 1] = east + 5.0 * np.sin(lane[:, 0] / 50.0)
-    places = np.concatenate(lanes)
-    depth = 15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0) + 0.3 * rng.normal(size=len(places))
-    effect = np.column_stack([0.3 * np.sin(places[:, 0] / 200.0), 0.2 * np.cos(places[:, 1] / 300.0)])
-    return Centers(places, depth, np.full(len(places), 0.2), effect)
+    locations = np.concatenate(lanes)
+    depth = (
+        15.0
+        + 8.0 * np.sin(locations[:, 0] / 90.0) * np.cos(locations[:, 1] / 110.0)
+        + 0.3 * rng.normal(size=len(locations))
+    )
+    effect = np.column_stack([0.3 * np.sin(locations[:, 0] / 200.0), 0.2 * np.cos(locations[:, 1] / 300.0)])
+    return Centers(locations, depth, np.full(len(locations), 0.2), effect)
 
 
 def _window(config):
@@ -77,10 +81,10 @@ def test_window_is_close_to_the_dense_posterior(monkeypatch, prior, mean, std):
         window.set_centers(data)
         window.focus(PATH_M)
         assert window.posterior.data_rows < 0.8 * len(data)
-        now, (mean_m, variance) = window.fine.current(), dense.moments(window.fine.places_m)
+        now, (mean_m, variance) = window.fine.current(), dense.moments(window.fine.locations_m)
         assert np.abs(now.mean_m - mean_m).max() < mean * np.sqrt(variance).max()
         assert np.sqrt(now.data_var_m2 / variance).max() < 1.0 + std
-        everywhere, variance = dense.moments(grid.places_m)
+        everywhere, variance = dense.moments(grid.locations_m)
         whole = LevelSet.of(LevelSetConfig()).risk(everywhere, np.sqrt(variance)).sum()
         assert _total_risk(window) == pytest.approx(whole, rel=RISK)
 
@@ -94,11 +98,11 @@ def test_centers_near_the_border_of_the_window_are_averaged(monkeypatch, most, s
     data, (window, _) = _dense_lanes(), _window(GpConfig())
     window.set_centers(data)
     window.focus(PATH_M)
-    near = data.take(np.flatnonzero(window.near(data.places_m)))
+    near = data.take(np.flatnonzero(window.near(data.locations_m)))
     assert window.posterior.data_rows < share * len(near)
     exact = Posterior(GpConfig())
     exact.follow(near)
-    now, (mean_m, variance) = window.fine.current(), exact.moments(window.fine.places_m)
+    now, (mean_m, variance) = window.fine.current(), exact.moments(window.fine.locations_m)
     off, ratio = (now.mean_m - mean_m) / np.sqrt(variance), np.sqrt(now.data_var_m2 / variance)
     assert np.abs(off).max() < mean
     assert np.abs(ratio - 1.0).max() < std
@@ -111,18 +115,18 @@ def test_centers_near_the_border_of_the_window_are_averaged(monkeypatch, most, s
 
 def test_settled_ground_is_covered_with_the_mean_of_the_last_focus_but_not_planned_with():
     data, (window, grid) = _dense_lanes(), _window(GpConfig())
-    deep = Centers(data.places_m, data.depths_m + 20.0, data.noise_std_m, data.place_effect_m)
+    deep = Centers(data.locations_m, data.depths_m + 20.0, data.noise_std_m, data.position_effect_m)
     window.set_centers(deep)
     window.focus(PATH_M)
-    covered = grid.places_m[window.covers(grid.places_m)]
-    assert len(window.fine.places_m) < 0.9 * len(covered)
+    covered = grid.locations_m[window.covers(grid.locations_m)]
+    assert len(window.fine.locations_m) < 0.9 * len(covered)
     dense = Posterior(GpConfig())
     dense.follow(deep)
     exact_m, variance = dense.moments(covered)
     assert np.abs((window.mean_m(covered) - exact_m) / np.sqrt(variance)).max() < 0.3
     levels = LevelSet.of(LevelSetConfig())
-    planned = {tuple(place) for place in window.fine.places_m.tolist()}
-    settled = [tuple(place) not in planned for place in covered.tolist()]
+    planned = {tuple(location) for location in window.fine.locations_m.tolist()}
+    settled = [tuple(location) not in planned for location in covered.tolist()]
     assert levels.risk(exact_m, np.sqrt(variance))[settled].max() < 2e-3 * levels.largest_risk
 
 
@@ -169,7 +173,7 @@ def test_many_centers_are_averaged_until_the_first_focus():
     assert 50 < window.posterior.data_rows <= 300
     dense = Posterior(GpConfig())
     dense.follow(data)
-    off = window.posterior.mean_m(grid.places_m) - dense.mean_m(grid.places_m)
+    off = window.posterior.mean_m(grid.locations_m) - dense.mean_m(grid.locations_m)
     assert np.sqrt(np.mean(off**2)) < 2.0  # of a ground that varies by 8 m: enough to find shallows and a first line
     window.focus(PATH_M)
     assert window.posterior.data_rows > 300
@@ -188,4 +192,4 @@ def test_later_centers_elsewhere_count_at_the_next_focus():
     assert window.elsewhere_risk < 0.9 * prior
     window.release()
     assert window.posterior.data_rows == len(data)
-    assert len(window.fine.places_m) == len(grid.places_m)
+    assert len(window.fine.locations_m) == len(grid.locations_m)

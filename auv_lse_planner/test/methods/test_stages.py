@@ -95,8 +95,8 @@ def test_between_bends_the_last_plan_and_its_value_are_carried_on():
 def test_shallow_ground_ahead_voids_a_plan_between_bends():
     planner = _planner()
     _decide(planner, 0)
-    place = planner.path.states[2, 1:]
-    around = place + 6.0 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+    location = planner.path.states[2, 1:]
+    around = location + 6.0 * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
     planner.set_centers(Centers(around, np.full(4, 1.0), np.full(4, 0.2)), 15.7)
     decision = planner.decide(15.7)
     assert decision.bound.void == "shallow ground"
@@ -113,9 +113,9 @@ def test_first_plan_is_expected_to_end_as_the_best_naive_path():
 def test_naive_paths_of_a_large_team_are_compared_at_few_of_its_legs(monkeypatch):
     compared, value = [], stages.AnytimeReward.value
 
-    def spy(self, places_m):
+    def spy(self, locations_m):
         compared.append(self.legs)
-        return value(self, places_m)
+        return value(self, locations_m)
 
     monkeypatch.setattr(stages, "COMPARED_TEAM_LEGS", STEPS)
     monkeypatch.setattr(stages.AnytimeReward, "value", spy)
@@ -127,11 +127,11 @@ def test_naive_paths_of_a_large_team_are_compared_at_few_of_its_legs(monkeypatch
     assert compared[0] == -(-STEPS // 5)
 
 
-def test_mates_planned_places_near_a_stage_are_thinned_out(monkeypatch):
+def test_mates_planned_locations_near_a_stage_are_thinned_out(monkeypatch):
     """The expected drop of risk stays within 1 % of that with all of them."""
-    expected, places = [], []
+    expected, locations = [], []
     for most in (10_000, 40):
-        monkeypatch.setattr(method, "MAX_MATE_PLACES", most)
+        monkeypatch.setattr(method, "MAX_MATE_LOCATIONS", most)
         planner = VehiclePlanner(1, settings({"method": "tour"}, 6, STEPS), np.random.default_rng(1))
         v = planner.settings.vehicle
         planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
@@ -145,8 +145,8 @@ def test_mates_planned_places_near_a_stage_are_thinned_out(monkeypatch):
         with monkeypatch.context() as patched:
             patched.setattr(method.PlanningContext, "mates_ahead", spy)
             expected.append(_decide(planner, 0).bound.expected_end)
-        places.append(given[-1])
-    assert places[1] <= 40 + 6 < places[0]
+        locations.append(given[-1])
+    assert locations[1] <= 40 + 6 < locations[0]
     assert expected[1] == pytest.approx(expected[0], rel=0.01)
 
 

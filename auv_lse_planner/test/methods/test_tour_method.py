@@ -22,7 +22,7 @@ from auv_lse_planner.methods.tour_candidates import (
     TourCandidates,
     TourProblem,
 )
-from auv_lse_planner.paths.place_margin import LEGS, TOLERATED_M2, PlaceMargin
+from auv_lse_planner.paths.position_margin import LEGS, TOLERATED_M2, PositionMargin
 from auv_lse_planner.paths.steering import DETOUR_LEGS
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -97,7 +97,7 @@ def test_the_floor_is_the_best_naive_path_or_the_strip_of_a_vehicle_that_follows
     strip = planner.rollout.path(0, np.zeros(3), (), STRIPS[vehicle - 1])
     context = planner._context
     situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=np.zeros(3))
-    covered = context.map_reward(situation).value(context.map_places(strip)).expected_end
+    covered = context.map_reward(situation).value(context.map_locations(strip)).expected_end
     if follows:
         assert promised == pytest.approx(covered)
     else:
@@ -106,17 +106,17 @@ def test_the_floor_is_the_best_naive_path_or_the_strip_of_a_vehicle_that_follows
 
 def _far_from_the_isobath_m(planner, legs):
     """Mean distance of the legs' ends from a straight isobath through the start, with one sounding each 5 m."""
-    places, v = [], planner.settings.vehicle
+    locations, v = [], planner.settings.vehicle
     planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
     for i in range(legs):
-        if places:
-            on = np.concatenate(places)
+        if locations:
+            on = np.concatenate(locations)
             planner.set_centers(Centers(on, 15.0 + 0.12 * (on[:, 1] - 200.0), np.full(len(on), 0.3)), 15.7 * i)
         end = planner.decide(15.7 * i).leg.end_state
-        start = np.array([v.start_north_m, v.start_east_m]) if not i else places[-1][-1]
-        places.append(start + np.linspace(0.2, 1.0, 5)[:, None] * (end[1:] - start))
+        start = np.array([v.start_north_m, v.start_east_m]) if not i else locations[-1][-1]
+        locations.append(start + np.linspace(0.2, 1.0, 5)[:, None] * (end[1:] - start))
         planner.odometry(15.7 * (i + 1), *(float(x) for x in end))
-    return float(np.abs(np.array([p[-1, 1] for p in places]) - 200.0).mean())
+    return float(np.abs(np.array([p[-1, 1] for p in locations]) - 200.0).mean())
 
 
 def test_a_vehicle_that_cannot_cover_its_ground_follows_the_isobath(monkeypatch):
@@ -176,7 +176,7 @@ def test_shallow_ground_voids_the_tour_and_its_loss_is_charged_to_the_budget(sav
             data
             if i < 2
             else type(data)(
-                np.concatenate([data.places_m, ahead]),
+                np.concatenate([data.locations_m, ahead]),
                 np.concatenate([data.depths_m, np.full(9, 1.0)]),
                 np.concatenate([data.noise_std_m, np.full(9, 0.1)]),
             )
@@ -208,7 +208,7 @@ def test_a_void_plan_at_the_areas_border_is_not_called_shallow():
 
 
 def _along_the_border(deviation_m):
-    """Decisions of a vehicle that follows the eastern border 12 m away, with a place uncertain eastwards."""
+    """Decisions of a vehicle that follows the eastern border 12 m away, with a position uncertain eastwards."""
     planner = _planner(steps=40, vehicle_section={"start_north_m": 20.0, "start_east_m": 468.0})
     _travel(planner, 1, _growing())
     straight = Plan.at(0, np.array([0.0, 20.0, 468.0]), (), 0xF8)
@@ -229,9 +229,9 @@ def test_a_vehicle_with_an_uncertain_place_returns_from_the_border_without_a_voi
     assert not any(d.bound.void or d.statistics.escape for d in decisions)
     path = planner.path
     assert path is not None
-    margin = PlaceMargin(np.diag([1.0, 400.0]))
-    places_m = planner.rollout.leg_places(path.states[:-1], path.actions, 2)[:LEGS]
-    assert margin.lack(planner.space, places_m.reshape(-1, 2))[0] <= TOLERATED_M2
+    margin = PositionMargin(np.diag([1.0, 400.0]))
+    locations_m = planner.rollout.leg_locations(path.states[:-1], path.actions, 2)[:LEGS]
+    assert margin.lack(planner.space, locations_m.reshape(-1, 2))[0] <= TOLERATED_M2
     sent = planner.rollout.follow(decisions[-1].plan).from_step(path.step)
     assert np.array_equal(sent.states, path.states), "team mates rebuild the path"
     for before, after in itertools.pairwise(decisions):
@@ -251,12 +251,12 @@ def test_mates_without_a_plan_are_assumed_to_mow_until_expiry():
     planner.team.assume_plans(0.0)
     ahead = planner.team.in_time_order(0.0)
     assert len(ahead) == 2
-    legs, places = ahead[0]
+    legs, locations = ahead[0]
     mowing = planner.rollout.path(0, np.zeros(3), (), FITTED[0])
-    assert places == pytest.approx(mowing.places_m)
+    assert locations == pytest.approx(mowing.locations_m)
     assert legs == pytest.approx(np.arange(1, STEPS + 1))
     later, remaining = planner.team.in_time_order(31.5)[0]  # two legs of 15.7 s
-    assert remaining == pytest.approx(mowing.places_m[2:])
+    assert remaining == pytest.approx(mowing.locations_m[2:])
     assert later[0] == pytest.approx(3.0 - 31.5 / 15.70796)
     assert planner.team.in_time_order(101.0) == []
 
@@ -265,8 +265,8 @@ def test_received_plan_replaces_the_assumed_one_and_expires():
     planner = _planner(1, 2, planner={"plan_expiry_s": 100.0})
     planner.team.assume_plans(0.0)
     planner.receive_plan(5.0, 2, Plan.at(0, np.array([0.0, 100.0, 100.0]), (5, 5, 5), 0xFF))
-    ((legs, places),) = planner.team.in_time_order(5.0)
-    assert places[:, 1] == pytest.approx([100.0] * 3)
+    ((legs, locations),) = planner.team.in_time_order(5.0)
+    assert locations[:, 1] == pytest.approx([100.0] * 3)
     assert legs == pytest.approx([1, 2, 3])
     assert planner.team.in_time_order(106.0) == []
 

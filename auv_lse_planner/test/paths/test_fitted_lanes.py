@@ -14,7 +14,7 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance
 from auv_lse_planner.paths.naive import CACHED_FITS
-from auv_lse_planner.paths.polyline import places_along
+from auv_lse_planner.paths.polyline import locations_along
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
@@ -25,9 +25,9 @@ def _rectangle(along, across, grid):
 
 
 def test_lanes_worked_by_hand():
-    places, corners = _rectangle(300.0, 200.0, 20.0), np.empty((7, 2))
+    locations, corners = _rectangle(300.0, 200.0, 20.0), np.empty((7, 2))
     # two lanes, half a gap (50 m) from the sides, ends half of that from the border; and one back between them
-    length = lay(places, np.array([20.0, 20.0]), np.zeros(2), 2, 1.0, 0.5, corners)
+    length = lay(locations, np.array([20.0, 20.0]), np.zeros(2), 2, 1.0, 0.5, corners)
     expected = [[0, 0], [25, 50], [275, 50], [275, 150], [25, 150], [25, 100], [275, 100]]
     assert corners == pytest.approx(np.array(expected, dtype=float))
     assert length == pytest.approx(math.hypot(25, 50) + 250 + 100 + 250)
@@ -35,42 +35,42 @@ def test_lanes_worked_by_hand():
 
 def test_mean_distance_worked_by_hand():
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
-    places = np.array([[5.0, 3.0], [13.0, 4.0], [10.0, 14.0]])
-    assert mean_distance(places, line, 20.0) == pytest.approx((3.0 + 3.0 + 4.0) / 3.0)
-    assert mean_distance(places, line, 10.0) == pytest.approx((3.0 + 5.0 + 14.0) / 3.0)  # cut at the corner
+    locations = np.array([[5.0, 3.0], [13.0, 4.0], [10.0, 14.0]])
+    assert mean_distance(locations, line, 20.0) == pytest.approx((3.0 + 3.0 + 4.0) / 3.0)
+    assert mean_distance(locations, line, 10.0) == pytest.approx((3.0 + 5.0 + 14.0) / 3.0)  # cut at the corner
 
 
 def test_points_are_one_leg_apart_and_continue_straight():
     line = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
     expected = [[0, 0], [6, 0], [10, 2], [10, 8], [10, 14]]
-    assert places_along(line, 0.0, 6.0, 5)[0] == pytest.approx(np.array(expected, dtype=float), abs=0.01)
+    assert locations_along(line, 0.0, 6.0, 5)[0] == pytest.approx(np.array(expected, dtype=float), abs=0.01)
 
 
 def test_compiled_equals_plain():
-    places, sides, ends = _rectangle(300.0, 200.0, 40.0), np.array(SIDES), np.array(ENDS)
-    arguments = (places, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 900.0, sides, ends)
+    locations, sides, ends = _rectangle(300.0, 200.0, 40.0), np.array(SIDES), np.array(ENDS)
+    arguments = (locations, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 900.0, sides, ends)
     assert fit(*arguments) == plain(fit)(*arguments)
     corners, again = np.empty((11, 2)), np.empty((11, 2))
-    own = (places, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 3, 0.85, 0.7)
+    own = (locations, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 3, 0.85, 0.7)
     assert lay(*own, corners) == plain(lay)(*own, again)
     assert np.array_equal(corners, again)
-    assert mean_distance(places, corners, 900.0) == plain(mean_distance)(places, corners, 900.0)
+    assert mean_distance(locations, corners, 900.0) == plain(mean_distance)(locations, corners, 900.0)
 
 
 @pytest.mark.parametrize("length", [700.0, 1500.0, 3000.0])
 def test_no_other_number_of_lanes_has_a_smaller_mean_distance(length):
-    places, begin = _rectangle(600.0, 400.0, 25.0), np.zeros(2)
+    locations, begin = _rectangle(600.0, 400.0, 25.0), np.zeros(2)
     grid = np.array([25.0, 25.0])
-    turned, count, side, end = fit(places, grid, begin, length, np.array(SIDES), np.array(ENDS))
+    turned, count, side, end = fit(locations, grid, begin, length, np.array(SIDES), np.array(ENDS))
     found = []
     for across in (False, True):
-        own = places[:, ::-1].copy() if across else places
+        own = locations[:, ::-1].copy() if across else locations
         for lanes in range(1, 15):
             corners = np.empty((4 * lanes - 1, 2))
             if lay(own, grid, begin, lanes, 1.0, 0.85, corners) <= 1.25 * length:
                 found.append(mean_distance(own, corners, length))
     corners = np.empty((4 * count - 1, 2))
-    own = places[:, ::-1].copy() if turned else places
+    own = locations[:, ::-1].copy() if turned else locations
     lay(own, grid, begin, count, side, end, corners)
     assert mean_distance(own, corners, length) <= min(found)
 
@@ -84,11 +84,11 @@ BENT = (0.0, -50.0, 300.0, -50.0, 300.0, 250.0, 600.0, 250.0, 600.0, 550.0, 0.0,
 def test_fitted_lanes_leave_less_risk_than_covering_lanes(polygon, vehicles, share):
     area, motion, _, naive = world(polygon=polygon, vehicles=vehicles)
     roll = Rollout(motion, naive, 100, 1)
-    kept = CachedPoints(Posterior(GpConfig()), area.grid(30.0).places_m)
+    kept = CachedPoints(Posterior(GpConfig()), area.grid(30.0).locations_m)
     left = []
     for ids in (STRIPS, FITTED):
-        own, *mates = (roll.path(0, np.zeros(3), (), ids[number]).places_m for number in range(vehicles))
-        ahead = [(np.arange(1.0, 101.0), places) for places in mates]
+        own, *mates = (roll.path(0, np.zeros(3), (), ids[number]).locations_m for number in range(vehicles))
+        ahead = [(np.arange(1.0, 101.0), locations) for locations in mates]
         reward = AnytimeReward(kept, LevelSet(), ahead, Weighting(100, 0, 100))
         left.append(reward.risk_before - reward.value(own[:, None]).expected_end)
     assert left[1] < share * left[0]
@@ -99,7 +99,7 @@ def test_the_lanes_of_a_team_keep_apart(vehicles):
     """In one strip of the area each: vehicles that share one would travel side by side from a common start."""
     _, motion, _, naive = world(polygon=LARGE, vehicles=vehicles)
     roll, start = Rollout(motion, naive, 60, 1), np.array([0.0, 250.0, 300.0])
-    middles = [np.median(roll.path(0, start, (), FITTED[number]).places_m[20:, 0]) for number in range(vehicles)]
+    middles = [np.median(roll.path(0, start, (), FITTED[number]).locations_m[20:, 0]) for number in range(vehicles)]
     assert np.diff(np.sort(middles)).min() > 0.5 * 600.0 / vehicles
 
 
@@ -128,8 +128,8 @@ def test_one_vehicle_has_one_strip():
 def test_slanted_area_has_strips_beyond_its_raster(polygon):
     area, motion, space, naive = world(polygon=tuple(map(float, polygon)), vehicles=3)
     c, s = math.cos(naive._frames[0].axis_rad), math.sin(naive._frames[0].axis_rad)
-    for places, _ in naive._strip_places:
-        north, east = places[:, 0] * c - places[:, 1] * s, places[:, 0] * s + places[:, 1] * c
+    for locations, _ in naive._strip_locations:
+        north, east = locations[:, 0] * c - locations[:, 1] * s, locations[:, 0] * s + locations[:, 1] * c
         off = [-(space.clearance_m(n, e) + space.margin_m) for n, e in zip(north, east, strict=True)]
         assert max(off) <= math.sqrt(0.5) * space.cell_m  # the nearest node is inside
     start = np.array([0.5, *area.polygon.mean(axis=0)])

@@ -70,31 +70,31 @@ def test_escape_leads_back_from_a_corner_and_from_outside():
 def test_feasible_actions_avoid_shallow_ground():
     area, motion, space, _ = world()
     grid = area.grid(10.0)
-    places = grid.places_m
-    shoal = np.hypot(places[:, 0] - 180.0, places[:, 1] - 230.0) < 40.0
+    locations = grid.locations_m
+    shoal = np.hypot(locations[:, 0] - 180.0, locations[:, 1] - 230.0) < 40.0
     state = np.array([0.0, 120.0, 230.0])
     assert motion.straight_on in space.feasible(state)
-    space.set_shallow(places, shoal, 10.0)
+    space.set_shallow(locations, shoal, 10.0)
     assert motion.straight_on not in space.feasible(state)
     assert motion.straight_on in feasible_by_area(space, state)
     for action in space.feasible(state):
         track = track_of(motion, state, int(action), 0.5)
         assert np.hypot(track[:, 0] - 180.0, track[:, 1] - 230.0).min() > 35.0
-    space.set_shallow(places, np.zeros(len(places), bool), 10.0)
+    space.set_shallow(locations, np.zeros(len(locations), bool), 10.0)
     assert motion.straight_on in space.feasible(state)
 
 
 def test_shallow_ground_beyond_reach_does_not_matter():
     area, _, space, _ = world()
     grid = area.grid(10.0)
-    places = grid.places_m
-    shoal = np.hypot(places[:, 0] - 180.0, places[:, 1] - 330.0) < 60.0
-    space.set_shallow(places, shoal, 10.0)
+    locations = grid.locations_m
+    shoal = np.hypot(locations[:, 0] - 180.0, locations[:, 1] - 330.0) < 60.0
+    space.set_shallow(locations, shoal, 10.0)
     whole = space.raster
     here, reach_m = np.array([120.0, 190.0]), 150.0
-    near = np.hypot(*(places - here).T) <= reach_m
+    near = np.hypot(*(locations - here).T) <= reach_m
     assert 0 < (shoal & ~near).sum() < shoal.sum(), "the shoal is cut by what is in reach"
-    space.set_shallow(places[near], shoal[near], 10.0)
+    space.set_shallow(locations[near], shoal[near], 10.0)
     north = space.north0_m + space.cell_m * np.arange(whole.shape[0])
     east = space.east0_m + space.cell_m * np.arange(whole.shape[1])
     closer = np.hypot(north[:, None] - here[0], east[None, :] - here[1]) < reach_m - 60.0

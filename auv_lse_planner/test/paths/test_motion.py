@@ -103,8 +103,8 @@ def test_legs_follow_the_motion_table(straight):
         assert math.cos(leg.end_state[0] - end[0]) == pytest.approx(1.0)
         at = np.linspace(0.0, leg.length_m, 9)
         c, s = math.cos(state[0]), math.sin(state[0])
-        places = state[1:] + table.points(action, at) @ np.array([[c, s], [-s, c]])
-        assert np.array([leg.state_at(along)[1:] for along in at]) == pytest.approx(places, abs=1e-9)
+        locations = state[1:] + table.points(action, at) @ np.array([[c, s], [-s, c]])
+        assert np.array([leg.state_at(along)[1:] for along in at]) == pytest.approx(locations, abs=1e-9)
 
 
 @pytest.mark.parametrize(

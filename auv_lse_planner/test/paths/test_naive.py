@@ -42,8 +42,8 @@ def test_all_receivers_build_the_same_path(naive_path):
 def test_known_shallow_ground_does_not_change_the_path():
     a, _, space, naive = world()
     before = naive.actions(np.zeros(3), LAWNMOWERS[0], 80)
-    places = a.grid(10.0).places_m
-    space.set_shallow(places, np.hypot(places[:, 0] - 100, places[:, 1] - 100) < 60, 10.0)
+    locations = a.grid(10.0).locations_m
+    space.set_shallow(locations, np.hypot(locations[:, 0] - 100, locations[:, 1] - 100) < 60, 10.0)
     assert np.array_equal(before, naive.actions(np.zeros(3), LAWNMOWERS[0], 80))
     assert not np.array_equal(before, naive.actions(np.zeros(3), LAWNMOWERS[0], 80, around_shallows=True))
 
@@ -60,13 +60,13 @@ def test_compiled_paths_equal_the_plain_ones():
 
 
 @pytest.mark.parametrize("naive_path", COVERING[:3:2])
-def test_covering_lawnmower_passes_near_all_places(naive_path):
+def test_covering_lawnmower_passes_near_all_locations(naive_path):
     a, motion, _, naive = world()
     for state in (np.zeros(3), np.array([2.0, 180.0, 230.0])):
         states = motion.roll(state, naive.actions(state, naive_path, 100))
         spacing = 400.0 * 500.0 / (100 * motion.leg_length_m)
-        places = a.grid(20.0).places_m
-        nearest = np.hypot(places[:, None, 0] - states[:, 1], places[:, None, 1] - states[:, 2]).min(axis=1)
+        locations = a.grid(20.0).locations_m
+        nearest = np.hypot(locations[:, None, 0] - states[:, 1], locations[:, None, 1] - states[:, 2]).min(axis=1)
         assert np.mean(nearest < 0.5 * spacing + 20.0) > 0.8
 
 
@@ -110,15 +110,15 @@ def test_area_without_room_still_yields_a_path():
 
 
 @pytest.mark.parametrize("naive_path", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
-def test_sums_along_equals_the_sum_at_places(naive_path):
+def test_sums_along_equals_the_sum_at_locations(naive_path):
     a, motion, _, naive = world()
     grid = a.grid(20.0)
     slope = 2.0 * grid.north_m[:, None] - 0.5 * grid.east_m[None, :]  # bilinear interpolation is exact on a plane
     states = _states(4, seed=8)
     sums = naive.sums_along(states, naive_path, 12, slope, grid)
     for state, total in zip(states, sums, strict=True):
-        places = motion.roll(state, naive.actions(state, naive_path, 12))[1:, 1:]
-        inside = np.clip(places, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
+        locations = motion.roll(state, naive.actions(state, naive_path, 12))[1:, 1:]
+        inside = np.clip(locations, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
         assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)
 
 

@@ -28,7 +28,7 @@ def test_a_gate_narrower_than_a_turn_cuts_off_what_is_behind(width_m, length_m):
 
 
 def test_one_leg_bridges_a_short_strait():
-    # As narrow as one that is closed if it is long: a leg of 23.6 m leads from a place to turn to the next one.
+    # As narrow as one that is closed if it is long: a leg of 23.6 m leads from a location to turn to the next one.
     assert not parts_of(two_basins(46.0, 6.0))
     assert not parts_of(two_basins(60.0, 40.0))  # a turn fits in
 

@@ -18,18 +18,18 @@ def test_path_reaches_the_missions_end_with_the_naive_path(samples):
     assert path.states.shape == (17, 3)
     assert path.actions[:3].tolist() == [5, 10, 2]
     assert path.actions[3:].tolist() == roll.naive.actions(path.states[3], LAWNMOWERS[0], 13).tolist()
-    assert path.leg_places_m.shape == (16, samples, 2)
+    assert path.leg_locations_m.shape == (16, samples, 2)
     legs = [space.motion.leg(0, state, int(a)) for state, a in zip(path.states, path.actions, strict=False)]
     along = (np.arange(samples) + 1.0) / samples
     expected = [[leg.state_at(f * leg.length_m)[1:] for f in along] for leg in legs]
-    assert path.leg_places_m == pytest.approx(np.array(expected), abs=1e-9)
-    assert np.concatenate([path.own_places_m, path.naive_places_m]).tolist() == path.places_m.tolist()
-    assert len(path.own_places_m) == 3 * samples
+    assert path.leg_locations_m == pytest.approx(np.array(expected), abs=1e-9)
+    assert np.concatenate([path.own_locations_m, path.naive_locations_m]).tolist() == path.locations_m.tolist()
+    assert len(path.own_locations_m) == 3 * samples
 
 
-def test_places_of_a_leg_worked_by_hand():
+def test_locations_of_a_leg_worked_by_hand():
     roll, _ = rollout(20, samples_per_leg=3)
-    straight, turn = roll.leg_places(np.array([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]), np.array([5, 10]))
+    straight, turn = roll.leg_locations(np.array([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]), np.array([5, 10]))
     third = 15.0 * math.pi / 6.0
     assert straight == pytest.approx(np.array([[1.0 + third, 2.0], [1.0 + 2 * third, 2.0], [1.0 + 3 * third, 2.0]]))
     # a quarter circle of 15 m to starboard: after 30, 60 and 90 degrees
@@ -44,7 +44,7 @@ def test_a_path_from_a_later_step():
         later = path.from_step(step)
         assert (later.step, len(later), later.own) == (step, 20 - step, own)
         assert np.array_equal(later.states, path.states[step - 4 :])
-        assert np.array_equal(later.places_m, path.places_m[2 * (step - 4) :])
+        assert np.array_equal(later.locations_m, path.locations_m[2 * (step - 4) :])
     end = path.from_step(25)
     assert (end.step, len(end)) == (20, 0)
     assert np.array_equal(end.states[0], path.states[-1])
@@ -63,8 +63,8 @@ def test_batch_of_naive_paths_equals_single_ones(naive_path, samples):
     roll, _ = rollout(30, samples, vehicles=3)
     rng = np.random.default_rng(2)
     states = np.stack([rng.uniform(-3, 3, 20), rng.uniform(-10, 370, 20), rng.uniform(-10, 470, 20)], axis=1)
-    for state, own in zip(states, roll.naive_places(states, naive_path, 30), strict=True):
-        assert own == pytest.approx(roll.path(0, state, (), naive_path).places_m, abs=1e-9)
+    for state, own in zip(states, roll.naive_locations(states, naive_path, 30), strict=True):
+        assert own == pytest.approx(roll.path(0, state, (), naive_path).locations_m, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -94,10 +94,10 @@ def test_invalid_plans_are_detected(change, followed):
     assert rollout(20)[0].can_follow(dataclasses.replace(PLAN, **change)) is followed
 
 
-def test_batch_of_sequences_visits_the_same_places_as_single_ones():
+def test_batch_of_sequences_visits_the_same_locations_as_single_ones():
     roll, space = rollout(20, samples_per_leg=3)
     rng = np.random.default_rng(1)
     states = np.array([[0.3, 150.0, 150.0], [1.0, 200.0, 100.0]])
     actions = rng.integers(0, space.motion.actions, (2, 5))
-    for state, own, places in zip(states, actions, roll.places_of_many(states, actions), strict=True):
-        assert places == pytest.approx(roll.path(0, state, tuple(own), NONE).places_m)
+    for state, own, locations in zip(states, actions, roll.locations_of_many(states, actions), strict=True):
+        assert locations == pytest.approx(roll.path(0, state, tuple(own), NONE).locations_m)

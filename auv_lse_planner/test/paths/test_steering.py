@@ -36,8 +36,8 @@ def test_steered_tours_are_feasible_even_along_the_border():
 def test_all_receivers_steer_alike_whatever_their_map():
     a, motion, space, _ = world()
     first, second = Steering(space), Steering(world()[2])
-    places = a.grid(10.0).places_m
-    space.set_shallow(places, np.hypot(places[:, 0] - 100, places[:, 1] - 100) < 60, 10.0)
+    locations = a.grid(10.0).locations_m
+    space.set_shallow(locations, np.hypot(locations[:, 0] - 100, locations[:, 1] - 100) < 60, 10.0)
     for state, tour in _tours(6, 15, seed=2):
         waypoints = tour.waypoints_m(state[1:], motion.leg_length_m)
         assert np.array_equal(first.actions(state, waypoints, 2, 30), second.actions(state, waypoints, 2, 30))

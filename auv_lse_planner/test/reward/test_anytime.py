@@ -30,11 +30,11 @@ class Case:
         self.posterior = Posterior(self.config)
         self.posterior.follow(self.known)
         self.posterior = self.posterior.with_planned(self.planned_m)
-        self.places_m = area().grid(40.0).places_m
-        self.coarse_m = area().grid(60.0).places_m
+        self.locations_m = area().grid(40.0).locations_m
+        self.coarse_m = area().grid(60.0).locations_m
         self.mates = [(np.sort(rng.uniform(0, latest, count)), rng.uniform(0, 400, (count, 2)))
                       for count, latest in mates]  # fmt: skip
-        self.kept = CachedPoints(self.posterior, self.places_m)
+        self.kept = CachedPoints(self.posterior, self.locations_m)
         self.time = Weighting(legs, step, steps, weight)
         coarse = CachedPoints(self.posterior, self.coarse_m)
         self.inflation = options.get("inflation", 1.0)
@@ -52,11 +52,11 @@ class Case:
             risks.append(expected_risk(self.level, mean, inflation**2 * before, inflation**2 * after).sum())
         return np.array(risks)
 
-    def drop(self, places_m):
-        """Drop of the map's risk by measurements at places, without any order, by dense solves."""
+    def drop(self, locations_m):
+        """Drop of the map's risk by measurements at locations, without any order, by dense solves."""
         risks = []
-        for measured in (self.planned_m, np.concatenate([self.planned_m, places_m])):
-            mean, before, after = dense_posterior(self.config, self.known, measured, self.places_m)
+        for measured in (self.planned_m, np.concatenate([self.planned_m, locations_m])):
+            mean, before, after = dense_posterior(self.config, self.known, measured, self.locations_m)
             risks.append(expected_risk(self.level, mean, before, after).sum())
         return risks[0] - risks[1]
 
@@ -66,8 +66,8 @@ CASES = {
     "data": {},
     "unequal costs": {"level": UNEQUAL},
     "mates": {"mates": ((9, 18.0), (7, 30.0))},
-    "planned places": {"planned": 8, "mates": ((5, 10.0),)},
-    "places along legs": {"each": 3, "legs": 7, "mates": ((6, 7.0),)},
+    "planned locations": {"planned": 8, "mates": ((5, 10.0),)},
+    "locations along legs": {"each": 3, "legs": 7, "mates": ((6, 7.0),)},
     "inflation": {"inflation": 2.5, "level": UNEQUAL, "mates": ((9, 18.0),)},
     "only the end counts": {"weight": 0.0},
     "only the end counts, with mates": {"weight": 0.0, "planned": 8, "mates": ((9, 18.0), (7, 30.0))},
@@ -79,7 +79,7 @@ def test_value_agrees_with_the_dense_computation(name):
     case = Case(**CASES[name])
     legs, step, steps, weight = dataclasses.astuple(case.time)
     ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.CHECKPOINT_LEGS) + 1)).astype(int))[1:]
-    drops = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates, case.inflation))
+    drops = -np.diff(case.dense(case.path_m, case.locations_m, ends, case.mates, case.inflation))
     expected, begin = 0.0, 0
     for end, drop in zip(ends, drops, strict=True):
         for i in range(begin + 1, end + 1):  # the risk falls evenly between checkpoints
@@ -87,7 +87,7 @@ def test_value_agrees_with_the_dense_computation(name):
         begin = end
     value = case.reward.value(case.path_m)
     assert value.weighted == pytest.approx(expected, rel=1e-8)  # cells of 1e-9 of the largest risk are left out
-    uninflated = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates))
+    uninflated = -np.diff(case.dense(case.path_m, case.locations_m, ends, case.mates))
     assert value.expected_end == pytest.approx(uninflated.sum(), rel=1e-8)
 
 
@@ -98,16 +98,16 @@ def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
         pytest.skip("numba is not installed")
     monkeypatch.setattr(compiled, "USE_NUMBA", numba)
     case = Case(**CASES[name])
-    places = case.path_m.reshape(-1, 2)
-    value, gradient = case.reward.value_and_gradient(places)
+    locations = case.path_m.reshape(-1, 2)
+    value, gradient = case.reward.value_and_gradient(locations)
     assert _dense_rough(case) == pytest.approx(value, rel=1e-9)
     rng = np.random.default_rng(0)
     scale = np.abs(gradient).max()
     for _ in range(6):
-        aside = rng.normal(size=places.shape)
+        aside = rng.normal(size=locations.shape)
         differences = [
-            case.reward.value_and_gradient(places + k * 0.02 * aside)[0]
-            - case.reward.value_and_gradient(places - k * 0.02 * aside)[0]
+            case.reward.value_and_gradient(locations + k * 0.02 * aside)[0]
+            - case.reward.value_and_gradient(locations - k * 0.02 * aside)[0]
             for k in (1, 2)
         ]
         slope = (8 * differences[0] - differences[1]) / (12 * 0.02)  # fourth order
@@ -130,7 +130,7 @@ def _dense_rough(case):
     drops = -np.diff(case.dense(case.path_m, case.coarse_m[counted], ends, mates, case.inflation))
     begins = np.concatenate([[0], ends[:-1]])
     weights = 1 + weight * (1 - (step + (begins + 1 + ends) / 2) / steps)  # the mean over legs begin + 1 to end
-    return float(weights @ drops) * len(case.places_m) / len(case.coarse_m)
+    return float(weights @ drops) * len(case.locations_m) / len(case.coarse_m)
 
 
 def expected_risk_of_each(level, mean, before, after):
@@ -141,10 +141,10 @@ def expected_risk_of_each(level, mean, before, after):
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_gradient_of_every_kernel(kernel):
     case = Case(kernel=kernel, legs=6, mates=((5, 6.0),))
-    places = case.path_m.reshape(-1, 2)
-    gradient = case.reward.value_and_gradient(places)[1]
-    aside = np.random.default_rng(0).normal(size=places.shape)
-    values = [case.reward.value_and_gradient(places + k * 0.01 * aside)[0] for k in (-2, -1, 1, 2)]
+    locations = case.path_m.reshape(-1, 2)
+    gradient = case.reward.value_and_gradient(locations)[1]
+    aside = np.random.default_rng(0).normal(size=locations.shape)
+    values = [case.reward.value_and_gradient(locations + k * 0.01 * aside)[0] for k in (-2, -1, 1, 2)]
     slope = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / 0.12
     assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-4)  # single precision
 
@@ -215,14 +215,14 @@ def test_it_telescopes_in_expectation():
     total = 0.0
     for node, weight in zip(nodes, weights / weights.sum(), strict=True):
         measured = Centers(
-            np.concatenate([case.known.places_m, first]),
+            np.concatenate([case.known.locations_m, first]),
             np.append(case.known.depths_m, at.mean_m[0] + spread * node),
             np.append(case.known.noise_std_m, case.config.noise_std_m),
         )
         case.posterior.follow(measured)
         later = AnytimeReward(case.kept, case.level, mates, Weighting(4, 31, 50))
         total += weight * (case.reward.risk_before - later.risk_before + later.value(case.path_m[1:]).expected_end)
-    # 60 Gauss-Hermite nodes on integrands with kinks (the call about a place changes): 0.5 %
+    # 60 Gauss-Hermite nodes on integrands with kinks (the call about a location changes): 0.5 %
     assert total == pytest.approx(whole, rel=5e-3)
 
 
@@ -245,7 +245,7 @@ def test_earlier_mate_reduces_the_early_gain():
     assert one.weighted > two.weighted
 
 
-def test_path_without_places_has_value_0():
+def test_path_without_locations_has_value_0():
     case = Case()
     assert case.reward.value(np.empty((0, 1, 2))) == anytime.Value(0.0, 0.0)
     over = AnytimeReward(case.kept, case.level, [], Weighting(0, 50, 50, 1.5))
@@ -254,7 +254,7 @@ def test_path_without_places_has_value_0():
     assert (value, gradient.shape) == (0.0, (0, 2))
 
 
-def test_value_without_own_places_is_that_of_the_mates():
+def test_value_without_own_locations_is_that_of_the_mates():
     case = Case(mates=((6, 12.0),))
     alone = case.reward.value(np.empty((0, 1, 2)))
     assert alone.expected_end == pytest.approx(case.drop(case.mates[0][1]), rel=1e-8)
@@ -263,34 +263,34 @@ def test_value_without_own_places_is_that_of_the_mates():
 
 def test_gradient_is_0_without_risk():
     case = Case()
-    far = CachedPoints(case.posterior, case.places_m)
+    far = CachedPoints(case.posterior, case.locations_m)
     sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], case.time)
     value, gradient = sure.value_and_gradient(case.path_m.reshape(-1, 2))
     assert value == 0.0
     assert not gradient.any()
 
 
-def test_a_measured_place_has_a_finite_gradient():
+def test_a_measured_location_has_a_finite_gradient():
     """Where all is known already, or nothing at all (mean at the level), slopes of the risk have no bound."""
     case = Case(data=0, legs=4)
-    on_cells = case.places_m[[0, 0, 5, 9]]
+    on_cells = case.locations_m[[0, 0, 5, 9]]
     value, gradient = case.reward.value_and_gradient(on_cells)
     assert np.isfinite(value)
     assert np.isfinite(gradient).all()
 
 
-def test_wrong_number_of_places_is_reported():
+def test_wrong_number_of_locations_is_reported():
     case = Case(legs=4)
-    with pytest.raises(ValueError, match="places_m: got 5 legs; expected at most the remaining 4"):
+    with pytest.raises(ValueError, match="locations_m: got 5 legs; expected at most the remaining 4"):
         case.reward.value(np.zeros((5, 1, 2)))
-    with pytest.raises(ValueError, match="places_m: got 7 places; expected the same number on each of 4 legs"):
+    with pytest.raises(ValueError, match="locations_m: got 7 locations; expected the same number on each of 4 legs"):
         case.reward.value_and_gradient(np.zeros((7, 2)))
 
 
 def test_coarse_value_equals_the_value_with_gradient():
     case = Case(mates=((6, 12.0),))
-    places = case.path_m.reshape(-1, 2)
-    assert case.reward.coarse_value(places) == pytest.approx(case.reward.value_and_gradient(places)[0], rel=1e-12)
+    locations = case.path_m.reshape(-1, 2)
+    assert case.reward.coarse_value(locations) == pytest.approx(case.reward.value_and_gradient(locations)[0], rel=1e-12)
 
 
 def test_risk_near_sums_the_cells_near_the_path():

@@ -1,4 +1,4 @@
-"""What a fix brings to a map whose soundings are in doubtful places."""
+"""What a fix brings to a map whose soundings are in doubtful locations."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ SLOPE = 0.05
 
 
 def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> CachedPoints:
-    """A plane that slopes north, 15 m deep at 0, densely sounded; all soundings may be north of their places."""
+    """A plane that slopes north, 15 m deep at 0, densely sounded; all soundings may be north of their locations."""
     grid = np.arange(-200.0, 201.0, 20.0)
-    places = np.stack(np.meshgrid(grid, grid), axis=2).reshape(-1, 2)
-    effect = np.zeros((len(places), 3))
+    locations = np.stack(np.meshgrid(grid, grid), axis=2).reshape(-1, 2)
+    effect = np.zeros((len(locations), 3))
     effect[:, 0 if by_fix else 2] = SLOPE * displaced_m
     posterior = Posterior(GpConfig(mean="plane", mean_slope_north=SLOPE, std_soundings=std_soundings))
-    posterior.follow(Centers(places, 15.0 + SLOPE * places[:, 0], np.full(len(places), 0.1), effect))
+    posterior.follow(Centers(locations, 15.0 + SLOPE * locations[:, 0], np.full(len(locations), 0.1), effect))
     cells = np.arange(-99.0, 100.0, 2.0)  # none of them on the isobath
     return CachedPoints(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
 
@@ -43,12 +43,12 @@ def test_rough_ground_reduces_the_gain() -> None:
     assert gain_of_fix(by_prior, LEVEL) < 0.9 * gain_of_fix(by_soundings, LEVEL)
 
 
-def test_gain_grows_with_the_removed_place_effect() -> None:
+def test_gain_grows_with_the_removed_position_effect() -> None:
     assert gain_of_fix(slope(8.0, False), LEVEL) == 0.0
     assert 0.0 < gain_of_fix(slope(2.0, True), LEVEL) < 0.5 * gain_of_fix(slope(8.0, True), LEVEL)
 
 
-def test_gain_is_0_for_exact_places() -> None:
+def test_gain_is_0_for_exact_locations() -> None:
     kept = slope(8.0, True)
-    kept.posterior.follow(dataclasses.replace(kept.posterior.centers, place_effect_m=None))
+    kept.posterior.follow(dataclasses.replace(kept.posterior.centers, position_effect_m=None))
     assert gain_of_fix(kept, LEVEL) == 0.0

@@ -54,14 +54,14 @@ def test_value_agrees_with_the_dense_computation_within_1e_9(data, team, length,
 
 def test_values_of_many_paths_equal_single_values():
     rng, *_, reward = _situation(3, 50, 10)
-    for length in (1, 7, 30):  # of one place, as the myopic baseline asks; short; long
+    for length in (1, 7, 30):  # of one location, as the myopic baseline asks; short; long
         columns = reward.posterior.at(rng.uniform(0, 400, (4 * length, 2)))
         one_by_one = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(4)]
         assert reward.values_of_equal(columns, length) == pytest.approx(one_by_one, abs=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_value_never_decreases_with_length_and_is_0_without_places(seed):
+def test_value_never_decreases_with_length_and_is_0_without_locations(seed):
     rng, *_, reward = _situation(seed, 40, 5)
     path = reward.posterior.at(rng.uniform(0, 400, (25, 2)))
     values = [reward.value(path.take(np.arange(n))) for n in range(26)]
@@ -92,9 +92,9 @@ def test_indefinite_covariance_is_an_error(length):
     rng, *_, reward = _situation(9, 50)
     columns = reward.posterior.at(rng.uniform(0, 400, (2 * length, 2)))
     broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
-    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+    with pytest.raises(ValueError, match=f"covariance of {length} planned locations is not positive definite"):
         reward.values_of_equal(broken, length)
-    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+    with pytest.raises(ValueError, match=f"covariance of {length} planned locations is not positive definite"):
         reward.value(broken.slice(0, length))
 
 
@@ -136,13 +136,14 @@ def test_long_paths_use_lapack_and_have_the_same_value(monkeypatch):
 
 
 def test_the_paths_own_reward_does_not_telescope():
-    """Legs are credited at their own place only, a planned path at all of its places at once."""
+    """Legs are credited at their own position only, a planned path at all of its locations at once."""
     config, level = GpConfig(), LevelSet()
     posterior = Posterior(config)
     reward = PathReward(posterior, level)
     path = posterior.at(np.column_stack([np.arange(1, 41) * 10.0, np.zeros(40)]))
     whole = reward.value(path)
-    # leg by leg on perfect data: each place is already well known when it is reached, so there is less left to credit
+    # leg by leg on perfect data: each location is already well known when it is reached, so there is less left to
+    # credit
     stepwise = 0.0
     for i in range(40):
         known = Centers(np.column_stack([np.arange(1, i + 1) * 10.0, np.zeros(i)]), np.full(i, 15.0), np.full(i, 0.3))
@@ -154,12 +155,13 @@ def test_the_paths_own_reward_does_not_telescope():
 
 @pytest.mark.parametrize("length", [5, 30])
 def test_variance_of_uncertain_places_earns_no_reward(length):
-    """What a path leaves is what the posterior has once it is planned: with the places' variance, before and after."""
+    """What a path leaves is what the posterior has once it is planned: with the locations' variance, before and
+    after."""
     rng = np.random.default_rng(4)
     known = centers(rng, 40)
     effect = 0.5 * rng.standard_normal((40, 3))
     posterior = Posterior(GpConfig())
-    posterior.follow(Centers(known.places_m, known.depths_m, known.noise_std_m, effect))
+    posterior.follow(Centers(known.locations_m, known.depths_m, known.noise_std_m, effect))
     path = rng.uniform(-100.0, 100.0, (length, 2))
     reward = PathReward(posterior, LevelSet())
     columns = posterior.at(path)

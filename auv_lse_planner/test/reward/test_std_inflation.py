@@ -12,11 +12,11 @@ from auv_lse_planner.reward.std_inflation import MAX_INFLATION, std_inflation
 def drawn(std_m: float) -> Posterior:
     """A map of ground drawn from the prior, but with another standard deviation."""
     config, rng = GpConfig(), np.random.default_rng(3)
-    places = rng.uniform(0.0, 600.0, (150, 2))
+    locations = rng.uniform(0.0, 600.0, (150, 2))
     posterior = Posterior(config)
-    covariance = posterior.kernel(places, places) + config.noise_std_m**2 * np.eye(len(places))
-    depths = 15.0 + std_m / config.signal_std_m * np.linalg.cholesky(covariance) @ rng.standard_normal(len(places))
-    posterior.follow(Centers(places, depths, np.full(len(places), config.noise_std_m)))
+    covariance = posterior.kernel(locations, locations) + config.noise_std_m**2 * np.eye(len(locations))
+    depths = 15.0 + std_m / config.signal_std_m * np.linalg.cholesky(covariance) @ rng.standard_normal(len(locations))
+    posterior.follow(Centers(locations, depths, np.full(len(locations), config.noise_std_m)))
     return posterior
 
 

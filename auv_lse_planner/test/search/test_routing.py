@@ -27,8 +27,8 @@ def test_nodes_are_spread_evenly():
 
 def test_compiled_equals_plain():
     ground = ground_of(SQUARE)
-    nodes = lloyd(ground.places_cm[::9], 9, 3)
-    assert np.array_equal(nodes, plain(lloyd)(ground.places_cm[::9], 9, 3))
+    nodes = lloyd(ground.locations_cm[::9], 9, 3)
+    assert np.array_equal(nodes, plain(lloyd)(ground.locations_cm[::9], 9, 3))
     distance, _ = ground.distances_cm(np.concatenate([nodes, [[1000, 1000]]]))
     near = np.argsort(distance[:-1, :-1], axis=1, kind="stable")
     penalty = np.full(9, 60000)
@@ -43,17 +43,17 @@ def test_compiled_equals_plain():
 
 def test_a_route_visits_each_node_once_within_its_budget():
     ground = ground_of(SQUARE)
-    line = route_m(ground, np.array([20.0, 20.0]), np.ones(len(ground.places_cm)), 2200.0, 24)
+    line = route_m(ground, np.array([20.0, 20.0]), np.ones(len(ground.locations_cm)), 2200.0, 24)
     assert np.hypot(*np.diff(line, axis=0).T).sum() <= 2200.1
     assert len(np.unique(line[1:], axis=0)) == len(line) - 1 == 24
     assert line[0] == pytest.approx([20.0, 20.0])
-    again = route_m(ground_of(SQUARE), np.array([20.0, 20.0]), np.ones(len(ground.places_cm)), 2200.0, 24)
+    again = route_m(ground_of(SQUARE), np.array([20.0, 20.0]), np.ones(len(ground.locations_cm)), 2200.0, 24)
     assert np.array_equal(line, again)
 
 
 def test_a_small_budget_goes_to_the_important_ground():
     ground = ground_of(SQUARE)
-    weights = np.where(ground.places_cm[:, 1] > 20000, 1.0, 0.01)  # the eastern half
+    weights = np.where(ground.locations_cm[:, 1] > 20000, 1.0, 0.01)  # the eastern half
     line = route_m(ground, np.array([200.0, 200.0]), weights, 700.0, 16)
     assert (line[1:, 1] > 200.0).mean() > 0.7
 
@@ -66,10 +66,10 @@ def test_ways_lead_around_land():
     assert distance[0, 1] == distance[1, 0]
     assert bends[0, 1][:, 0].max() > 30000
     assert bends[0, 1][0] == pytest.approx(ends[0], abs=2500)  # in order
-    line = route_m(ground, np.array([20.0, 80.0]), np.ones(len(ground.places_cm)), 1500.0, 12)
+    line = route_m(ground, np.array([20.0, 80.0]), np.ones(len(ground.locations_cm)), 1500.0, 12)
     space = world(U_SHAPE)[2]
     dense = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(line)])
-    assert min(space.clearance_m(*place) for place in dense) > -3.0
+    assert min(space.clearance_m(*location) for location in dense) > -3.0
 
 
 def test_without_free_ground_there_is_no_area():

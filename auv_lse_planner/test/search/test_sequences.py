@@ -35,7 +35,7 @@ def test_batch_values_equal_exact_path_values(data, team, credit, naive_paths, s
         values = sequences(batch)
         for sequence, value in zip(batch, values, strict=True):
             exact = [
-                reward.value(reward.posterior.at(roll.path(0, STATE, sequence, naive_path).places_m))
+                reward.value(reward.posterior.at(roll.path(0, STATE, sequence, naive_path).locations_m))
                 for naive_path in naive_paths or [NONE]
             ]
             assert value == pytest.approx(max(exact), abs=1e-9)
@@ -52,7 +52,7 @@ def test_sequence_values_include_the_naive_path():
     both = PathSequences(reward, roll, 0, state, LAWNMOWERS[:2])
     values = both([(5, 5, 6), (5, 4, 6), (5, 5, 6)])
     for sequence, value in zip([(5, 5, 6), (5, 4, 6)], values, strict=False):
-        alone = [reward.value(posterior.at(roll.path(0, state, sequence, h).places_m)) for h in LAWNMOWERS[:2]]
+        alone = [reward.value(posterior.at(roll.path(0, state, sequence, h).locations_m)) for h in LAWNMOWERS[:2]]
         assert value == pytest.approx(max(alone), abs=1e-9)
         assert both.naive_path[sequence] == LAWNMOWERS[int(np.argmax(alone))]
 

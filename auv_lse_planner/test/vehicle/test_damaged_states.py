@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import yaml
 
-from auv_lse_common.commands.vehicle import open_dive
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import DOUBT_VARIABLE, NODES, open_state
 from auv_lse_common.vocabulary.mission_run import Command, RunState
 from auv_lse_planner.safety import Safety
+from auv_lse_run.vehicle.run_vehicle import open_dive
 
 DEPTH_M = 5.0
 #: What can happen to a dive before the power fails.
@@ -108,8 +108,8 @@ def travel(safety: Safety, depth_m: float, seconds: float) -> bool:
 def _flip(data: bytes, rng: np.random.Generator) -> bytes:
     flipped = bytearray(data)
     for bit in rng.integers(8 * 40, size=3):  # in a head or at the start of a text
-        place = int(rng.integers(2)) * len(data) // 2 + int(bit) // 8
-        flipped[place % len(data)] ^= 1 << int(bit) % 8
+        location = int(rng.integers(2)) * len(data) // 2 + int(bit) // 8
+        flipped[location % len(data)] ^= 1 << int(bit) % 8
     return bytes(flipped)
 
 

@@ -34,7 +34,7 @@ def test_missing_or_old_odometry():
     }
 
 
-def test_place_outside_the_area():
+def test_location_outside_the_area():
     area = {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0], "margin_m": 10.0}
     planner = VehiclePlanner(1, settings(area=area), np.random.default_rng(0))
 
@@ -43,11 +43,11 @@ def test_place_outside_the_area():
         return planner.problems(0.0).get("outside", "")
 
     assert text(150.0, 0.5) == "", "in the margin, but in the area"
-    assert text(150.0, -4.0) == "place: 4.0 m outside the area: returning"
+    assert text(150.0, -4.0) == "location: 4.0 m outside the area: returning"
     planner.set_map_offset(0.0, 6.0)
-    assert text(150.0, -4.0) == "", "its corrected place is in the area"
+    assert text(150.0, -4.0) == "", "its corrected position is in the area"
     planner.set_map_offset(0.0, -6.0)
-    assert text(150.0, 4.0) == "place: 2.0 m outside the area: returning"
+    assert text(150.0, 4.0) == "location: 2.0 m outside the area: returning"
 
 
 def test_rejected_or_old_map():

@@ -16,16 +16,16 @@ LEG_M = 15.0 * math.pi / 2.0
 VEHICLE = VehicleConfig()
 
 
-def path(places_m: NDArray[np.float64], step: int) -> PlannedPath:
-    """A path through these places from a step on; only its states count here."""
-    states = np.column_stack([np.zeros(len(places_m)), places_m])[step:]
+def path(locations_m: NDArray[np.float64], step: int) -> PlannedPath:
+    """A path through these locations from a step on; only its states count here."""
+    states = np.column_stack([np.zeros(len(locations_m)), locations_m])[step:]
     legs = len(states) - 1
     return PlannedPath(step, states, np.zeros(legs, dtype=np.int64), legs, np.zeros((legs, 1, 2)))
 
 
-def decided(surfacings: Surfacings, places_m: NDArray[np.float64]) -> list[int]:
-    """Steps at whose legs' ends a vehicle surfaces that travels through these places."""
-    return [step + 1 for step in range(len(places_m) - 1) if considers(surfacings, path(places_m, step))]
+def decided(surfacings: Surfacings, locations_m: NDArray[np.float64]) -> list[int]:
+    """Steps at whose legs' ends a vehicle surfaces that travels through these locations."""
+    return [step + 1 for step in range(len(locations_m) - 1) if considers(surfacings, path(locations_m, step))]
 
 
 def considers(surfacings: Surfacings, ahead: PlannedPath) -> bool:
@@ -72,8 +72,8 @@ def test_next_surfacing_waits_for_the_interval() -> None:
 
 
 def test_restart_does_not_repeat_a_surfacing() -> None:
-    places = out_and_back(100, 45)
+    locations = out_and_back(100, 45)
     first, second = surfacings(), surfacings()
-    assert decided(first, places[:51]) == [45]
+    assert decided(first, locations[:51]) == [45]
     second.restore(first.snapshot())
-    assert decided(second, places) == []
+    assert decided(second, locations) == []

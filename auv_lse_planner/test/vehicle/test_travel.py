@@ -150,7 +150,7 @@ def test_later_decisions_plan_from_the_legs_end_unless_off_the_leg():
 
 
 @pytest.mark.parametrize(("heading_rad", "from_odometry"), [(0.7, False), (-0.9, True)])
-def test_vehicle_with_a_heading_error_plans_from_its_predicted_place(heading_rad, from_odometry):
+def test_vehicle_with_a_heading_error_plans_from_its_predicted_location(heading_rad, from_odometry):
     travel = _on_the_first_leg()
     travel.move(_at(16.0, 24.0, 1.0, heading_rad))
     state, reanchored = travel.anchor(PLANNER)
@@ -179,7 +179,7 @@ def test_hold_counts_no_step_and_pauses_the_legs_timer():
     assert travel.leg == _leg(1)
 
 
-def test_unreachable_place_is_rejected_and_a_lasting_fix_accepted():
+def test_unreachable_location_is_rejected_and_a_lasting_fix_accepted():
     travel = _on_the_first_leg()
     travel.move(_at(1.0, 1.5))
     travel.move(_at(2.0, 500.0))

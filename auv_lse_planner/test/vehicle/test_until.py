@@ -90,7 +90,7 @@ def test_everything_that_is_asked_for_must_be_met(asked: dict[str, Any], met: bo
 
 
 def refused() -> Posterior:
-    raise IllConditionedError("two centers at one place")
+    raise IllConditionedError("two centers at one location")
 
 
 def test_a_map_is_judged_every_few_legs_and_the_state_survives_a_restart() -> None:

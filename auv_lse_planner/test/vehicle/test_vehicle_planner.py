@@ -89,8 +89,8 @@ def test_lawnmower_continues_its_lanes_after_a_surfacing():
     assert len(surfaced) == 1
     assert planner.finished
     assert len(decisions) == 76
-    places = [[(d.leg.north_m, d.leg.east_m) for d in flown] for flown in (decisions, through)]
-    assert np.array(places[0]) == pytest.approx(np.array(places[1][:76]), abs=1e-2)
+    locations = [[(d.leg.north_m, d.leg.east_m) for d in flown] for flown in (decisions, through)]
+    assert np.array(locations[0]) == pytest.approx(np.array(locations[1][:76]), abs=1e-2)
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +116,8 @@ def test_sent_plan_is_delayed_by_a_surfacing(surfaced):
     leg_s = mate.motion.leg_length_m / s.vehicle.speed_mps
     gone_s = (decision.leg.step + 4 - decision.plan.step) * leg_s
     mate.receive_plan(gone_s, 1, decision.plan)
-    ahead = mate.team.places_ahead(gone_s + 5.0 * leg_s, 1)
-    assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
+    ahead = mate.team.locations_ahead(gone_s + 5.0 * leg_s, 1)
+    assert ahead[0] == pytest.approx(told.locations_m[0], abs=1e-3)
 
 
 def test_surfacing_is_charged_to_the_budget(surfaced):
@@ -371,7 +371,7 @@ def test_shallow_ground_on_the_map_ends_the_incumbent():
         assert planner.posterior.mean_m(track).min() > 3.0
 
 
-def test_mates_places_change_the_path_and_bad_plans_are_rejected():
+def test_mates_locations_change_the_path_and_bad_plans_are_rejected():
     s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
     one = VehiclePlanner(1, s, np.random.default_rng(1))
     two = VehiclePlanner(2, s, np.random.default_rng(1))
@@ -387,7 +387,7 @@ def test_mates_places_change_the_path_and_bad_plans_are_rejected():
     assert any("4 (of 4) received plans" in p for p in two.problems(0.0).values())
     two.receive_plan(0.0, 1, plan)
     decision = two.decide(0.0)
-    assert decision.statistics.team_places == 10
+    assert decision.statistics.team_locations == 10
     mine, theirs = two.rollout.follow(decision.plan).states[:, 1:], one.rollout.follow(plan).states[:, 1:]
     apart = np.hypot(*(mine[-1] - theirs[-1]))
     assert apart > 20.0
@@ -470,7 +470,7 @@ def test_restarted_planner_keeps_the_map_offset():
     leg = planners[0].decide(0.0).leg
     planners[1].restore(planners[0].snapshot())
     assert planners[1].in_odometry_frame(leg) == planners[0].in_odometry_frame(leg) != leg
-    assert np.array_equal(planners[1]._place_margin.covariance_m2, np.diag([9.0, 4.0]))
+    assert np.array_equal(planners[1]._position_margin.covariance_m2, np.diag([9.0, 4.0]))
 
 
 @pytest.mark.parametrize("method", METHODS)

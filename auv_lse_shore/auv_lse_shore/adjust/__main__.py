@@ -17,9 +17,9 @@ from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import TeamMap, adjusted_map, mission_settings
 from auv_lse_shore.judge.true_ground import set_true_ground
-from auv_lse_shore.places.adjustment import AdjustError, adjust
-from auv_lse_shore.places.merging import on_one_clock
-from auv_lse_shore.places.recordings import missing_in
+from auv_lse_shore.positions.adjustment import AdjustError, adjust
+from auv_lse_shore.positions.merging import on_one_clock
+from auv_lse_shore.positions.recordings import missing_in
 
 
 def parser() -> argparse.ArgumentParser:
@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
         "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
         "Clocks that are apart are found from the packets, and corrected.",
         epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, in one call. "
-        "The accuracy of compass and DVL comes from section places of the first run's mission file. Recordings "
+        "The accuracy of compass and DVL comes from section positions of the first run's mission file. Recordings "
         "are only read; a second call replaces the files of the first. "
         "Exit codes: 0 success; 2 the runs cannot be adjusted, or wrong command line; 130 Ctrl-C.",
     )

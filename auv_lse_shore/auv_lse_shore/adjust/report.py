@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
-from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.error_model import STATIC
+from auv_lse_gp.positions.correction import Correction
+from auv_lse_gp.positions.error_model import STATIC
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.judge.tracks import true_positions
-from auv_lse_shore.places.adjustment import Adjustment
+from auv_lse_shore.positions.adjustment import Adjustment
 from auv_lse_shore.report.page import render
 
 #: Columns of the table of soundings before and after.
@@ -51,7 +51,7 @@ def _vehicle(run: RunData, number: int) -> VehicleRun:
 
 def _rms_error(vehicle: VehicleRun, recorded: VehicleRun) -> float:
     """Root mean square error (m) of a vehicle's sounding positions."""
-    apart = vehicle.soundings.places_m - true_positions(recorded).places_m
+    apart = vehicle.soundings.locations_m - true_positions(recorded).locations_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
@@ -72,12 +72,12 @@ def write_before_and_after(path: Path, adjustment: Adjustment, before: Sequence[
         writer.writerow([*COLUMNS, *(GEODETIC if origin is not None else ())])
         for name, old_run, new_run in zip(names, before, adjustment.runs, strict=True):
             for old, new in zip(old_run.vehicles, new_run.vehicles, strict=True):
-                places = new.soundings.places_m
-                geodetic = np.empty((len(places), 0))
+                positions = new.soundings.locations_m
+                geodetic = np.empty((len(positions), 0))
                 if origin is not None:
-                    geodetic = np.column_stack(geodetic_from_local(places[:, 0], places[:, 1], *origin))
-                for was, place, degrees in zip(old.soundings, places, geodetic, strict=True):
-                    numbers = (was.north_m, was.east_m, *place, was.depth_m)
+                    geodetic = np.column_stack(geodetic_from_local(positions[:, 0], positions[:, 1], *origin))
+                for was, position, degrees in zip(old.soundings, positions, geodetic, strict=True):
+                    numbers = (was.north_m, was.east_m, *position, was.depth_m)
                     metres = (f"{value:.3f}" for value in numbers)
                     angles = (f"{value:.8f}" for value in degrees)
                     writer.writerow([name, old.vehicle, f"{was.stamp_s:.3f}", *metres, *angles])

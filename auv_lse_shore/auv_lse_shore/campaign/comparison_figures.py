@@ -21,14 +21,14 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
     ("isobath_error_m", "isobath error, whole line (m)", False),
     ("isobath_found", "isobath found (share)", True),
     ("isobath_found_error_m", "isobath error, part found (m)", False),
-    ("risk_after", "final map risk (cost per place)", False),
-    ("loss_expected", "expected loss (cost per place)", False),
-    ("loss_after", "actual loss (cost per place)", False),
-    ("mowing_risk", "lawnmower bound (cost per place)", False),
-    ("risk_third", "map risk after a third (cost per place)", False),
+    ("risk_after", "final map risk (cost per location)", False),
+    ("loss_expected", "expected loss (cost per location)", False),
+    ("loss_after", "actual loss (cost per location)", False),
+    ("mowing_risk", "lawnmower bound (cost per location)", False),
+    ("risk_third", "map risk after a third (cost per location)", False),
     ("f1", "F1", True),
     ("misclassified_m2", "misclassified (m²)", False),
-    ("local_risk_error", "own-map risk difference (cost per place)", False),
+    ("local_risk_error", "own-map risk difference (cost per location)", False),
     ("delivery", "packets received (share)", True),
     ("planning_median_s", "median decision time (s)", False),
     ("busy_s", "simulation and evaluation time (s)", False),
@@ -41,8 +41,11 @@ HEADINGS = {column: heading for column, heading, _ in MEASURES}
 MAIN = ("isobath_error_m", "isobath_found", "risk_after", "loss_after")
 
 #: Curves over steps with the labels of their axes: of the map, and of the paper's reward beside it.
-MAP_CURVES = (("risk", "map risk (cost per place)"), ("expected_risk", "map risk expected at the end (cost per place)"))
-PAPER_CURVES = (("risk", "map risk (cost per place)"), ("stepwise", "team reward, stepwise (cost)"))
+MAP_CURVES = (
+    ("risk", "map risk (cost per location)"),
+    ("expected_risk", "map risk expected at the end (cost per location)"),
+)
+PAPER_CURVES = (("risk", "map risk (cost per location)"), ("stepwise", "team reward, stepwise (cost)"))
 
 #: Number of settings that `curves` shows.
 MAX_CURVES = 16
@@ -56,8 +59,8 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
     axes = figure.subplots(1, len(MAIN), sharey=True)
     rng = np.random.default_rng(0)
     for axis, column in zip(axes, MAIN, strict=True):
-        for place, rows in enumerate(groups.values()):
-            _dots(axis, known_values(rows, column), place, rng)
+        for location, rows in enumerate(groups.values()):
+            _dots(axis, known_values(rows, column), location, rng)
         axis.set_title(_title(column), fontsize=8.5)
         axis.set_xlim(*_range(column, groups.values()))
         add_grid(axis, "x")
@@ -81,12 +84,12 @@ def _range(column: str, groups: Iterable[Sequence[Row]]) -> tuple[float, float]:
     return min(values) - room, max(values) + room
 
 
-def _dots(axis: Any, values: Sequence[float], place: int, rng: np.random.Generator) -> None:
-    color, mean = COLORS[place % len(COLORS)], interval(values)
-    axis.plot(values, place + rng.uniform(-0.22, 0.22, len(values)), ".", ms=3.0, color=color, alpha=0.4, mew=0)
+def _dots(axis: Any, values: Sequence[float], location: int, rng: np.random.Generator) -> None:
+    color, mean = COLORS[location % len(COLORS)], interval(values)
+    axis.plot(values, location + rng.uniform(-0.22, 0.22, len(values)), ".", ms=3.0, color=color, alpha=0.4, mew=0)
     if mean.count > 1:
-        axis.plot([mean.low, mean.high], [place, place], color="black", lw=1.6, solid_capstyle="butt")
-    axis.plot(mean.mean, place, "o", ms=4.5, color=color, mec="black", mew=0.8)
+        axis.plot([mean.low, mean.high], [location, location], color="black", lw=1.6, solid_capstyle="butt")
+    axis.plot(mean.mean, location, "o", ms=4.5, color=color, mec="black", mew=0.8)
 
 
 @styled
@@ -96,8 +99,8 @@ def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str
     figure = new_figure(WIDTH_IN, 2.9 + 0.17 * ((len(shown) + 2) // 3))
     axes = figure.subplots(1, 2)
     for axis, (column, label) in zip(axes, columns, strict=True):
-        for place, (_, rows) in enumerate(shown):
-            _curve(axis, [r[column] for r in rows if r.get(column)], place)
+        for location, (_, rows) in enumerate(shown):
+            _curve(axis, [r[column] for r in rows if r.get(column)], location)
         axis.set_xlabel("step")
         axis.set_ylabel(label)
         axis.set_xlim(left=0)
@@ -110,11 +113,11 @@ def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str
     return figure
 
 
-def _line(place: int) -> dict[str, Any]:
-    return {"color": COLORS[place % len(COLORS)], "ls": DASHES[place // len(COLORS) % len(DASHES)], "lw": 1.4}
+def _line(location: int) -> dict[str, Any]:
+    return {"color": COLORS[location % len(COLORS)], "ls": DASHES[location // len(COLORS) % len(DASHES)], "lw": 1.4}
 
 
-def _curve(axis: Any, runs: Sequence[Sequence[float | None]], place: int) -> None:
+def _curve(axis: Any, runs: Sequence[Sequence[float | None]], location: int) -> None:
     """Mean of a curve over runs, where all of them have a value, and its confidence interval."""
     if not runs:
         return
@@ -122,10 +125,10 @@ def _curve(axis: Any, runs: Sequence[Sequence[float | None]], place: int) -> Non
     values = np.array([[np.nan if v is None else v for v in run[:length]] for run in runs])
     at = np.flatnonzero(np.isfinite(values).all(axis=0))
     mean = values[:, at].mean(axis=0)
-    axis.plot(at, mean, **_line(place))
+    axis.plot(at, mean, **_line(location))
     if len(runs) > 2:
         half = np.array([interval(column).half for column in values[:, at].T])
-        axis.fill_between(at, mean - half, mean + half, color=COLORS[place % len(COLORS)], alpha=0.13, lw=0)
+        axis.fill_between(at, mean - half, mean + half, color=COLORS[location % len(COLORS)], alpha=0.13, lw=0)
 
 
 @styled

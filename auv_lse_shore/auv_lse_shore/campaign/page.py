@@ -34,9 +34,9 @@ _CURVES = (
     "confidence interval."
 )
 _RELIABILITY = (
-    f"Left: share of places that are safe against the {P_DEEP} that the final maps report; on the dotted line a map is "
-    "calibrated, above it conservative, below it overconfident. Right: how the places spread over it. All places "
-    "of all missions of a setting; 95 % bootstrap interval over missions."
+    f"Left: share of locations that are safe against the {P_DEEP} that the final maps report; on the dotted line a map "
+    "is calibrated, above it conservative, below it overconfident. Right: how the locations spread over it. All "
+    "locations of all missions of a setting; 95 % bootstrap interval over missions."
 )
 
 

@@ -1,4 +1,5 @@
-"""The reliability diagram of a campaign: share of places that are safe against the P(deep enough) of the final maps."""
+"""The reliability diagram of a campaign: share of locations that are safe against the P(deep enough) of the final
+maps."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from auv_lse_shore.report.figures import COLORS, WIDTH_IN, add_grid, new_figure,
 
 #: Number of settings that one diagram shows.
 MAX_SETTINGS = 8
-#: Resamples of the bootstrap over missions. Places of one lake are alike, so missions are resampled, not places.
+#: Resamples of the bootstrap over missions. Locations of one lake are alike, so missions are resampled, not locations.
 RESAMPLES = 400
 
 
@@ -32,7 +33,8 @@ def reliability_of(rows: Sequence[Row]) -> list[Reliability]:
 
 @styled
 def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
-    """For each setting the share of places that are safe against P(deep enough), and how the places spread over it.
+    """For each setting the share of locations that are safe against P(deep enough), and how the locations spread over
+    it.
 
     None where no mission has a known truth.
     """
@@ -57,7 +59,7 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
     right.set_yscale("log")
     right.set_xticks(range(len(EDGES)), [f"{edge:g}" for edge in EDGES], fontsize=7.0, rotation=60)
     right.set_xlabel(f"class of {P_DEEP}")
-    right.set_ylabel("share of all places")
+    right.set_ylabel("share of all locations")
     for axis in (left, right):
         add_grid(axis)
     figure.legend(handles, list(known)[:MAX_SETTINGS], loc="outside lower center", ncols=3, fontsize=7.0)
@@ -65,7 +67,7 @@ def reliability_figure(groups: Mapping[str, Sequence[Row]]) -> Figure | None:
 
 
 def _limits(parts: Sequence[Reliability]) -> NDArray[np.float64]:
-    """95 % bootstrap interval (2, classes) of the share safe in each class, over the missions with places in it.
+    """95 % bootstrap interval (2, classes) of the share safe in each class, over the missions with locations in it.
 
     Where fewer than two missions have any, both limits are the share itself.
     """

@@ -45,8 +45,8 @@ class Interval:
             return "–"
         if not math.isfinite(self.half) or self.half <= 1e-12 * abs(self.mean):
             return f"{self.mean:.4g}"
-        places = max(0, min(6, 1 - math.floor(math.log10(self.half))))
-        return f"{self.mean:.{places}f} ± {self.half:.{places}f}"
+        locations = max(0, min(6, 1 - math.floor(math.log10(self.half))))
+        return f"{self.mean:.{locations}f} ± {self.half:.{locations}f}"
 
 
 def proportion(flags: Sequence[bool | None], confidence: float = 0.95) -> str:

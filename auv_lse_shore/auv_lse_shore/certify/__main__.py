@@ -18,8 +18,8 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/certify",
         description="Recomputes a mission's final map from its recordings alone, by an independent dense computation, "
         "and writes certificate.html and certificate.json: what was asked, what is promised piece by piece, what is "
-        "not, and the SHA-256 of every recording. It fails, and names the place, where the recordings do not support "
-        "a map that a vehicle published.",
+        "not, and the SHA-256 of every recording. It fails, and names the location, where the recordings do not "
+        "support a map that a vehicle published.",
         epilog="Give all recordings of one mission in one call. A second certificate replaces the first. Exit codes: "
         "0 the recordings support the published maps; 1 they do not; 2 they cannot be read or are of different "
         "missions, or wrong command line; 3 a vehicle's recording has no published map, as after scripts/import; "

@@ -73,8 +73,8 @@ def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = sho
     """
     show("reading the recordings")
     recorded = read_recordings(paths, mission)
-    show("estimating the places of soundings")
-    run, places = corrected_runs(recorded)
+    show("estimating the positions of soundings")
+    run, locations = corrected_runs(recorded)
     checks, notes = [], []
     for published in recorded.maps.values():
         show(f"recomputing the map of auv{published.vehicle}")
@@ -85,7 +85,7 @@ def certify(paths: Sequence[Path], mission: Path | None = None, show: Show = sho
     notes += [f"auv{number}: its recording has no published map (topic field)" for number in silent]
     verdict = CONTRADICTED if not all(c.passed for c in checks) else UNPUBLISHED if silent else SUPPORTED
     show("computing the final map")
-    final = final_map(recorded, run, places)
+    final = final_map(recorded, run, locations)
     show("")
     if not any(len(v.decisions) for v in run.vehicles):
         notes.append("no plan is recorded: whether the mission was flown to its end is unknown")
@@ -126,8 +126,8 @@ def _values(
         "not_promised": {
             "undiscovered_m": round(final.undiscovered.expected_m, 1),
             "undiscovered_limit_m": round(final.undiscovered.limit_m, 1),
-            "undiscovered_places": [
-                {**_place(north, east, origin), "expected_m": round(length, 1)}
+            "undiscovered_locations": [
+                {**_location(north, east, origin), "expected_m": round(length, 1)}
                 for north, east, length in final.undiscovered.patches()
                 if length >= MIN_STRETCH_M
             ],
@@ -137,7 +137,7 @@ def _values(
         "map": {
             "soundings": sum(len(v.soundings) for v in final.run.vehicles),
             "averages": final.averages,
-            "places": final.places,
+            "locations": final.locations,
             "variance_scale": round(final.field.variance_scale, 6),
         },
         "checks": [_checked(check, origin) for check in checks],
@@ -153,12 +153,12 @@ def _sorted(pieces: list[Piece]) -> list[Piece]:
     return sorted(pieces, key=lambda p: (CLASSES.index(p.kind), -p.length_m))
 
 
-def _place(north: float, east: float, origin: tuple[float, float] | None) -> dict[str, float]:
-    place = {"north_m": round(float(north), 1), "east_m": round(float(east), 1)}
+def _location(north: float, east: float, origin: tuple[float, float] | None) -> dict[str, float]:
+    location = {"north_m": round(float(north), 1), "east_m": round(float(east), 1)}
     if origin is not None:
         latitude, longitude = geodetic_from_local(north, east, *origin)
-        place |= {"latitude_deg": round(float(latitude), 6), "longitude_deg": round(float(longitude), 6)}
-    return place
+        location |= {"latitude_deg": round(float(latitude), 6), "longitude_deg": round(float(longitude), 6)}
+    return location
 
 
 def _piece(piece: Piece, origin: tuple[float, float] | None) -> dict[str, Any]:
@@ -170,8 +170,8 @@ def _piece(piece: Piece, origin: tuple[float, float] | None) -> dict[str, Any]:
         "reason": piece.reason,
         "length_m": round(piece.length_m, 1),
         **{name: _rounded(width) for name, width in widths.items()},
-        "from": _place(piece.line[0, 0], piece.line[0, 1], origin),
-        "to": _place(piece.line[-1, 0], piece.line[-1, 1], origin),
+        "from": _location(piece.line[0, 0], piece.line[0, 1], origin),
+        "to": _location(piece.line[-1, 0], piece.line[-1, 1], origin),
     }
 
 
@@ -187,7 +187,7 @@ def _checked(check: Check, origin: tuple[float, float] | None) -> dict[str, Any]
         "passed": check.passed,
         "worst_over_tolerance": worst,
         "cells_beyond": check.cells,
-        "at": check.place(origin),
+        "at": check.location(origin),
         "published": _finite(check.published),
         "recomputed": _finite(check.recomputed),
         "tolerance": _finite(check.tolerance),
@@ -201,15 +201,15 @@ def _finite(value: float) -> float | None:
 def _failure(check: Check, origin: tuple[float, float] | None) -> str:
     unit = f" {check.unit}" if check.unit else ""
     return (
-        f"auv{check.vehicle}: {check.what}: got {check.published:.3f}{unit} at {_where(check.place(origin))}; expected "
-        f"{check.recomputed:.3f} ± {check.tolerance:.3f}{unit} ({check.cells} cells differ)"
+        f"auv{check.vehicle}: {check.what}: got {check.published:.3f}{unit} at {_where(check.location(origin))}; "
+        f"expected {check.recomputed:.3f} ± {check.tolerance:.3f}{unit} ({check.cells} cells differ)"
     )
 
 
-def _where(place: Mapping[str, float]) -> str:
-    text = f"north {place['north_m']:.0f} m, east {place['east_m']:.0f} m"
-    if "latitude_deg" in place:
-        text += f" ({place['latitude_deg']:.5f}, {place['longitude_deg']:.5f} deg)"
+def _where(location: Mapping[str, float]) -> str:
+    text = f"north {location['north_m']:.0f} m, east {location['east_m']:.0f} m"
+    if "latitude_deg" in location:
+        text += f" ({location['latitude_deg']:.5f}, {location['longitude_deg']:.5f} deg)"
     return text
 
 

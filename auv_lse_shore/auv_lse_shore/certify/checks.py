@@ -67,13 +67,13 @@ class Check:
     tolerance: float
     unit: str
 
-    def place(self, origin: tuple[float, float] | None) -> dict[str, float]:
+    def location(self, origin: tuple[float, float] | None) -> dict[str, float]:
         """Where the largest difference is, with latitude and longitude if the origin (deg) is known."""
-        place = {"north_m": round(self.north_m, 2), "east_m": round(self.east_m, 2)}
+        location = {"north_m": round(self.north_m, 2), "east_m": round(self.east_m, 2)}
         if origin is not None:
             latitude, longitude = geodetic_from_local(self.north_m, self.east_m, *origin)
-            place |= {"latitude_deg": round(float(latitude), 7), "longitude_deg": round(float(longitude), 7)}
-        return place
+            location |= {"latitude_deg": round(float(latitude), 7), "longitude_deg": round(float(longitude), 7)}
+        return location
 
 
 def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) -> tuple[list[Check], list[str]]:
@@ -82,7 +82,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
     Args:
         published: Its last map.
         settings: The mission's settings.
-        run: All vehicles, at corrected places.
+        run: All vehicles, at corrected positions.
 
     Returns:
         The comparisons, and what could not be compared.
@@ -93,7 +93,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
     same_grid = inside.shape == grid.inside.shape and np.allclose(field.north_m, grid.north_m)
     if not same_grid or not np.allclose(field.east_m, grid.east_m) or field.level_m != settings.level_set.level_m:
         return [_other_ground(published, settings)], []
-    at, prior = grid.places_m, dense_prior(settings.gp, settings.area)
+    at, prior = grid.locations_m, dense_prior(settings.gp, settings.area)
     shown = {name: np.asarray(getattr(field, name), dtype=float)[grid.inside] for name in ("mean_m", "std_m", "p_safe")}
     checks, notes = [], []
     if published.centers is None:
@@ -102,7 +102,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
         notes.append(f"{vehicle}: gp.local makes maps that no dense computation equals")
     else:
         c = published.centers
-        given = Measurements.of_centers(c.places_m, c.depths_m, c.noise_std_m, c.place_effect_m)
+        given = Measurements.of_centers(c.locations_m, c.depths_m, c.noise_std_m, c.position_effect_m)
         found = dense_map(prior, given, at)
         compared = _against_centers(published.vehicle, shown, found, settings, at)
         late = [check for check in compared if not check.passed and found.count > DENSE_CENTERS]

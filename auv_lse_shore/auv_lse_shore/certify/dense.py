@@ -26,7 +26,7 @@ MAX_AVERAGES = 6000
 #: Of more soundings, an average counts as measured at their centroid. In a square of 10 m this moves a depth by
 #: centimeters; the sum over all pairs of soundings would take minutes.
 MAX_EXACT = 15_000
-#: Of more measurements, only those near a place count for it.
+#: Of more measurements, only those near a location count for it.
 MAX_WHOLE = 1500
 #: How near, in lengths of the kernel (of a Wendland kernel: supports).
 NEAR = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0, "wendland_c2": 1.3, "wendland_c4": 1.3}
@@ -43,10 +43,10 @@ class DensePrior:
         std_m: Standard deviation of the depth.
         lengths_m: Length along the first and the second axis; of a Wendland kernel its support.
         rotation_deg: Direction of the first axis, clockwise from north.
-        mean: Prior mean, places (P, 2) -> depths (P,).
+        mean: Prior mean, locations (P, 2) -> depths (P,).
         worth: Number of soundings that the standard deviation counts as (`gp.std_soundings`).
         length_m: Length scale by which the ground's roughness is estimated (`gp.length_scale_m`).
-        bank: Factor s on the standard deviation near a known shore, places (P, 2) -> (P,); None: all ground is open.
+        bank: Factor s on the standard deviation near a known shore, locations (P, 2) -> (P,); None: all ground is open.
         shore_m: Depth along that shore.
     """
 
@@ -61,7 +61,7 @@ class DensePrior:
     shore_m: float = 0.0
 
     def variance(self, at_m: Array) -> Array:
-        """Variance (P,) of the depth at places (P, 2)."""
+        """Variance (P,) of the depth at locations (P, 2)."""
         return self.std_m**2 * (np.ones(len(at_m)) if self.bank is None else self.bank(at_m) ** 2)
 
     def width_scale(self, at_m: Array, mean_m: Array) -> Array:
@@ -96,7 +96,7 @@ class DensePrior:
         return np.asarray(-56.0 / 3.0 * rest**5 * (1.0 + 5.0 * r))  # wendland_c4
 
     def covariance(self, a_m: Array, b_m: Array) -> Array:
-        """Covariance (A, B) of the depths at places (A, 2) and (B, 2)."""
+        """Covariance (A, B) of the depths at locations (A, 2) and (B, 2)."""
         r = cdist(self.scaled(a_m), self.scaled(b_m))
         rest = np.clip(1.0 - r, 0.0, None)
         root3, root5 = math.sqrt(3.0) * r, math.sqrt(5.0) * r
@@ -117,10 +117,10 @@ class DensePrior:
             correlation = correlation * np.outer(self.bank(a_m), self.bank(b_m))
         return np.asarray(self.std_m**2 * correlation)
 
-    def scaled(self, places_m: Array) -> Array:
-        """Places (P, 2) along and across the first axis, in lengths."""
+    def scaled(self, locations_m: Array) -> Array:
+        """Locations (P, 2) along and across the first axis, in lengths."""
         angle = math.radians(self.rotation_deg)
-        north, east = places_m[:, 0], places_m[:, 1]
+        north, east = locations_m[:, 0], locations_m[:, 1]
         along, right = (
             math.cos(angle) * north + math.sin(angle) * east,
             math.cos(angle) * east - math.sin(angle) * north,
@@ -130,12 +130,12 @@ class DensePrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DenseMap:
-    """A map at places.
+    """A map at locations.
 
     Attributes:
         mean_m: Mean depth (P,).
         prior_std_m: Standard deviation (P,) with the prior's scale, uncertain positions included.
-        std_m: Standard deviation (P,) with the roughness that the soundings show near each place.
+        std_m: Standard deviation (P,) with the roughness that the soundings show near each location.
         variance_scale: Mean factor by which that rescales the variance.
         count: Number of measurements: averages of soundings, or kernel centers.
     """
@@ -152,28 +152,32 @@ class Measurements:
     """Averages of soundings; without groups, each sounding is one.
 
     Attributes:
-        places_m: Where soundings were taken (S, 2), group by group.
+        locations_m: Where soundings were taken (S, 2), group by group.
         depths_m: Measured average depth of each group (n,).
         noise_m2: Variance of its error (n,).
         starts: First sounding of each group (n,).
         effect_m: Change of each average per standard deviation of each mode of common position errors (n, r).
     """
 
-    places_m: Array
+    locations_m: Array
     depths_m: Array
     noise_m2: Array
     starts: NDArray[np.int64]
     effect_m: Array
 
     @classmethod
-    def of_centers(cls, places_m: Array, depths_m: Array, noise_std_m: Array, effect_m: Array | None) -> Measurements:
+    def of_centers(
+        cls, locations_m: Array, depths_m: Array, noise_std_m: Array, effect_m: Array | None
+    ) -> Measurements:
         """Single measurements, such as recorded kernel centers."""
         n = len(depths_m)
         effect = np.zeros((n, 0)) if effect_m is None else effect_m
-        return cls(places_m=places_m, depths_m=depths_m, noise_m2=noise_std_m**2, starts=np.arange(n), effect_m=effect)
+        return cls(
+            locations_m=locations_m, depths_m=depths_m, noise_m2=noise_std_m**2, starts=np.arange(n), effect_m=effect
+        )
 
     @classmethod
-    def averaged(cls, places_m: Array, depths_m: Array, noise_std_m: float, square_m: float) -> Measurements:
+    def averaged(cls, locations_m: Array, depths_m: Array, noise_std_m: float, square_m: float) -> Measurements:
         """Soundings within one square of a grid become one measurement, their average.
 
         Averages are linear in the depth, so up to `MAX_EXACT` soundings nothing is approximated: the covariance of
@@ -182,7 +186,7 @@ class Measurements:
         n = len(depths_m)
         square, cells = max(square_m, 1e-3), np.empty((0, 2))
         while True:
-            cells = np.floor(places_m / square)
+            cells = np.floor(locations_m / square)
             _, group = np.unique(cells, axis=0, return_inverse=True)
             if n == 0 or group.max() < MAX_AVERAGES:
                 break
@@ -191,11 +195,11 @@ class Measurements:
         order = np.argsort(group, kind="stable")
         starts = np.flatnonzero(np.diff(group[order], prepend=-1))
         counts = np.diff(np.append(starts, n))
-        places_m = places_m[order]
+        locations_m = locations_m[order]
         if n > MAX_EXACT:
-            places_m = np.add.reduceat(places_m, starts, axis=0) / counts[:, None]
+            locations_m = np.add.reduceat(locations_m, starts, axis=0) / counts[:, None]
         return cls(
-            places_m=places_m,
+            locations_m=locations_m,
             depths_m=np.add.reduceat(depths_m[order], starts) / counts if n else np.zeros(0),
             noise_m2=noise_std_m**2 / counts,
             starts=np.arange(len(starts)) if n > MAX_EXACT else starts,
@@ -204,15 +208,15 @@ class Measurements:
 
     @property
     def counts(self) -> Numbers:
-        """Number of places of each average (n,)."""
-        return np.diff(np.append(self.starts, len(self.places_m)))
+        """Number of locations of each average (n,)."""
+        return np.diff(np.append(self.starts, len(self.locations_m)))
 
     def take(self, numbers: Numbers) -> Measurements:
         """The averages with these numbers, in ascending order."""
         counts, chosen = self.counts, np.zeros(len(self.starts), dtype=bool)
         chosen[numbers] = True
         return Measurements(
-            places_m=self.places_m[np.repeat(chosen, counts)],
+            locations_m=self.locations_m[np.repeat(chosen, counts)],
             depths_m=self.depths_m[numbers],
             noise_m2=self.noise_m2[numbers],
             starts=np.cumsum(counts[numbers]) - counts[numbers],
@@ -220,11 +224,12 @@ class Measurements:
         )
 
     def covariance_with(self, prior: DensePrior, at_m: Array) -> Array:
-        """Covariance (P, n) of the depths at places (P, 2) with the averages."""
+        """Covariance (P, n) of the depths at locations (P, 2) with the averages."""
         counts = self.counts
-        rows = max(1, _ENTRIES // max(len(self.places_m), 1))
+        rows = max(1, _ENTRIES // max(len(self.locations_m), 1))
         parts = [
-            np.add.reduceat(prior.covariance(at_m[first : first + rows], self.places_m), self.starts, axis=1) / counts
+            np.add.reduceat(prior.covariance(at_m[first : first + rows], self.locations_m), self.starts, axis=1)
+            / counts
             for first in range(0, len(at_m), rows)
         ]
         return np.concatenate(parts) if parts else np.zeros((0, len(self.starts)))
@@ -232,22 +237,25 @@ class Measurements:
     def covariance(self, prior: DensePrior) -> Array:
         """Covariance (n, n) of the averages, without noise."""
         counts = self.counts
-        full = self.covariance_with(prior, self.places_m)
+        full = self.covariance_with(prior, self.locations_m)
         return np.asarray(np.add.reduceat(full, self.starts, axis=0) / counts[:, None])
 
 
 def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
-    """The posterior at places (P, 2) given measurements; of more than `MAX_WHOLE` those near a place, by squares."""
+    """The posterior at locations (P, 2) given measurements; of more than `MAX_WHOLE` those near a location, by
+    squares."""
     n = len(given.starts)
     mean, variance = np.array(prior.mean(at_m), dtype=float), prior.variance(at_m)
     floor, steep, errors = np.zeros(len(at_m)), np.full(len(at_m), 0.5), np.zeros(n)
-    places = np.add.reduceat(given.places_m, given.starts, axis=0) / given.counts[:, None] if n else np.zeros((0, 2))
-    parts = list(_squares(prior, places, at_m))
+    locations = (
+        np.add.reduceat(given.locations_m, given.starts, axis=0) / given.counts[:, None] if n else np.zeros((0, 2))
+    )
+    parts = list(_squares(prior, locations, at_m))
     for near, home, cells in parts:
         local = given.take(near)
         covariance = local.covariance(prior) + np.diag(local.noise_m2)
         lower = cholesky(covariance, lower=True)  # RW2006, line 2
-        residuals = local.depths_m - np.add.reduceat(prior.mean(local.places_m), local.starts) / local.counts
+        residuals = local.depths_m - np.add.reduceat(prior.mean(local.locations_m), local.starts) / local.counts
         white = solve_triangular(lower, residuals, lower=True)
         effect = solve_triangular(lower, local.effect_m, lower=True)
         weights = solve_triangular(lower, white, lower=True, trans=1)
@@ -260,15 +268,15 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
             floor[part] = ((v.T @ effect) ** 2).sum(axis=1)
             steep[part] += 0.5 * squared_slopes(prior, local, weights, at_m[part]) / prior.squared_slope
         covariance += local.effect_m @ local.effect_m.T
-        own_steep = 0.5 + 0.5 * squared_slopes(prior, local, weights, places[near[home]]) / prior.squared_slope
-        left_out = left_out_errors(covariance, residuals, places[near], np.flatnonzero(home), prior)
+        own_steep = 0.5 + 0.5 * squared_slopes(prior, local, weights, locations[near[home]]) / prior.squared_slope
+        left_out = left_out_errors(covariance, residuals, locations[near], np.flatnonzero(home), prior)
         errors[near[home]] = left_out / own_steep
     everywhere = (prior.worth + errors.sum()) / (prior.worth + n) if prior.worth > 0.0 else 1.0
     variance = np.maximum(variance, 0.0)
     steep += 0.5 * variance / prior.variance(at_m)
     scale = np.full(len(at_m), everywhere)
     for near, _, cells in parts if prior.worth > 0.0 else ():
-        scale[cells] = steep[cells] * _variance_scales(errors[near], places[near], at_m[cells], prior, everywhere)
+        scale[cells] = steep[cells] * _variance_scales(errors[near], locations[near], at_m[cells], prior, everywhere)
     scale += prior.width_scale(at_m, mean)
     return DenseMap(
         mean_m=mean,
@@ -280,21 +288,23 @@ def dense_map(prior: DensePrior, given: Measurements, at_m: Array) -> DenseMap:
 
 
 def squared_slopes(prior: DensePrior, given: Measurements, weights: Array, at_m: Array) -> Array:
-    """Squared slope (P,) of the mean less the prior mean at places (P, 2), on the scale of open ground.
+    """Squared slope (P,) of the mean less the prior mean at locations (P, 2), on the scale of open ground.
 
     The mean less the prior mean is the sum of covariances with the measurements times their weights (n,).
     """
-    each = np.repeat(weights / given.counts, given.counts) * np.sqrt(prior.variance(given.places_m)) * prior.std_m
-    data, places, slopes = prior.scaled(given.places_m), prior.scaled(at_m), np.empty((len(at_m), 2))
+    each = np.repeat(weights / given.counts, given.counts) * np.sqrt(prior.variance(given.locations_m)) * prior.std_m
+    data, locations, slopes = prior.scaled(given.locations_m), prior.scaled(at_m), np.empty((len(at_m), 2))
     rows = max(1, _ENTRIES // len(data))
     for first in range(0, len(at_m), rows):
-        part = places[first : first + rows]
+        part = locations[first : first + rows]
         falls = prior.correlation_slope(cdist(part, data)) * each
         slopes[first : first + rows] = falls.sum(axis=1)[:, None] * part - falls @ data
     return np.asarray(((slopes / prior.lengths_m) ** 2).sum(axis=1))
 
 
-def left_out_errors(covariance: Array, residuals: Array, places_m: Array, numbers: Numbers, prior: DensePrior) -> Array:
+def left_out_errors(
+    covariance: Array, residuals: Array, locations_m: Array, numbers: Numbers, prior: DensePrior
+) -> Array:
     """Squared standardized errors (m,) of the measurements `numbers` (m,), from those more than .3 length scales away.
 
     Errors of all the measurements left out together are S_BB^-1 (S r)_B, of covariance S_BB^-1, with the inverse S of
@@ -304,25 +314,25 @@ def left_out_errors(covariance: Array, residuals: Array, places_m: Array, number
     weighted = inverse @ residuals
     squares = np.empty(len(numbers))
     for i, number in enumerate(numbers):
-        block = np.flatnonzero(((places_m - places_m[number]) ** 2).sum(axis=1) <= (0.3 * prior.length_m) ** 2)
+        block = np.flatnonzero(((locations_m - locations_m[number]) ** 2).sum(axis=1) <= (0.3 * prior.length_m) ** 2)
         own = block == number
         spread = np.linalg.solve(inverse[np.ix_(block, block)], own.astype(float))
         squares[i] = (spread @ weighted[block]) ** 2 / spread[own][0]
     return squares
 
 
-def _variance_scales(squares: Array, places_m: Array, at_m: Array, prior: DensePrior, everywhere: float) -> Array:
+def _variance_scales(squares: Array, locations_m: Array, at_m: Array, prior: DensePrior, everywhere: float) -> Array:
     """Factor (P,) at a steepness of 1: the mean of nearby squares, with that of the whole map as 3 further ones."""
     scales, rows = np.empty(len(at_m)), max(1, _ENTRIES // len(squares))
     for first in range(0, len(at_m), rows):
         part = slice(first, first + rows)
-        weights = np.exp(-0.5 * (cdist(at_m[part], places_m) / (0.5 * prior.length_m)) ** 2)
+        weights = np.exp(-0.5 * (cdist(at_m[part], locations_m) / (0.5 * prior.length_m)) ** 2)
         scales[part] = (3.0 * everywhere + weights @ squares) / (3.0 + weights.sum(axis=1))
     return scales
 
 
 def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tuple[Numbers, Mask, Numbers]]:
-    """Of measurements (n, 2): those that count in a square, which of them are in it, and the places (P, 2) in it.
+    """Of measurements (n, 2): those that count in a square, which of them are in it, and the locations (P, 2) in it.
 
     A few measurements are in one square. Distances are in the prior's lengths.
     """
@@ -333,8 +343,8 @@ def _squares(prior: DensePrior, measured_m: Array, at_m: Array) -> Iterator[tupl
         return
     margin = NEAR[prior.kernel]
     side = 0.5 * margin
-    measured, places = prior.scaled(measured_m), prior.scaled(at_m)
-    homes, corners = np.floor(measured / side), np.floor(places / side)
+    measured, locations = prior.scaled(measured_m), prior.scaled(at_m)
+    homes, corners = np.floor(measured / side), np.floor(locations / side)
     for corner in np.unique(np.concatenate([homes, corners]), axis=0):
         middle = (corner + 0.5) * side
         gap = np.maximum(np.abs(measured - middle) - 0.5 * side, 0.0)

@@ -29,9 +29,9 @@ from auv_lse_record.run_data import RunData
 from auv_lse_shore.certify.dense import DenseMap, DensePrior, Measurements, dense_map
 from auv_lse_shore.certify.recorded import Recorded
 from auv_lse_shore.judge.isobath import trace
-from auv_lse_shore.judge.team_map import sounded_places
-from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
-from auv_lse_shore.places.merging import merged
+from auv_lse_shore.judge.team_map import sounded_locations
+from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
+from auv_lse_shore.positions.merging import merged
 
 Array = NDArray[np.float64]
 
@@ -44,13 +44,13 @@ class FinalMap:
     """The final map.
 
     Attributes:
-        run: All vehicles, with soundings at the places of this map.
+        run: All vehicles, with soundings at the locations of this map.
         area: The operating area.
         field: The map on its grid.
         pieces: Its isobath, in pieces of one class.
         undiscovered: Isobath that may be missing.
         averages: Number of averages of soundings that the map is made from.
-        places: How the places of soundings were estimated.
+        locations: How the positions of soundings were estimated.
     """
 
     run: RunData
@@ -59,7 +59,7 @@ class FinalMap:
     pieces: list[Piece]
     undiscovered: Undiscovered
     averages: int
-    places: str
+    locations: str
 
 
 def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
@@ -88,7 +88,7 @@ def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
 
 
 def shore_factor(area: AreaConfig) -> Callable[[Array], Array] | None:
-    """Factor s = 1 - exp(-d / 25 m), at least .05, at places at distance d from the shore; None if there is none."""
+    """Factor s = 1 - exp(-d / 25 m), at least .05, at locations at distance d from the shore; None if there is none."""
     lines = [shapely.LineString(np.reshape(flat, (-1, 2))) for flat in area.shore.values()]
     if not lines:
         return None
@@ -103,9 +103,9 @@ def _banked(
 
 
 def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
-    """All vehicles with soundings at the best places that the recordings support, and how these were estimated."""
+    """All vehicles with soundings at the best locations that the recordings support, and how these were estimated."""
     run = merged(recorded.runs)
-    if not corrects_places(run):
+    if not corrects_positions(run):
         return run, "as the vehicles recorded them"
     try:
         return merged(adjust(recorded.runs).runs), "estimated from fixes, ranges and track crossings (scripts/adjust)"
@@ -124,21 +124,21 @@ def measurements(gp: GpConfig, own: Soundings, heard: Soundings | None = None) -
 _NONE: Array = np.zeros((0, 3))
 
 
-def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
+def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
     """The map of all soundings of all vehicles."""
     gp, level_set = recorded.settings.gp, recorded.settings.level_set
     area, prior = OperatingArea(recorded.settings.area), dense_prior(gp, recorded.settings.area)
     grid = area.grid(gp.map_resolution_m, "gp.map_resolution_m")
     parts = [measurements(gp, vehicle.soundings) for vehicle in run.vehicles]
     given = _joined(parts)
-    found = dense_map(prior, given, grid.places_m)
+    found = dense_map(prior, given, grid.locations_m)
     field = _field(grid, found, level_set)
     lines = trace(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
     shore_known = prior.bank is not None
-    pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_places(run), shore_known=shore_known)
+    pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_locations(run), shore_known=shore_known)
     counts = given.counts
     centers = Centers(
-        np.add.reduceat(given.places_m, given.starts, axis=0) / counts[:, None],
+        np.add.reduceat(given.locations_m, given.starts, axis=0) / counts[:, None],
         given.depths_m,
         np.sqrt(given.noise_m2),
     )
@@ -156,17 +156,17 @@ def final_map(recorded: Recorded, run: RunData, places: str) -> FinalMap:
             Banks.of(area.config, level_set.level_m),
         ),
         averages=found.count,
-        places=places,
+        locations=locations,
     )
 
 
 def _joined(parts: list[Measurements]) -> Measurements:
     """Averages of several vehicles: each vehicle's are its own, because their errors differ."""
-    sizes = np.cumsum([0, *(len(part.places_m) for part in parts)])
+    sizes = np.cumsum([0, *(len(part.locations_m) for part in parts)])
     starts = [part.starts + size for part, size in zip(parts, sizes, strict=False)]
     n = sum(len(part.starts) for part in parts)
     return Measurements(
-        places_m=np.concatenate([np.zeros((0, 2)), *(part.places_m for part in parts)]),
+        locations_m=np.concatenate([np.zeros((0, 2)), *(part.locations_m for part in parts)]),
         depths_m=np.concatenate([np.zeros(0), *(part.depths_m for part in parts)]),
         noise_m2=np.concatenate([np.zeros(0), *(part.noise_m2 for part in parts)]),
         starts=np.concatenate([np.zeros(0, dtype=np.int64), *starts]),

@@ -14,7 +14,7 @@ from auv_lse_record.recording import MISSION_FILE, SOFTWARE, STORAGES, Recording
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_reader import read_bag
 from auv_lse_shore.judge.team_map import mission_settings
-from auv_lse_shore.places.merging import on_one_clock
+from auv_lse_shore.positions.merging import on_one_clock
 
 _BLOCK = 1 << 20
 

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.commands.vehicle import vehicle_number
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
@@ -16,11 +15,12 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 from auv_lse_gp.map.depth_map import BAND_SIGMAS
+from auv_lse_run.vehicle.run_vehicle import vehicle_number
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_files, check_machine, check_recording
 from auv_lse_shore.check.mission_file import check_file
-from auv_lse_shore.check.places import places_notes
+from auv_lse_shore.check.positions import positions_notes
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
 
@@ -38,8 +38,8 @@ def parser() -> argparse.ArgumentParser:
         "--area",
         type=Path,
         metavar="FILE",
-        help="check with the area, no-go areas, starts and recovery places of a GeoJSON, KML or QGroundControl .plan "
-        "file, as scripts/mission --area; without MISSION.yaml with the default mission",
+        help="check with the area, no-go areas, starts and recovery positions of a GeoJSON, KML or QGroundControl "
+        ".plan file, as scripts/mission --area; without MISSION.yaml with the default mission",
     )
     p.add_argument(
         "--map",
@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         const=Path(),
         metavar="OUT.png",
-        help="draw area, no-go areas, margin, starts and recovery places (default: MISSION-map.png in this folder)",
+        help="draw area, no-go areas, margin, starts and recovery positions (default: MISSION-map.png in this folder)",
     )
     p.add_argument("--vehicle", metavar="NAME", help="also check this computer as that of a vehicle, such as auv2")
     p.add_argument("--strict", action="store_true", help="treat warnings as errors")
@@ -78,17 +78,17 @@ def check(
     Args:
         path: The mission file.
         vehicle: Also check this computer as that of a vehicle ("auv2").
-        area_file: File of places that replaces the mission file's area.
+        area_file: File of positions that replaces the mission file's area.
         picture: Where to draw the mission; None: nowhere.
 
     Raises:
-        ParameterError: if the file or its places cannot be read.
+        ParameterError: if the file or its positions cannot be read.
         OSError: if the picture cannot be written.
     """
     findings = Findings()
     settings = check_file(path, findings, area_file)
-    places = places_notes(path, area_file)
-    for text in places:
+    positions = positions_notes(path, area_file)
+    for text in positions:
         findings.note(text)
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
@@ -105,7 +105,11 @@ def check(
         check_machine(settings, number, simulated, findings)
     if picture is not None:
         _draw(
-            settings, findings, picture, f"{path.name}{'' if area_file is None else f' with {area_file.name}'}", places
+            settings,
+            findings,
+            picture,
+            f"{path.name}{'' if area_file is None else f' with {area_file.name}'}",
+            positions,
         )
     return findings
 

@@ -82,17 +82,17 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable |
             continue
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
-        place = f"auv{number}: vehicle.start_north_m, start_east_m: got {start[0]:g}, {start[1]:g} m"
+        position = f"auv{number}: vehicle.start_north_m, start_east_m: got {start[0]:g}, {start[1]:g} m"
         clearance = float(area.clearance_m(start[None])[0])
         if not area.contains(start[None])[0]:
-            findings.error(f"{place}, outside the operating area or in a no-go area; expected a start inside")
+            findings.error(f"{position}, outside the operating area or in a no-go area; expected a start inside")
         elif clearance < margin:
             findings.warning(
-                f"{place}, {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
+                f"{position}, {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
             )
         elif motion is not None and not can_turn(area, motion, v.start_heading_rad, start):
             findings.warning(
-                f"{place}, without room for a turning circle (motion.turn_radius_m "
+                f"{position}, without room for a turning circle (motion.turn_radius_m "
                 f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start farther inside, "
                 "or another vehicle.start_heading_rad"
             )

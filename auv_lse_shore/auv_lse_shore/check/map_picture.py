@@ -36,7 +36,7 @@ _CASING = [withStroke(linewidth=2.5, foreground="white")]
 
 @styled
 def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) -> Figure:
-    """Area, no-go areas, margin, starts with headings, lawnmower paths and recovery places on a map.
+    """Area, no-go areas, margin, starts with headings, lawnmower paths and recovery positions on a map.
 
     Args:
         settings: The mission; the parameters of area, motion and vehicles are usable.
@@ -47,8 +47,8 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
         ParameterError: if the area is impossible.
     """
     area = OperatingArea(settings.area)
-    places = np.vstack([area.polygon, *_marked_places(settings)])
-    low, high = places.min(axis=0), places.max(axis=0)
+    positions = np.vstack([area.polygon, *_marked_positions(settings)])
+    low, high = positions.min(axis=0), positions.max(axis=0)
     pad = 0.04 * float((high - low).max())
     aspect = float((high - low)[0] + 2.0 * pad) / float((high - low)[1] + 2.0 * pad)
     height = min(max((WIDTH_IN - 1.2) * aspect, 2.0), 8.0)
@@ -72,20 +72,20 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
     return figure
 
 
-def _marked_places(settings: Settings) -> list[Array]:
-    """Places (n, 2) north, east (m) of the starts and the recovery places."""
+def _marked_positions(settings: Settings) -> list[Array]:
+    """Positions (n, 2) north, east (m) of the starts and the recovery positions."""
     starts = [(own.vehicle.start_north_m, own.vehicle.start_east_m) for own in settings.vehicles]
-    return [np.array(starts), *(np.array([place]) for place in _recoveries(settings))]
+    return [np.array(starts), *(np.array([position]) for position in _recoveries(settings))]
 
 
 def _recoveries(settings: Settings) -> dict[tuple[float, float], list[int]]:
-    """The vehicles of each recovery place (north, east in m)."""
-    places: dict[tuple[float, float], list[int]] = {}
+    """The vehicles of each recovery position (north, east in m)."""
+    positions: dict[tuple[float, float], list[int]] = {}
     for number, own in enumerate(settings.vehicles, 1):
         north, east = own.vehicle.recovery_north_m, own.vehicle.recovery_east_m
         if north is not None and east is not None:
-            places.setdefault((north, east), []).append(number)
-    return places
+            positions.setdefault((north, east), []).append(number)
+    return positions
 
 
 def _draw_area(axis: Any, area: OperatingArea) -> None:
@@ -113,12 +113,12 @@ def _draw_lanes(axis: Any, settings: Settings, area: OperatingArea) -> None:
             continue
         rollout = PlannedPaths(settings.planner_settings(number), area).rollout
         path = rollout.path(0, start, (), FITTED[(number - 1) % len(FITTED)])
-        line = np.vstack([start[None, 1:], path.places_m])
+        line = np.vstack([start[None, 1:], path.locations_m])
         axis.plot(line[:, 1], line[:, 0], lw=0.9, alpha=0.75, zorder=3, **vehicle_style(number - 1))
 
 
 def _draw_vehicles(axis: Any, settings: Settings) -> None:
-    """Draws starts as arrows along the heading, and recovery places as crosses; both with their vehicles."""
+    """Draws starts as arrows along the heading, and recovery positions as crosses; both with their vehicles."""
     starts: dict[tuple[float, float], list[int]] = {}
     length = 0.06 * float(np.ptp(axis.get_xlim()))
     for number, own in enumerate(settings.vehicles, 1):
@@ -126,10 +126,10 @@ def _draw_vehicles(axis: Any, settings: Settings) -> None:
         ahead = (length * math.sin(v.start_heading_rad), length * math.cos(v.start_heading_rad))
         color = vehicle_style(number - 1)["color"]
         arrow = {"arrowstyle": "-|>", "lw": 2.0, "color": color, "shrinkA": 0.0, "shrinkB": 0.0}
-        place = (v.start_east_m, v.start_north_m)
-        axis.annotate("", (place[0] + ahead[0], place[1] + ahead[1]), place, zorder=5, arrowprops=arrow)
-        axis.plot(*place, "o", ms=5.0, mfc="white", mec="black", mew=0.9, zorder=5.5)
-        starts.setdefault(place, []).append(number)
+        position = (v.start_east_m, v.start_north_m)
+        axis.annotate("", (position[0] + ahead[0], position[1] + ahead[1]), position, zorder=5, arrowprops=arrow)
+        axis.plot(*position, "o", ms=5.0, mfc="white", mec="black", mew=0.9, zorder=5.5)
+        starts.setdefault(position, []).append(number)
     for (east, north), numbers in starts.items():
         _name(axis, north, east, _vehicles(numbers), below=True)
     for (north, east), numbers in _recoveries(settings).items():
@@ -160,6 +160,6 @@ def _handles(settings: Settings, area: OperatingArea) -> list[Any]:
         handles.append(Line2D([], [], color=_FREE, ls="--", lw=0.8, label=f"margin, {area.margin_m:g} m"))
     handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start and heading"))
     if _recoveries(settings):
-        handles.append(Line2D([], [], ls="", marker="P", ms=7, mfc="#009E73", mec="white", label="recovery place"))
+        handles.append(Line2D([], [], ls="", marker="P", ms=7, mfc="#009E73", mec="white", label="recovery position"))
     handles.append(Line2D([], [], lw=1.0, color="#777777", label="lawnmower, for comparison"))
     return handles

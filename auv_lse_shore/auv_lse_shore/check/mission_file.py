@@ -12,7 +12,7 @@ from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
-from auv_lse_common.mission_file.places_file import with_area_file
+from auv_lse_common.mission_file.positions_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, check_planner
 from auv_lse_common.mission_file.sections.table import (
@@ -36,13 +36,13 @@ def check_file(path: Path, findings: Findings, area_file: Path | None = None) ->
     Args:
         path: The mission file.
         findings: Takes what is found.
-        area_file: File of places that replaces the mission file's area.
+        area_file: File of positions that replaces the mission file's area.
 
     Returns:
         The settings. Refused parameters have their defaults and are listed in `findings.refused`.
 
     Raises:
-        ParameterError: if the file is missing, or not a ROS 2 parameter file, or the places cannot be used.
+        ParameterError: if the file is missing, or not a ROS 2 parameter file, or the positions cannot be used.
     """
     patterns = read_parameter_file(path)
     if area_file is not None:
@@ -82,9 +82,9 @@ def _usable_section(
     pattern: str, name: str, given: Mapping[str, Any], where: str, vehicle: int | None, findings: Findings
 ) -> dict[str, Any] | None:
     """The usable values of a section, `given` with dotted names as the file has them; None: no section."""
-    place = f"{where}: {pattern}"
+    position = f"{where}: {pattern}"
     try:
-        check_sections({name: None}, place, ignore=("use_sim_time",))
+        check_sections({name: None}, position, ignore=("use_sim_time",))
         if name not in SECTIONS:
             return None
         check_pattern(pattern, {name: None}, where, _MOST_VEHICLES)
@@ -94,9 +94,9 @@ def _usable_section(
     try:
         content = nest(given)[name]
     except ParameterError as error:
-        findings.refuse(name, f"{place}: {error}", vehicle)
+        findings.refuse(name, f"{position}: {error}", vehicle)
         return None
-    usable, refused = split_refused(SECTIONS[name], content, f"{place}: {name}")
+    usable, refused = split_refused(SECTIONS[name], content, f"{position}: {name}")
     for key, text in refused:
         findings.refuse(f"{name}.{key}".rstrip("."), text, vehicle)
     return usable
@@ -147,14 +147,14 @@ def _sections(
     findings: Findings,
 ) -> dict[str, Any]:
     """Sections from usable values; adds an error for each contradiction that is not among the `reported` ones."""
-    place = where if vehicle is None else f"{where} (auv{vehicle})"
+    position = where if vehicle is None else f"{where} (auv{vehicle})"
     built: dict[str, Any] = {}
     for name, kind in kinds.items():
         values = copy.deepcopy(parameters.get(name, {}))
         for text in _contradictions(kind, values, name, vehicle, findings):
             if text not in reported:
                 reported.add(text)
-                findings.error(f"{place}: {text}")
+                findings.error(f"{position}: {text}")
         built[name] = from_mapping(kind, values, name)
     return built
 

@@ -104,7 +104,7 @@ class Export:
     def rasters(self) -> Iterator[Raster]:
         """The maps."""
         cells = self.team.field
-        yield Raster("risk", "Bayes risk of the better classification", "cost per place", cells.risk)
+        yield Raster("risk", "Bayes risk of the better classification", "cost per location", cells.risk)
         yield Raster("depth", "depth of water, positive down", "m", cells.mean_m)
         yield Raster("std", "standard deviation of the depth", "m", cells.std_m)
 

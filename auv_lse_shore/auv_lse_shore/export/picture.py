@@ -17,7 +17,7 @@ from auv_lse_shore.report.map_marks import add_graticule
 
 #: Panels: file, title, unit, colors.
 PANELS = (
-    ("risk.tif", "Bayes risk", "cost per place", "cividis"),
+    ("risk.tif", "Bayes risk", "cost per location", "cividis"),
     ("depth.tif", "depth", "m", "viridis_r"),
     ("std.tif", "its standard deviation", "m", "cividis"),
 )
@@ -57,8 +57,8 @@ def draw_export(folder: Path, path: Path) -> None:
         axis.set_xlabel("east (m)")
         axis.xaxis.set_major_locator(MaxNLocator(4))
     with (folder / "soundings.csv").open() as file:
-        places = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
-    axes[2].plot(*places.T, ".", ms=0.6, color="white", alpha=0.7)
+        locations = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
+    axes[2].plot(*locations.T, ".", ms=0.6, color="white", alpha=0.7)
     axes[0].set_ylabel("north (m)")
     for axis in axes:
         add_graticule(axis, _origin(crs), latitudes=axis is axes[-1])
@@ -75,7 +75,7 @@ def _origin(crs: Any) -> tuple[float, float] | None:
 
 
 def _local(line: Any, crs: Any) -> Any:
-    """Places (n, 2) of the GeoJSON in the coordinates of the rasters; `crs` is None for local metres."""
+    """Locations (n, 2) of the GeoJSON in the coordinates of the rasters; `crs` is None for local metres."""
     if crs is None:
         return line
     from pyproj import Transformer

@@ -36,7 +36,7 @@ class SurveyError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainties:
-    """Standard deviations of what a sounding depends on besides its place.
+    """Standard deviations of what a sounding depends on besides its location.
 
     Attributes:
         sounder_m: Noise of the sounder (m); None: `gp.noise_std_m` of the mission file.

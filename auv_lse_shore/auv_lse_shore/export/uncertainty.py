@@ -60,7 +60,7 @@ class SoundingUncertainty(NamedTuple):
     """Uncertainties of soundings, each (n,).
 
     Attributes:
-        thu_m: Total horizontal uncertainty (95 %); NaN where the place's is unknown.
+        thu_m: Total horizontal uncertainty (95 %); NaN where the location's is unknown.
         tvu_m: Total vertical uncertainty (95 %).
         order: Code of the order of S-44.
     """
@@ -73,7 +73,7 @@ class SoundingUncertainty(NamedTuple):
 def sounding_uncertainty(run: RunData, vehicle: VehicleRun, survey: Survey, noise_std_m: float) -> SoundingUncertainty:
     """Uncertainties of a vehicle's soundings.
 
-    THU is 1.96 times the root of the place's summed variances. Whatever their correlation, at least 95 % lie within.
+    THU is 1.96 times the root of the location's summed variances. Whatever their correlation, at least 95 % lie within.
     TVU adds the variances of sounder, pressure, sound speed (in proportion to the range) and water level.
 
     Args:
@@ -83,20 +83,20 @@ def sounding_uncertainty(run: RunData, vehicle: VehicleRun, survey: Survey, nois
         noise_std_m: Noise of the sounder, where the survey does not give it.
     """
     soundings: Soundings = vehicle.soundings
-    place_std, std = vehicle.place_std_at(soundings.stamp_s), survey.std
+    position_std, std = vehicle.position_std_at(soundings.stamp_s), survey.std
     range_m = np.maximum(soundings.depth_m - vehicle_depth_m(run, vehicle), 0.0)
     speed = survey.sounder_speed_mps if survey.sound_speed is None else float(survey.sound_speed[:, 1].mean())
     sounder = noise_std_m if std.sounder_m is None else std.sounder_m
     variance = sounder**2 + std.pressure_m**2 + (range_m * std.sound_speed_mps / speed) ** 2 + std.water_level_m**2
-    thu, tvu = SIGMAS_95 * np.sqrt((place_std**2).sum(axis=1)), SIGMAS_95 * np.sqrt(variance)
+    thu, tvu = SIGMAS_95 * np.sqrt((position_std**2).sum(axis=1)), SIGMAS_95 * np.sqrt(variance)
     return SoundingUncertainty(thu, tvu, orders_met(thu, tvu, soundings.depth_m))
 
 
 def cell_tvu_m(team: TeamMap, survey: Survey) -> Array:
     """Total vertical uncertainty (95 %) of the map's cells, shape (ny, nx).
 
-    To the map's standard deviation, which includes noise and places of the soundings, it adds what all soundings share:
-    water level, pressure and sound speed. A cell's place is exact.
+    To the map's standard deviation, which includes noise and positions of the soundings, it adds what all soundings
+    share: water level, pressure and sound speed. A cell's location is exact.
     """
     field, std = team.field, survey.std
     speed = survey.sounder_speed_mps if survey.sound_speed is None else float(survey.sound_speed[:, 1].mean())

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_common.process.background import run_in_background
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
+from auv_lse_run.process.background import run_in_background
 from auv_lse_shore.judge import figures_of_merit as merit
 from auv_lse_shore.judge import isobath
 from auv_lse_shore.judge.lawnmower import blank_map
@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-#: Number of places over which map risk is averaged at the steps before the end (at the end: over all).
-RISK_PLACES = 1500
+#: Number of locations over which map risk is averaged at the steps before the end (at the end: over all).
+RISK_LOCATIONS = 1500
 #: A map of more cells is evaluated in two processes.
 CELLS_OF_TWO_PROCESSES = 50_000
 
@@ -48,12 +48,12 @@ class Evaluation:
     """An evaluated mission: the summary, and the maps and curves that the figures show.
 
     Attributes:
-        run: The mission, with soundings at the places of `team_map`.
+        run: The mission, with soundings at the locations of `team_map`.
         settings: Settings of each vehicle, in order.
         team_map: Map from all soundings of all vehicles, in order of time, and its isobath.
         local: Each vehicle's own final map.
         ideal: The map from all soundings at their true positions; None if these are unknown.
-        alone_risk: Map risk of each vehicle from its own soundings alone (cost/place).
+        alone_risk: Map risk of each vehicle from its own soundings alone (cost/location).
         curves: Reward and bounds over steps.
         truth: Lines of the true isobath (empty without truth).
         scored: Cells evaluated, shape of the map.
@@ -153,16 +153,16 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
 
 
 def _thinned(grid: Grid, scored: Mask) -> Array:
-    """About `RISK_PLACES` of the evaluated cells, evenly spaced, over which the risk at each step is averaged."""
+    """About `RISK_LOCATIONS` of the evaluated cells, evenly spaced, over which the risk at each step is averaged."""
     rows, columns = np.nonzero(scored)
-    apart = max(1, round(len(rows) / RISK_PLACES))
+    apart = max(1, round(len(rows) / RISK_LOCATIONS))
     return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
 
 
 def _other_maps(
     run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array
 ) -> tuple[list[DepthField], DepthField | None, tuple[float, ...]]:
-    """Each vehicle's own map, the map at true positions, and each vehicle's risk at places `some` (P, 2) alone."""
+    """Each vehicle's own map, the map at true positions, and each vehicle's risk at locations `some` (P, 2) alone."""
     own = list(zip(run.vehicles, settings, strict=True))
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in own]
     return local, _ideal(run, settings[0], area), tuple(_risk_alone(v, s, some) for v, s in own)
@@ -172,7 +172,7 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
     """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival.
 
     Once the map is tiled, it takes all that is left together, as the vehicle does when it rebuilds its map after a
-    correction of places (`CorrectedMap.rebuild`): its own soundings, then the samples of each mate.
+    correction of locations (`CorrectedMap.rebuild`): its own soundings, then the samples of each mate.
     """
     depth_map = DepthMap(settings.gp, settings.level_set, area)
     own, heard = vehicle.soundings, vehicle.received.in_order()
@@ -194,7 +194,7 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
 
 
 def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) -> float:
-    """Mean risk at places (P, 2) given a vehicle's own soundings alone."""
+    """Mean risk at locations (P, 2) given a vehicle's own soundings alone."""
     gp = blank_map(settings)
     gp.add_all(vehicle.soundings.points_m)  # its own map discards the same ones
     return float(LevelSet.of(settings.level_set).risk(*gp.predict(map_m)).mean())

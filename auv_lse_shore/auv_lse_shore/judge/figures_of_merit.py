@@ -19,7 +19,7 @@ from auv_lse_gp.map.certainty import (
     GUESSED,
     LIKELY,
     NOT_VISITED,
-    PLACES_UNCERTAIN,
+    POSITIONS_UNCERTAIN,
     Piece,
     found_within_m,
     length_of,
@@ -42,7 +42,7 @@ from auv_lse_shore.judge.verdict import judge
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: A place with at least this probability counts as surely on one side of the level.
+#: A location with at least this probability counts as surely on one side of the level.
 SURE = 0.95
 
 
@@ -58,7 +58,7 @@ def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dic
         "isobath_likely_m": length_of(pieces, LIKELY),
         "isobath_guessed_m": length_of(pieces, GUESSED),
         "isobath_not_visited_m": uncertain(NOT_VISITED),
-        "isobath_places_uncertain_m": uncertain(PLACES_UNCERTAIN),
+        "isobath_positions_uncertain_m": uncertain(POSITIONS_UNCERTAIN),
         "isobath_flat_m": uncertain(FLAT),
         "isobath_found_within_m": found_within_m(pieces),
         "isobath_found": error and error.found,
@@ -147,11 +147,11 @@ def positions(run: RunData, settings: PlannerSettings) -> dict[str, Any]:
     navigation = [navigation_error(v) for v in run.vehicles]
     tracked = all(len(n) for n in navigation)
     placed = all(len(v.truth) and len(v.soundings) for v in run.vehicles)
-    apart = [v.soundings.places_m - true_positions(v).places_m for v in run.vehicles] if placed else []
+    apart = [v.soundings.locations_m - true_positions(v).locations_m for v in run.vehicles] if placed else []
     return {
         "navigation_error_m": tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
         "navigation_error_end_m": tuple(float(n[-1]) for n in navigation) if tracked else None,
-        "place_error_m": tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart) if placed else None,
+        "position_error_m": tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart) if placed else None,
         "distance_m": tuple(path_length_m(v) for v in run.vehicles),
         "min_separation_m": least_separation(run.vehicles),
         "outside_s": tuple(seconds for seconds, _ in excursions),

@@ -38,7 +38,7 @@ def trace(north_m: Array, east_m: Array, depth_m: Array, level_m: float) -> list
 
 
 def length_m(lines: Sequence[Array]) -> float:
-    """Total length (m) of lines of places (n, 2)."""
+    """Total length (m) of lines of locations (n, 2)."""
     return float(sum(np.hypot(*np.diff(line, axis=0).T).sum() for line in lines))
 
 

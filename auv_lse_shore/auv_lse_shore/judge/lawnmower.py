@@ -23,8 +23,8 @@ from auv_lse_shore.judge.planned_paths import PlannedPaths
 
 Array = NDArray[np.float64]
 
-#: Number of map places, or a few more, over which each vehicle's lawnmower is chosen.
-CHOICE_PLACES = 300
+#: Number of map locations, or a few more, over which each vehicle's lawnmower is chosen.
+CHOICE_LOCATIONS = 300
 
 
 def blank_map(settings: PlannerSettings) -> OnlineGp:
@@ -32,17 +32,17 @@ def blank_map(settings: PlannerSettings) -> OnlineGp:
     return OnlineGp(settings.gp, banks=Banks.of(settings.area, settings.level_set.level_m))
 
 
-def risk_if_measured(gp: OnlineGp, planned_m: Array, level_set: LevelSet, places_m: Array) -> tuple[Array, Array]:
-    """Bayes risk at places (P, 2) now, and expected once `planned_m` (O, 2) are measured too, shape (P,) each.
+def risk_if_measured(gp: OnlineGp, planned_m: Array, level_set: LevelSet, locations_m: Array) -> tuple[Array, Array]:
+    """Bayes risk at locations (P, 2) now, and expected once `planned_m` (O, 2) are measured too, shape (P,) each.
 
-    With more than `MAX_DENSE` centers and planned places it is computed tile by tile.
+    With more than `MAX_DENSE` centers and planned locations it is computed tile by tile.
     """
-    if len(places_m) == 0:
+    if len(locations_m) == 0:
         return np.empty(0), np.empty(0)
     if len(gp) + len(planned_m) > MAX_DENSE:
-        mean, variance, left = gp.tiled.planned_moments(places_m, planned_m)
+        mean, variance, left = gp.tiled.planned_moments(locations_m, planned_m)
     else:
-        found = gp.posterior.with_planned(planned_m).at(places_m)
+        found = gp.posterior.with_planned(planned_m).at(locations_m)
         mean, variance, left = found.mean_m, found.data_var_m2, found.planned_var_m2
     before = level_set.risk(mean, np.sqrt(variance))
     return before, level_set.expected_risk(mean, np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left))
@@ -57,7 +57,7 @@ class _Start(NamedTuple):
     legs: int
 
     def naive(self, naive_path: int) -> Array:
-        """Places (n, 2) of those legs of a naive path."""
+        """Locations (n, 2) of those legs of a naive path."""
         return self.paths.naive(self.plan, naive_path, self.legs)
 
 
@@ -78,12 +78,12 @@ def lawnmower_map_risk(
     the lanes fitted to its own strip, or each in turn takes the lawnmower that is best given those before it.
     """
     level_set, blank = LevelSet.of(settings[0].level_set), blank_map(settings[0])
-    some = map_m[:: max(1, len(map_m) // CHOICE_PLACES)]
+    some = map_m[:: max(1, len(map_m) // CHOICE_LOCATIONS)]
     starts = list(_starts(run, settings, paths))
 
-    def expected(planned: Sequence[Array], places: Array) -> float:
+    def expected(planned: Sequence[Array], locations: Array) -> float:
         joined = np.concatenate([np.empty((0, 2)), *planned])
-        return float(risk_if_measured(blank, joined, level_set, places)[1].mean())
+        return float(risk_if_measured(blank, joined, level_set, locations)[1].mean())
 
     def strips(ids: Sequence[int]) -> list[Array]:
         return [start.naive(ids[(start.vehicle - 1) % len(ids)]) for start in starts]
@@ -116,8 +116,8 @@ def lawnmower_path_reward(run: RunData, settings: Sequence[PlannerSettings], pat
         ids = [start.plan.naive_path] if start.plan.naive_path != NONE else [*LAWNMOWERS, *COVERING]
         joint = [np.concatenate([team, start.naive(naive_path)]) for naive_path in ids]
         rewards = []
-        for places in joint:
-            before, after = risk_if_measured(blank, places, level_set, places)
+        for locations in joint:
+            before, after = risk_if_measured(blank, locations, level_set, locations)
             rewards.append(float((before - after).sum()))
         best = int(np.argmax(rewards))
         value, team = rewards[best], joint[best]

@@ -45,12 +45,12 @@ class PlannedPaths:
         return self.ahead(decision)
 
     def leg(self, decision: DecisionRecord) -> Array:
-        """Places (n, 2) of the decided leg that count in the reward; none if the plan ended before."""
-        return self.next_leg(decision).leg_places_m[:1].reshape(-1, 2)
+        """Locations (n, 2) of the decided leg that count in the reward; none if the plan ended before."""
+        return self.next_leg(decision).leg_locations_m[:1].reshape(-1, 2)
 
     def naive(self, start: Plan, naive_path: int, steps: int) -> Array:
-        """Places (n, 2) of the first `steps` legs of a naive path from the state of a plan to the mission's end."""
-        return self.rollout.path(0, start.state, (), naive_path).leg_places_m[:steps].reshape(-1, 2)
+        """Locations (n, 2) of the first `steps` legs of a naive path from the state of a plan to the mission's end."""
+        return self.rollout.path(0, start.state, (), naive_path).leg_locations_m[:steps].reshape(-1, 2)
 
 
 def leg_times(vehicle: VehicleRun, paths: PlannedPaths) -> Array:

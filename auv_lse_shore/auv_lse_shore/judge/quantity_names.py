@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-#: Mean Bayes risk per place, with the prior's standard deviation; planners and the lawnmower bound use it.
+#: Mean Bayes risk per location, with the prior's standard deviation; planners and the lawnmower bound use it.
 MAP_RISK = "map risk"
 
-#: Mean Bayes risk per place, with the standard deviation that the soundings show.
+#: Mean Bayes risk per location, with the standard deviation that the soundings show.
 EXPECTED_LOSS = "expected loss"
 
-#: Mean cost of a map's wrong calls per place, where the truth is known.
+#: Mean cost of a map's wrong calls per location, where the truth is known.
 ACTUAL_LOSS = "actual loss"
 
 #: Unit of these three.
-COST_PER_PLACE = "cost per place"
+COST_PER_LOCATION = "cost per location"
 
-#: Probability that a place is at least as deep as the isobath.
+#: Probability that a location is at least as deep as the isobath.
 P_DEEP = "P(deep enough)"
 
 #: Estimated depth of the water, and its uncertainty.

@@ -1,7 +1,7 @@
 """Reliability of P(deep enough), the probability of being deep enough (Murphy and Winkler, 1977).
 
-A map is reliable if a share p of all places that it calls safe with probability p is safe. Most places of a map are
-nearly certain, so the classes of probability are narrow at both ends.
+A map is reliable if a share p of all locations that it calls safe with probability p is safe. Most locations of a map
+are nearly certain, so the classes of probability are narrow at both ends.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ CLASSES = len(EDGES) - 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """Places by class of probability.
+    """Locations by class of probability.
 
     Attributes:
-        cells: Places in each class, shape (`CLASSES`,).
-        expected: Expected number of safe places: the sum of their probabilities, shape (`CLASSES`,).
-        safe: Number of safe places, shape (`CLASSES`,).
+        cells: Locations in each class, shape (`CLASSES`,).
+        expected: Expected number of safe locations: the sum of their probabilities, shape (`CLASSES`,).
+        safe: Number of safe locations, shape (`CLASSES`,).
     """
 
     cells: tuple[float, ...]
@@ -36,7 +36,7 @@ class Reliability:
 
     @classmethod
     def of(cls, p_safe: ArrayLike, safe: ArrayLike) -> Reliability:
-        """The reliability of probabilities (P,) of being safe at places that are safe or not (P,).
+        """The reliability of probabilities (P,) of being safe at locations that are safe or not (P,).
 
         Raises:
             ValueError: if the lengths differ, or a probability is not from 0 to 1.
@@ -65,12 +65,12 @@ class Reliability:
 
     @property
     def probabilities(self) -> Array:
-        """Mean probability of each class's places, shape (`CLASSES`,); NaN in a class without places."""
+        """Mean probability of each class's locations, shape (`CLASSES`,); NaN in a class without locations."""
         return self._shares(self.expected)
 
     @property
     def shares(self) -> Array:
-        """Share of each class's places that are safe, shape (`CLASSES`,); NaN in a class without places."""
+        """Share of each class's locations that are safe, shape (`CLASSES`,); NaN in a class without locations."""
         return self._shares(self.safe)
 
     def _shares(self, counts: Sequence[float]) -> Array:
@@ -80,7 +80,7 @@ class Reliability:
 
     @property
     def error(self) -> float:
-        """Mean over all places of |share safe - mean probability| of their class (expected calibration error)."""
+        """Mean over all locations of |share safe - mean probability| of their class (expected calibration error)."""
         total = sum(self.cells)
         off = np.abs(np.asarray(self.safe) - np.asarray(self.expected)).sum()
         return float(off / total) if total else float("nan")

@@ -3,13 +3,13 @@
 Joint step i is leg i of every vehicle; D_{i-1} is what all vehicles measured on their legs before it. The paper's
 reward is computed in two ways, because only the second can be compared with the value of a path planned as a whole:
 
-- *Stepwise*, the literal sum: each leg is credited with the drop of Bayes risk at its own place by its own
+- *Stepwise*, the literal sum: each leg is credited with the drop of Bayes risk at its own position by its own
   measurements, J(gamma_1(s_i)) = sum_k r(p_i^k | D_{i-1}) - r(p_i^k | D_i). The time-varying lower bound is the sum so
-  far plus the naive part of Jbar (the caption of the paper's figure). The bound credits all places of a naive path
+  far plus the naive part of Jbar (the caption of the paper's figure). The bound credits all locations of a naive path
   against today's data, the sum credits a leg only against the risk left when it was travelled. The two do not
   telescope: the sum can end below the bound, however good the mission was.
-- *Whole path*: J(gamma_l(s_0)) = sum over all places of the path of r(p | no data) - r(p | all data), the definition of
-  the reward with n = l, i = 0. Its bound at step i is the expectation of that final value if the current plans are
+- *Whole path*: J(gamma_l(s_0)) = sum over all locations of the path of r(p | no data) - r(p | all data), the definition
+  of the reward with n = l, i = 0. Its bound at step i is the expectation of that final value if the current plans are
   carried out. It telescopes: its expectation changes only with better plans.
 
 Neither reward measures the map. Map risk, the mean Bayes risk over the whole map, does. Its bound is the risk expected
@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_common.process.background import run_in_background
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import MAX_DENSE, OnlineGp
 from auv_lse_record.run_data import RunData
+from auv_lse_run.process.background import run_in_background
 from auv_lse_shore.judge.lawnmower import (
     blank_map,
     flown_map_risk,
@@ -59,12 +59,12 @@ class Curves:
     Attributes:
         stepwise: Realized stepwise reward so far, shape (n + 1,).
         bound: Stepwise reward so far + naive part of Jbar; NaN without naive part or where not computed, (n + 1,).
-        whole: Whole-path reward of the places visited so far, given the data so far, shape (n + 1,);
+        whole: Whole-path reward of the locations visited so far, given the data so far, shape (n + 1,);
             in missions of more than `WHOLE_STEPS` legs linear between computed steps (exact at the end).
         whole_bound: Whole-path reward expected if the current plans are carried out; NaN where not computed, (n + 1,).
         naive_value: Whole-path reward expected of a lawnmower mission before the first leg.
         per_vehicle: Stepwise reward of each vehicle's legs, shape (K, n).
-        risk: Map risk given the data so far (cost/place); NaN where not computed, shape (n + 1,).
+        risk: Map risk given the data so far (cost/location); NaN where not computed, shape (n + 1,).
         expected_risk: Map risk expected at the end if only the current plans are carried out, shape (n + 1,).
         mowing_risk: Map risk expected of a lawnmower mission before the first leg; NaN if not computed.
         flown_risk: Map risk that the prior expects of the legs that were travelled; NaN if not computed.
@@ -111,36 +111,36 @@ class _Replay:
         self.visited, self.prior_visited = np.empty((0, 2)), np.empty(0)
         self._tiles: dict[tuple[int, int], Posterior] = {}  # of the last leg, in a large map
 
-    def risk(self, gp: OnlineGp, places: Array) -> Array:
-        """Bayes risk at places (P, 2), shape (P,)."""
-        return self.level_set.risk(*gp.predict(places)) if len(places) else np.empty(0)
+    def risk(self, gp: OnlineGp, locations: Array) -> Array:
+        """Bayes risk at locations (P, 2), shape (P,)."""
+        return self.level_set.risk(*gp.predict(locations)) if len(locations) else np.empty(0)
 
-    def risk_here(self, places: Array) -> Array:
-        """As `risk`, for the places (P, 2) of a leg; in a large map it updates the posteriors of the last call."""
+    def risk_here(self, locations: Array) -> Array:
+        """As `risk`, for the locations (P, 2) of a leg; in a large map it updates the posteriors of the last call."""
         if not self.gp.is_tiled or self.gp.config.local:
-            return self.risk(self.gp, places)
-        tiled, before, risk = self.gp.tiled, self._tiles, np.empty(len(places))
-        self._tiles = {tile: tiled.of_tile(tile, start=before.get(tile)) for tile, _ in tiled.tiles(places)}
-        for tile, members in tiled.tiles(places):
-            mean, variance = self._tiles[tile].moments(places[members])
+            return self.risk(self.gp, locations)
+        tiled, before, risk = self.gp.tiled, self._tiles, np.empty(len(locations))
+        self._tiles = {tile: tiled.of_tile(tile, start=before.get(tile)) for tile, _ in tiled.tiles(locations)}
+        for tile, members in tiled.tiles(locations):
+            mean, variance = self._tiles[tile].moments(locations[members])
             risk[members] = self.level_set.risk(mean, np.sqrt(variance))
         return risk
 
     def ahead(self, step: int) -> tuple[Array, Array] | None:
-        """Places (n, 2) ahead of all vehicles by their plans, searched and naive; None if a plan is missing."""
+        """Locations (n, 2) ahead of all vehicles by their plans, searched and naive; None if a plan is missing."""
         plans = [own.get(step) for own in self.decisions]
         if any(plan is None for plan in plans):
             return None
         ahead = [own.ahead(plan) for own, plan in zip(self.paths, plans, strict=True) if plan is not None]
         return (
-            np.concatenate([path.own_places_m for path in ahead]),
-            np.concatenate([path.naive_places_m for path in ahead]),
+            np.concatenate([path.own_locations_m for path in ahead]),
+            np.concatenate([path.naive_locations_m for path in ahead]),
         )
 
     def expected(self, planned: Array, others: Array) -> tuple[Array, Array]:
         """Risk now and once `planned` (V, 2) is measured too, at `planned` then `others` (O, 2); (V + O,) each."""
-        places = np.concatenate([planned, others])
-        return risk_if_measured(self.gp, planned, self.level_set, places)
+        locations = np.concatenate([planned, others])
+        return risk_if_measured(self.gp, planned, self.level_set, locations)
 
     def bounds(self, step: int) -> tuple[float, float]:
         """Expected reward of the naive part of the plans, and expected whole-path reward; NaN if a plan is missing."""
@@ -162,22 +162,23 @@ class _Replay:
         return float(before.mean()), float(after.mean())
 
     def travel(self, step: int) -> tuple[Array, NDArray[np.int64]]:
-        """Takes the soundings of a leg of all vehicles; drop of risk at each place of it, and index of its vehicle."""
+        """Takes the soundings of a leg of all vehicles; drop of risk at each location of it, and index of its
+        vehicle."""
         plans = [own.get(step) for own in self.decisions]
-        places = [
+        locations = [
             own.leg(plan) if plan is not None else np.empty((0, 2)) for own, plan in zip(self.paths, plans, strict=True)
         ]
-        here = np.concatenate(places)
+        here = np.concatenate(locations)
         before = self.risk_here(here)
         for own in self.soundings:
             self.gp.add_all(own[step].points_m)  # a vehicle's own map discards the same ones, and counts them
         self.visited = np.concatenate([self.visited, here])
         self.prior_visited = np.concatenate([self.prior_visited, self.risk(self.blank, here)])
-        owner = np.repeat(np.arange(len(places)), [len(p) for p in places])
+        owner = np.repeat(np.arange(len(locations)), [len(p) for p in locations])
         return before - self.risk_here(here), owner
 
     def whole(self) -> float:
-        """Whole-path reward of the places visited so far."""
+        """Whole-path reward of the locations visited so far."""
         return float((self.prior_visited - self.risk(self.gp, self.visited)).sum())
 
 
@@ -190,8 +191,8 @@ def reward_curves(
         run: The mission.
         settings: The planner's settings of each vehicle, in order.
         area: The operating area.
-        bounds: At most about this many steps get their bounds computed (each takes some 20 ms for 300 places).
-        map_m: Places (P, 2) over which the map's risk is averaged, at start, end and `RISK_EVERY` times between.
+        bounds: At most about this many steps get their bounds computed (each takes some 20 ms for 300 locations).
+        map_m: Locations (P, 2) over which the map's risk is averaged, at start, end and `RISK_EVERY` times between.
     """
     steps, paths = run.steps, [PlannedPaths(s, area) for s in settings]
     replay = _Replay(run, settings, paths)

@@ -45,7 +45,9 @@ class Summary:
     )
     isobath_undiscovered_limit_m: float = figure("m", "upper limit of that length with 95 % probability")
     isobath_not_visited_m: float = figure("m", "length not found because no vehicle measured near it")
-    isobath_places_uncertain_m: float = figure("m", "length not found because the vehicles' positions were uncertain")
+    isobath_positions_uncertain_m: float = figure(
+        "m", "length not found because the vehicles' positions were uncertain"
+    )
     isobath_flat_m: float = figure("m", "length not found because the ground there is too flat")
     isobath_found: float | None = figure("", "share of the true isobath within 10 m of the part found")
     isobath_found_error_m: float | None = figure("m", "mean distance of the part found from the true isobath")
@@ -59,39 +61,42 @@ class Summary:
     )
     isobath_error_p95_m: float | None = figure("m", "95th percentile of those distances")
     isobath_length_m: float = figure("m", "length of the whole estimate")
-    risk_before: float = figure("cost/place", "map risk, the mean Bayes risk over the map, before the mission")
-    risk_third: float | None = figure("cost/place", "map risk after a third of the steps (over part of the places)")
+    risk_before: float = figure("cost/location", "map risk, the mean Bayes risk over the map, before the mission")
+    risk_third: float | None = figure(
+        "cost/location", "map risk after a third of the steps (over part of the locations)"
+    )
     risk_after: float = figure(
-        "cost/place",
+        "cost/location",
         "map risk given the soundings of all vehicles, with the prior's standard deviation, which planners and the "
         "lawnmower bound use",
     )
     mowing_risk: float | None = figure(
-        "cost/place",
+        "cost/location",
         "lawnmower bound: map risk expected of a lawnmower mission; of its first steps, if the mission ended early "
-        "(over part of the places; beyond 1,000 legs of all vehicles tile by tile)",
+        "(over part of the locations; beyond 1,000 legs of all vehicles tile by tile)",
     )
-    flown_risk: float | None = figure("cost/place", "map risk that the prior expected of the path that was flown")
+    flown_risk: float | None = figure("cost/location", "map risk that the prior expected of the path that was flown")
     map_bound_promised: bool = figure("", "whether the method guarantees this bound; false if the mission ended early")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk; null if it ended early")
     loss_expected: float = figure(
-        "cost/place",
+        "cost/location",
         "expected loss: mean Bayes risk of the final map with the standard deviation that the soundings show "
         "(gp.std_soundings), as in the published map",
     )
     loss_after: float | None = figure(
-        "cost/place", "actual loss: mean cost of the final map's wrong calls; equals loss_expected if it is calibrated"
+        "cost/location",
+        "actual loss: mean cost of the final map's wrong calls; equals loss_expected if it is calibrated",
     )
     reliability_error: float | None = figure(
-        "", "mean over the map of |share safe - mean P(deep enough)| of a place's class of it; 0 is calibrated"
+        "", "mean over the map of |share safe - mean P(deep enough)| of a location's class of it; 0 is calibrated"
     )
     reliability_cells: tuple[float, ...] | None = figure(
         "",
-        "places in each class of P(deep enough), the probability of being at least the level deep (limits of classes: "
-        "`judge/reliability.py`)",
+        "locations in each class of P(deep enough), the probability of being at least the level deep (limits of "
+        "classes: `judge/reliability.py`)",
     )
-    reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe places in each class")
-    reliability_safe: tuple[float, ...] | None = figure("", "actual number of safe places in each class")
+    reliability_expected: tuple[float, ...] | None = figure("", "expected number of safe locations in each class")
+    reliability_safe: tuple[float, ...] | None = figure("", "actual number of safe locations in each class")
     deep_m2: float = figure("m2", "area that is at least the level deep with at least 95 % probability")
     shallow_m2: float = figure("m2", "area that is shallower with at least 95 % probability")
     unsure_m2: float = figure("m2", "rest of the area")
@@ -103,20 +108,20 @@ class Summary:
     area_m2: float = figure("m2", "area evaluated: inside the operating area, of known depth")
     unreachable_m2: float = figure("m2", "area left out because vehicles cannot reach it from their starts")
     local_risk: tuple[float, ...] = figure(
-        "cost/place",
+        "cost/location",
         "map risk of each vehicle's own final map; from 1,000 centers on, the rest of its mates' samples is taken "
         "together",
     )
     alone_risk: tuple[float, ...] = figure(
-        "cost/place", "the same from its own soundings only (over part of the places)"
+        "cost/location", "the same from its own soundings only (over part of the locations)"
     )
     local_risk_error: tuple[float, ...] = figure(
-        "cost/place", "per vehicle: mean over the map of |own posterior risk - risk given all soundings|"
+        "cost/location", "per vehicle: mean over the map of |own posterior risk - risk given all soundings|"
     )
     local_f1: tuple[float, ...] | None = figure("", "F1 score of each vehicle's own final map")
     navigation_error_m: tuple[float, ...] | None = figure("m", "per vehicle: RMS horizontal error of its odometry")
     navigation_error_end_m: tuple[float, ...] | None = figure("m", "per vehicle: that error at the end")
-    place_error_m: tuple[float, ...] | None = figure(
+    position_error_m: tuple[float, ...] | None = figure(
         "m", "per vehicle: RMS horizontal error of its soundings' positions in the map"
     )
     error_over_std: float | None = figure(
@@ -136,14 +141,17 @@ class Summary:
     packets_received: int = figure("", "receptions by all vehicles (each packet can be received by K - 1)")
     packets_lost: int = figure("", "receptions that failed; packets still under way at the end do not count")
     delivery: float | None = figure("", "packets_received / (packets_received + packets_lost); None without packets")
-    team_reward: float = figure("cost", "the paper's reward, stepwise: sum of each leg's drop of risk at its own place")
+    team_reward: float = figure(
+        "cost", "the paper's reward, stepwise: sum of each leg's drop of risk at its own location"
+    )
     lower_bound: float | None = figure(
         "cost",
         "the paper's bound on it: running maximum of reward so far + naive part of Jbar (the paper's methods only)",
     )
     bound_kept: bool | None = figure("", "whether team_reward is at least lower_bound (the paper's methods only)")
     path_reward: float = figure(
-        "cost", "the paper's reward, whole path: drop of risk from no data to all data, summed over the paths' places"
+        "cost",
+        "the paper's reward, whole path: drop of risk from no data to all data, summed over the paths' locations",
     )
     path_bound_start: float | None = figure("cost", "path_reward expected of the plans at the start (first joint Jbar)")
     path_bound_max: float | None = figure("cost", "largest path_reward expected of the plans before the last leg")

@@ -24,8 +24,8 @@ from auv_lse_gp.map.online import Outcome
 from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.isobath import write_geojson
-from auv_lse_shore.places.adjustment import Adjustment, adjust, corrects_places
-from auv_lse_shore.places.merging import merged
+from auv_lse_shore.positions.adjustment import Adjustment, adjust, corrects_positions
+from auv_lse_shore.positions.merging import merged
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,8 @@ class TeamMap:
     """The final map of all vehicles together.
 
     Attributes:
-        run: The mission; with `places.correct`, soundings are at the places estimated from fixes, ranges and terrain.
+        run: The mission; with `positions.correct`, soundings are at the locations estimated from fixes, ranges and
+            terrain.
         settings: The first vehicle's settings: level, costs and prior are the same for all.
         area: The operating area.
         prior: The map before the first sounding.
@@ -78,10 +79,10 @@ def team_map(run: RunData) -> TeamMap:
 
 
 def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
-    """A mission with its soundings at their best places, and a function that makes its map.
+    """A mission with its soundings at their best locations, and a function that makes its map.
 
-    Where places are corrected, the map includes their remaining uncertainty (`Posterior.place_variance`); the classes
-    of the isobath's pieces use it as the vehicles' place error.
+    Where locations are corrected, the map includes their remaining uncertainty (`Posterior.position_variance`); the
+    classes of the isobath's pieces use it as the vehicles' location error.
 
     Raises:
         ValueError: if there is no vehicle.
@@ -93,7 +94,7 @@ def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
         )
     first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
     area = OperatingArea(first.area)
-    if corrects_places(run):
+    if corrects_positions(run):
         adjustment = adjust([run])
         return merged(adjustment.runs), partial(adjusted_map, adjustment, first)
 
@@ -101,24 +102,24 @@ def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
         soundings = Soundings.join(v.soundings for v in run.vehicles)
         depth_map = DepthMap(first.gp, first.level_set, area)
         outcomes = depth_map.add_soundings(soundings.rows)
-        places_known = depth_map.field()
-        if not any(len(v.dead_reckoning) for v in run.vehicles) and any(len(v.place_std_m) for v in run.vehicles):
-            depth_map.gp.set_place_effect(_common_shift(run, depth_map, soundings.stamp_s, outcomes))
-        return _team_map(run, first, area, depth_map, places_known)
+        locations_known = depth_map.field()
+        if not any(len(v.dead_reckoning) for v in run.vehicles) and any(len(v.position_std_m) for v in run.vehicles):
+            depth_map.gp.set_position_effect(_common_shift(run, depth_map, soundings.stamp_s, outcomes))
+        return _team_map(run, first, area, depth_map, locations_known)
 
     return run, as_recorded
 
 
 def _common_shift(run: RunData, depth_map: DepthMap, stamps_s: Array, outcomes: Sequence[Outcome | None]) -> Array:
-    """Depth change (n, 2 K) of the centers if each of K vehicles' places are one standard deviation north, or east.
+    """Depth change (n, 2 K) of the centers if each of K vehicles' locations are one standard deviation north, or east.
 
-    For places that were estimated elsewhere: how their errors are related is unknown. One common shift of all of a
-    vehicle's places is the case in which more soundings help least.
+    For locations that were estimated elsewhere: how their errors are related is unknown. One common shift of all of a
+    vehicle's positions is the case in which more soundings help least.
     """
     order = np.argsort(stamps_s, kind="stable")
     seeds = np.array([i for i in order.tolist() if outcomes[i] is Outcome.KEPT], dtype=np.int64)
     vehicles = np.repeat(np.arange(len(run.vehicles)), [len(v.soundings) for v in run.vehicles])
-    std_m = np.nan_to_num(np.concatenate([v.place_std_at(v.soundings.stamp_s) for v in run.vehicles]))
+    std_m = np.nan_to_num(np.concatenate([v.position_std_at(v.soundings.stamp_s) for v in run.vehicles]))
     by_std = depth_map.gp.slopes() * std_m[seeds]
     effect = np.zeros((len(seeds), len(run.vehicles), 2))
     effect[np.arange(len(seeds)), vehicles[seeds]] = by_std
@@ -130,22 +131,22 @@ def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
     area = OperatingArea(settings.area)
     depth_map = DepthMap(settings.gp, settings.level_set, area)
     corrected = adjustment.fill(depth_map)
-    places_known = depth_map.field()
+    locations_known = depth_map.field()
     corrected.set_uncertainty(adjustment.correction)
-    return _team_map(merged(adjustment.runs), settings, area, depth_map, places_known)
+    return _team_map(merged(adjustment.runs), settings, area, depth_map, locations_known)
 
 
 def _team_map(
-    run: RunData, settings: PlannerSettings, area: OperatingArea, depth_map: DepthMap, places_known: DepthField
+    run: RunData, settings: PlannerSettings, area: OperatingArea, depth_map: DepthMap, locations_known: DepthField
 ) -> TeamMap:
-    """As `team_map`, from the map and its field as if all places were known."""
+    """As `team_map`, from the map and its field as if all locations were known."""
     prior = DepthMap(settings.gp, settings.level_set, area).field()
     isobath = depth_map.isobath()
     pieces = certainty.classify(
         isobath.lines,
-        places_known,
+        locations_known,
         settings.gp.signal_std_m,
-        sounded_places(run),
+        sounded_locations(run),
         shore_known=depth_map.gp.banks is not None,
     )
     return TeamMap(
@@ -174,11 +175,13 @@ def map_of(settings: PlannerSettings, area: OperatingArea, soundings: Soundings)
     return depth_map
 
 
-def sounded_places(run: RunData) -> Array:
-    """Where all vehicles measured: north, east, the place's error per axis (m; NaN where unknown), shape (S, 3)."""
+def sounded_locations(run: RunData) -> Array:
+    """Where all vehicles measured: north, east, the location's error per axis (m; NaN where unknown), shape (S, 3)."""
     return np.concatenate(
         [
-            np.column_stack([v.soundings.places_m, np.sqrt((v.place_std_at(v.soundings.stamp_s) ** 2).mean(axis=1))])
+            np.column_stack(
+                [v.soundings.locations_m, np.sqrt((v.position_std_at(v.soundings.stamp_s) ** 2).mean(axis=1))]
+            )
             for v in run.vehicles
         ]
     )

@@ -16,10 +16,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, own_domain
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine, watch_variables
 from auv_lse_record.recording import RecordingError, recording_in
+from auv_lse_run.process.domain import DomainError, busy_domains, domain_number, own_domain
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline

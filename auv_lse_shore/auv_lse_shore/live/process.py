@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 
-from auv_lse_common.process.processes import die_with_parent
+from auv_lse_run.process.processes import die_with_parent
 from auv_lse_shore.live.viewers.server import DEFAULT_PORT, port_or_any
 
 

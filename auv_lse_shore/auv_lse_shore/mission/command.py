@@ -6,9 +6,9 @@ import contextlib
 import sys
 from collections.abc import Sequence
 
-from auv_lse_common.process.domain import node_environment
-from auv_lse_common.process.fork_server import load_early
-from auv_lse_common.process.processes import LaunchError
+from auv_lse_run.process.domain import node_environment
+from auv_lse_run.process.fork_server import load_early
+from auv_lse_run.process.processes import LaunchError
 from auv_lse_sim.engine.processes import mission_processes
 
 #: Options that start no mission.

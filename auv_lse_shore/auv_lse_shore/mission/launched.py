@@ -16,12 +16,12 @@ from pathlib import Path
 from rich.console import Console
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.interrupt import Interrupt
-from auv_lse_common.process.processes import LAST_STOP_S
-from auv_lse_shore.mission.conductor import write_times
-from auv_lse_shore.mission.display import Display, MissionProgress, progress_of
+from auv_lse_run.mission.conductor import write_times
+from auv_lse_run.mission.display import Display, MissionProgress, progress_of
+from auv_lse_run.mission.watch_node import MissionWatch
+from auv_lse_run.process.interrupt import Interrupt
+from auv_lse_run.process.processes import LAST_STOP_S
 from auv_lse_shore.mission.mission import report_mission
-from auv_lse_shore.mission.watch_node import MissionWatch
 
 _PERIOD_S = 0.1
 

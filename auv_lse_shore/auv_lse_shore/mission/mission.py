@@ -22,10 +22,7 @@ from rich.text import Text
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.dive import DIVE_VARIABLE
-from auv_lse_common.process.domain import DomainError, dive_on, node_environment, simulation_domain
-from auv_lse_common.process.interrupt import Interrupt
-from auv_lse_common.process.processes import LaunchError, Process
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.support import compiled
 from auv_lse_common.support.confinement import watch_variables
 from auv_lse_common.support.missing_packages import missing
@@ -34,8 +31,11 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_record.guard import free_mb
 from auv_lse_record.size_estimate import lack_of_space, size_of
+from auv_lse_run.mission.conductor import MissionError, conduct
+from auv_lse_run.process.domain import DomainError, dive_on, node_environment, simulation_domain
+from auv_lse_run.process.interrupt import Interrupt
+from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_shore.live.process import LiveProcess
-from auv_lse_shore.mission.conductor import MissionError, conduct
 from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
@@ -102,7 +102,7 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
-    """Writes the complete mission.yaml; it places the recording and emulated hardware in the run folder, too."""
+    """Writes the complete mission.yaml; it positions the recording and emulated hardware in the run folder, too."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
     if record and (lack := lack_of_space(recording_mb(settings), free_mb(folder), settings.record.least_free_mb)):

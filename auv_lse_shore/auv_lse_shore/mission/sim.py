@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.text import Text
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.dive import SIMULATION, new_dive
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
+from auv_lse_common.node.dive import SIMULATION, new_dive
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
 from auv_lse_shore.mission.mission import fly, prepare, write_mission
 from auv_lse_shore.mission.options import add_mission_options
 from auv_lse_shore.mission.run_folder import removed_on_error, run_folder

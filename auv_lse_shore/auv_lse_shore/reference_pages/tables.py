@@ -198,7 +198,13 @@ def packet_sizes() -> str:
             cells.append(f"{samples}, {spare - samples * fields.SAMPLE_BYTES}")
         first = fields.samples_start(actions, segments, 0, paired)
         rows.append((name, str(first), *cells))
-    head = ("plan", "first sample at byte", "samples, spare bytes", "with raw place", "with raw place and fix")
+    head = (
+        "plan",
+        "first sample at byte",
+        "samples, spare bytes",
+        "with dead-reckoned position",
+        "with dead-reckoned position and fix",
+    )
     return table(head, rows)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from auv_lse_common.process.domain import DomainError
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.recording import recording_in
+from auv_lse_run.process.domain import DomainError
 from auv_lse_shore.replay.options import check, parser
 
 

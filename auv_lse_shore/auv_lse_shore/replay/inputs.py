@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
 from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -77,9 +77,9 @@ class VehicleInputs:
     Attributes:
         vehicle: Its number.
         odometry: The vehicle's navigation.
-        corrected: Its place, corrected by its map.
+        corrected: Its position, corrected by its map.
         soundings: Its soundings.
-        navigation: Raw places, fixes, and what mates reported of theirs.
+        navigation: Dead-reckoned positions, fixes, and what mates reported of theirs.
         samples: The team's samples, packet by packet.
         plans: The team's plans.
         packets: Packets received.
@@ -91,7 +91,7 @@ class VehicleInputs:
 
     vehicle: int
     odometry: list[tuple[float, Odometry]] = field(default_factory=list)
-    corrected: list[tuple[float, CorrectedPlace]] = field(default_factory=list)
+    corrected: list[tuple[float, CorrectedPosition]] = field(default_factory=list)
     soundings: list[tuple[float, Sounding]] = field(default_factory=list)
     navigation: list[tuple[float, DeadReckoning | Fix | MateNavigation]] = field(default_factory=list)
     samples: list[tuple[float, Soundings]] = field(default_factory=list)

@@ -9,10 +9,10 @@ from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from auv_lse_common.process.domain import simulator_domain
 from auv_lse_common.support.confinement import confine, watch_variables
 from auv_lse_record.recording import Recording, RecordingError, recording_in
-from auv_lse_shore.mission.display import clock
+from auv_lse_run.mission.display import clock
+from auv_lse_run.process.domain import simulator_domain
 from auv_lse_shore.replay.keys import HELP, Keys
 from auv_lse_shore.replay.pace import Selection, select_topics
 from auv_lse_shore.replay.player_node import Player, Progress

@@ -71,7 +71,7 @@ def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: 
         vehicle, show = inputs.vehicles[number], _progress(f"{part}, auv{number}", i, len(with_planner))
         if part == "gp":
             own = settings.planner_settings(number)
-            rows += recompute_map(vehicle, own, settings.places_in_force(number), inputs.lockstep, tolerance, show)
+            rows += recompute_map(vehicle, own, settings.positions_in_force(number), inputs.lockstep, tolerance, show)
         else:
             rows += recompute_decisions(vehicle, settings, inputs.lockstep, tolerance, show)
     if sys.stderr.isatty():

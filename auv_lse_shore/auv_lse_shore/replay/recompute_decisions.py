@@ -107,8 +107,8 @@ class _Recomputer:
         self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
         # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on;
         # one with record.map_bytes_per_s has the centers of a few decisions only.
-        places = settings.places_in_force(number)
-        self._map = None if _has_every_map(inputs) else RecomputedMap(inputs, own, places, lockstep)
+        positions = settings.positions_in_force(number)
+        self._map = None if _has_every_map(inputs) else RecomputedMap(inputs, own, positions, lockstep)
         self._plans = Pending(inputs.plans or _plans_heard(inputs, settings))
         self._odometry, self._corrected = Pending(inputs.odometry), Pending(inputs.corrected)
         self._centers, self._tuned = Pending(inputs.centers if self._map is None else []), Pending(inputs.tuned)
@@ -145,8 +145,8 @@ class _Recomputer:
             self._tune(changed)
         for report in self._plans.take(is_due if taken is None else lambda *_: self._plans.taken < taken.plans):
             self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
-        for place in self._corrected.take(is_stamped):
-            self._intake.set_corrected(place)
+        for position in self._corrected.take(is_stamped):
+            self._intake.set_corrected(position)
         # Without lockstep: the first decision had an odometry, whenever the recorder received it.
         for odometry in self._odometry.take(
             lambda received_s, o: is_stamped(received_s, o) or not (self._lockstep or self._odometry.taken)
@@ -160,7 +160,7 @@ class _Recomputer:
         for found in self._centers.take(
             is_due if taken is None else lambda received_s, found: found.revision <= taken.map_revision
         ):
-            centers = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
+            centers = Centers(found.locations_m, found.depths_m, found.noise_std_m, found.position_effect_m)
             self._intake.set_centers(centers, found.revision)
 
     def _take_map(self, own: RecomputedMap, now_s: float, revision: int | None) -> None:
@@ -168,8 +168,8 @@ class _Recomputer:
         if own.map.revision != self._revision:
             self._revision = own.map.revision
             self._intake.set_centers(own.map.centers, self._revision)
-        if own.place is not None and not self._inputs.corrected:
-            self._intake.set_corrected(own.place)
+        if own.position is not None and not self._inputs.corrected:
+            self._intake.set_corrected(own.position)
 
     def _tune(self, changed: dict[str, Any]) -> None:
         """A parameter that was changed by hand while the planner ran."""

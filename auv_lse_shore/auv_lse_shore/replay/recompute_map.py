@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
-from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.topics.map_codecs import steps_of
 from auv_lse_common.topics.records import CentersReport, FieldReport
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.position_corrector import corrector_for
+from auv_lse_gp.positions.position_corrector import corrector_for
 from auv_lse_shore.replay.inputs import Pending, VehicleInputs, ticks_of
 
 Array = NDArray[np.float64]
@@ -76,25 +76,27 @@ class MapStep:
 class RecomputedMap:
     """The map of one vehicle, advanced in time."""
 
-    def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool) -> None:
+    def __init__(
+        self, inputs: VehicleInputs, settings: PlannerSettings, positions: PositionsConfig, lockstep: bool
+    ) -> None:
         """Starts with the prior.
 
         Args:
             inputs: The recorded inputs.
             settings: The current parameters.
-            places: Parameters of the position correction.
+            positions: Parameters of the position correction.
             lockstep: Whether the mission flew in lockstep.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
-        self._intake = MapIntake(self.map, corrector_for(inputs.vehicle, places, self.map))
+        self._intake = MapIntake(self.map, corrector_for(inputs.vehicle, positions, self.map))
         self._lockstep = lockstep
         self._soundings, self._samples = Pending(inputs.soundings), Pending(inputs.samples)
         self._navigation = Pending(inputs.navigation)
 
     @property
-    def place(self) -> CorrectedPlace | None:
-        """The vehicle's corrected place; None while places are not corrected."""
-        return None if self._intake.corrector is None else self._intake.corrector.place
+    def position(self) -> CorrectedPosition | None:
+        """The vehicle's corrected position; None while positions are not corrected."""
+        return None if self._intake.corrector is None else self._intake.corrector.position
 
     def advance(self, now_s: float, revision: int | None = None) -> None:
         """Takes the inputs up to `now_s` (s); without lockstep, until the map has the recorded `revision`."""
@@ -131,7 +133,7 @@ class RecomputedMap:
 def recompute_map(
     inputs: VehicleInputs,
     settings: PlannerSettings,
-    places: PlacesConfig,
+    positions: PositionsConfig,
     lockstep: bool,
     tolerance: float,
     show: Callable[[float], None],
@@ -141,12 +143,12 @@ def recompute_map(
     Args:
         inputs: The recorded inputs and maps.
         settings: The current parameters.
-        places: Parameters of the position correction.
+        positions: Parameters of the position correction.
         lockstep: Whether the mission flew in lockstep.
         tolerance: Relative difference that is ignored, in addition to the rounding of published maps.
         show: Called with the share done, 0 to 1.
     """
-    again, rows = RecomputedMap(inputs, settings, places, lockstep), []
+    again, rows = RecomputedMap(inputs, settings, positions, lockstep), []
     recorded: CentersReport | None = None
     note = ""
     events: list[tuple[float, int, object]] = [(s, 0, entry) for s, entry in inputs.centers]
@@ -174,12 +176,13 @@ def _centers_note(now_s: float, recorded: CentersReport, depth_map: DepthMap) ->
     """How the recomputed kernel centers differ from those published; "" if they do not."""
     now = depth_map.centers
     if len(now) == len(recorded.depths_m) and all(
-        np.array_equal(getattr(now, name), getattr(recorded, name)) for name in ("places_m", "depths_m", "noise_std_m")
+        np.array_equal(getattr(now, name), getattr(recorded, name))
+        for name in ("locations_m", "depths_m", "noise_std_m")
     ):
         return ""
     if len(now) != len(recorded.depths_m):
         return f"since {now_s:.1f} s: {len(now)} centers, not {len(recorded.depths_m)} (revision {recorded.revision})"
-    apart = np.hypot(*(now.places_m - recorded.places_m).T)
+    apart = np.hypot(*(now.locations_m - recorded.locations_m).T)
     if not np.allclose(apart, 0.0, atol=1e-6):
         return f"since {now_s:.1f} s: a center is {apart.max():.2g} m off"
     off = np.abs(now.depths_m - recorded.depths_m).max() if len(now) else 0.0

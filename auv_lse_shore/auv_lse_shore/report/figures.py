@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from auv_lse_gp.map.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_shore.judge.evaluation import Evaluation
-from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, DEPTH, DEPTH_STD, MAP_RISK
+from auv_lse_shore.judge.quantity_names import COST_PER_LOCATION, DEPTH, DEPTH_STD, MAP_RISK
 from auv_lse_shore.judge.tracks import navigation_error, track
 from auv_lse_shore.report.map_marks import add_graticule
 
@@ -143,7 +143,7 @@ def risk_maps(e: Evaluation) -> Figure:
         draw_isobath(axis, e.truth, "true")
     draw_pieces(axes[1], e.pieces)
     outer_labels(axes, columns, e.run.origin)
-    add_color_bar(figure, image, axes.tolist(), f"{MAP_RISK} ({COST_PER_PLACE})")
+    add_color_bar(figure, image, axes.tolist(), f"{MAP_RISK} ({COST_PER_LOCATION})")
     map_legend(figure, handles)
     return figure
 
@@ -169,7 +169,7 @@ def local_risk_error(e: Evaluation) -> Figure:
     for axis in axes[count:]:
         axis.set_visible(False)
     outer_labels(axes[:count], columns, e.run.origin)
-    label = f"own map's − team map's\n{MAP_RISK} ({COST_PER_PLACE})"
+    label = f"own map's − team map's\n{MAP_RISK} ({COST_PER_LOCATION})"
     add_color_bar(figure, image, axes[:count].tolist(), label, aspect=26 * rows)
     map_legend(figure, handles)
     return figure

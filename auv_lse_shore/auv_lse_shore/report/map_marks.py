@@ -77,7 +77,7 @@ def degrees(value: float, digits: int, signs: str) -> str:
 
 def _label(secondary: Any, name: str, rows: list[tuple[float, str]]) -> None:
     axis = getattr(secondary, name)
-    axis.set_ticks([place for place, _ in rows], [text for _, text in rows], fontsize=6.5, color="#555555")
+    axis.set_ticks([location for location, _ in rows], [text for _, text in rows], fontsize=6.5, color="#555555")
     axis.set_tick_params(length=2.0, width=0.4, color="#7a7a7a", pad=1.5)
     for spine in secondary.spines.values():
         spine.set_visible(False)

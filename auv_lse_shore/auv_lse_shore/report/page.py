@@ -61,8 +61,8 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, float):
         if abs(value) < 0.5e-6:
             return "0"
-        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-        return f"{value:.{min(places, 6)}f}"
+        locations = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:.{min(locations, 6)}f}"
     if isinstance(value, list | tuple):
         return ", ".join(number(v, digits) for v in value)
     return str(value)

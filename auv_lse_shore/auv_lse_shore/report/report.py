@@ -100,7 +100,7 @@ def _vehicles(e: Evaluation) -> list[list[str]]:
     """A row of `VEHICLE_COLUMNS` for each vehicle."""
     s = e.summary
     each: list[Any] = [s.alone_risk, s.local_risk, s.local_risk_error]
-    optional = [(s.local_f1, 4), (s.navigation_error_m, 3), (s.place_error_m, 3)]
+    optional = [(s.local_f1, 4), (s.navigation_error_m, 3), (s.position_error_m, 3)]
     return [
         [
             f"auv{vehicle.vehicle}",

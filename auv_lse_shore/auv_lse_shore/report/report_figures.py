@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from auv_lse_common.process.background import run_in_background
+from auv_lse_run.process.background import run_in_background
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.report.figures import depth_map, local_risk_error, navigation, risk_maps, save
 from auv_lse_shore.report.found_figure import found
@@ -29,8 +29,8 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     ),
     (
         "risk_maps.png",
-        "Map risk: at each place the Bayes risk, the expected cost of calling it deep enough or not. Bright places are "
-        "uncertain. (a) Before "
+        "Map risk: at each location the Bayes risk, the expected cost of calling it deep enough or not. Bright "
+        "locations are uncertain. (a) Before "
         "the mission. (b) Given the soundings of all vehicles.",
         risk_maps,
     ),
@@ -54,9 +54,9 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     ),
     (
         PAPER,
-        "The paper's reward, the drop of risk at the places of the vehicles' paths. (a) Stepwise, the sum as the paper "
-        "defines it, with its lower bound. The two do not telescope, so the sum can end below the bound. (b) The whole "
-        "path, its value expected at the end of the current plans, and the value expected of a lawnmower.",
+        "The paper's reward, the drop of risk at the positions of the vehicles' paths. (a) Stepwise, the sum as the "
+        "paper defines it, with its lower bound. The two do not telescope, so the sum can end below the bound. (b) The "
+        "whole path, its value expected at the end of the current plans, and the value expected of a lawnmower.",
         paper_reward,
     ),
 )

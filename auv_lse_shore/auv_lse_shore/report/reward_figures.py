@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_shore.judge.evaluation import Evaluation
-from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, MAP_RISK
+from auv_lse_shore.judge.quantity_names import COST_PER_LOCATION, MAP_RISK
 from auv_lse_shore.report.figures import WIDTH_IN, add_grid, new_figure, styled
 
 #: Lines of what happened, of what was expected, of the running maximum, and of a lawnmower.
@@ -32,7 +32,7 @@ def map_risk(e: Evaluation) -> Figure | None:
     axis.plot(ahead, c.expected_risk[ahead], label="expected at the end with the current plans", **EXPECTED)
     if e.summary.mowing_risk is not None:
         axis.axhline(c.mowing_risk, label="expected of a lawnmower", **LAWNMOWER)
-    axis.set_ylabel(f"{MAP_RISK} ({COST_PER_PLACE})")
+    axis.set_ylabel(f"{MAP_RISK} ({COST_PER_LOCATION})")
     _finish(axis, len(c.risk) - 1, "best")
     axis.set_ylim(bottom=0.0)
     return figure

@@ -16,7 +16,7 @@ from auv_lse_gp.map.certainty import (
     GUESSED,
     LIKELY,
     NOT_VISITED,
-    PLACES_UNCERTAIN,
+    POSITIONS_UNCERTAIN,
     VISITED_M,
     Piece,
 )
@@ -24,7 +24,7 @@ from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.vehicle.until import plans_to_horizon
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
-from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_PLACE, EXPECTED_LOSS, MAP_RISK
+from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_LOCATION, EXPECTED_LOSS, MAP_RISK
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.report.map_marks import degrees
 from auv_lse_shore.report.page import number
@@ -35,13 +35,13 @@ MAX_STRETCHES, MIN_STRETCH_M = 3, 10.0
 #: Expected and actual loss are called close if they differ by less than this factor.
 CLOSE = 1.5
 
-#: Losses (cost per place) below this are all called close: the report shows three digits.
+#: Losses (cost per location) below this are all called close: the report shows three digits.
 NEGLIGIBLE_LOSS = 5e-4
 
 _REASONS = {
     NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m",
-    PLACES_UNCERTAIN: "positions were uncertain",
-    FLAT: "the ground is too flat to place the line",
+    POSITIONS_UNCERTAIN: "positions were uncertain",
+    FLAT: "the ground is too flat to location the line",
 }
 
 
@@ -51,8 +51,8 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
     lines = [
         *ended_early(s, planned_steps),
         *opening(s),
-        f"{MAP_RISK}: {s.risk_before:.3f} -> {s.risk_after:.3f} ({COST_PER_PLACE}){_bound_in_brief(s)}",
-        f"{EXPECTED_LOSS} {s.loss_expected:.3f}{loss} ({COST_PER_PLACE})",
+        f"{MAP_RISK}: {s.risk_before:.3f} -> {s.risk_after:.3f} ({COST_PER_LOCATION}){_bound_in_brief(s)}",
+        f"{EXPECTED_LOSS} {s.loss_expected:.3f}{loss} ({COST_PER_LOCATION})",
         *([_unreachable(s)] if s.unreachable_m2 else []),
     ]
     if s.method in PAPER_METHODS:
@@ -172,10 +172,10 @@ def quality_cards(s: Summary) -> list[tuple[str, str]]:
     lawnmower = f"lawnmower bound on {MAP_RISK}" if s.map_bound_promised else f"{MAP_RISK} expected of a lawnmower"
     risk = f"{_three(s.risk_before)} → {_three(s.risk_after)}"
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
-        (s.risk_after, lambda _: risk, f"{MAP_RISK} before → after ({COST_PER_PLACE})"),
+        (s.risk_after, lambda _: risk, f"{MAP_RISK} before → after ({COST_PER_LOCATION})"),
         (s.mowing_risk, _three, lawnmower),
-        (s.loss_expected, _three, f"{EXPECTED_LOSS} ({COST_PER_PLACE})"),
-        (s.loss_after, _three, f"{ACTUAL_LOSS} ({COST_PER_PLACE})"),
+        (s.loss_expected, _three, f"{EXPECTED_LOSS} ({COST_PER_LOCATION})"),
+        (s.loss_after, _three, f"{ACTUAL_LOSS} ({COST_PER_LOCATION})"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
     ]
     return _known(rows)
@@ -231,8 +231,8 @@ def _missing(e: Evaluation) -> str:
     patches = [patch for patch in e.team_map.undiscovered.patches() if patch[2] >= MIN_STRETCH_M][:MAX_STRETCHES]
     if not patches:
         return ""
-    listed = "; ".join(f"{_m(length)} near {_place(north, east, e.run.origin)}" for north, east, length in patches)
-    return f"Isobath that may be missing, by place and expected length: {listed}."
+    listed = "; ".join(f"{_m(length)} near {_location(north, east, e.run.origin)}" for north, east, length in patches)
+    return f"Isobath that may be missing, by location and expected length: {listed}."
 
 
 def _sides(e: Evaluation) -> str:
@@ -240,9 +240,11 @@ def _sides(e: Evaluation) -> str:
     shallower = "shallower" if _is_area(s.deep_m2) else f"shallower than {_level(e)}"
     known = {f"at least {_level(e)} deep": s.deep_m2, shallower: s.shallow_m2}
     sides = [f"{_area(size)} is {what}" for what, size in known.items() if _is_area(size)]
-    sure = f"{', and '.join(sides)}, with at least {_percent(SURE)} probability" if sides else "No place is classified"
+    sure = (
+        f"{', and '.join(sides)}, with at least {_percent(SURE)} probability" if sides else "No location is classified"
+    )
     rest = f"{_area(s.unsure_m2)} ({_percent(s.unsure_m2 / max(s.area_m2, 1.0))}) remains uncertain"
-    return f"{sure}. {rest if _is_area(s.unsure_m2) else 'No place remains uncertain'}."
+    return f"{sure}. {rest if _is_area(s.unsure_m2) else 'No location remains uncertain'}."
 
 
 def _unreachable(s: Summary) -> str:
@@ -261,7 +263,7 @@ def _uncertain(e: Evaluation) -> str:
         return ""
     lengths = {
         NOT_VISITED: s.isobath_not_visited_m,
-        PLACES_UNCERTAIN: s.isobath_places_uncertain_m,
+        POSITIONS_UNCERTAIN: s.isobath_positions_uncertain_m,
         FLAT: s.isobath_flat_m,
     }
     reasons = [f"{_m(length)} where {_REASONS[reason]}" for reason, length in lengths.items() if length >= 1.0]
@@ -284,22 +286,22 @@ def _but_missing(s: Summary) -> str:
 
 def _stretch(piece: Piece, origin: tuple[float, float] | None) -> str:
     north, east = np.mean(piece.line, axis=0)
-    return f"{_m(piece.length_m)} near {_place(north, east, origin)}: {piece.kind}, {piece.reason}"
+    return f"{_m(piece.length_m)} near {_location(north, east, origin)}: {piece.kind}, {piece.reason}"
 
 
-def _place(north: float, east: float, origin: tuple[float, float] | None) -> str:
-    place = f"north {north:.0f} m, east {east:.0f} m"
+def _location(north: float, east: float, origin: tuple[float, float] | None) -> str:
+    location = f"north {north:.0f} m, east {east:.0f} m"
     if origin is not None:
         latitude, longitude = geodetic_from_local(north, east, *origin)
-        place += f" ({degrees(float(latitude), 5, 'NS')}, {degrees(float(longitude), 5, 'EW')})"
-    return place
+        location += f" ({degrees(float(latitude), 5, 'NS')}, {degrees(float(longitude), 5, 'EW')})"
+    return location
 
 
 def _bound(e: Evaluation) -> str:
     s, first = e.summary, e.settings[0]
     if s.risk_before < NEGLIGIBLE_LOSS:
-        return "Map risk was negligible from the start: the prior leaves no doubt about any place."
-    text = f"Map risk, the mean Bayes risk per place, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
+        return "Map risk was negligible from the start: the prior leaves no doubt about any location."
+    text = f"Map risk, the mean Bayes risk per location, fell from {_three(s.risk_before)} to {_three(s.risk_after)}."
     if s.mowing_risk is None:
         return text
     apart = abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0
@@ -377,7 +379,7 @@ def _loss(s: Summary) -> str:
     elif s.loss_after > CLOSE * s.loss_expected:
         verdict = "the map is overconfident"
     return (
-        f"Expected loss {_three(s.loss_expected)} per place, actual loss {_three(s.loss_after)}: {verdict}. Loss "
+        f"Expected loss {_three(s.loss_expected)} per location, actual loss {_three(s.loss_after)}: {verdict}. Loss "
         "counts wrong calls by the standard deviation that the soundings show; map risk uses the prior's, which is "
         "wider."
     )
@@ -424,8 +426,8 @@ def paper_paragraphs(s: Summary) -> list[str]:
     if s.method not in PAPER_METHODS:
         return []
     texts = [
-        "The paper rewards a path by the drop of Bayes risk at the path's own places, not over the map. Summed leg by "
-        f"leg, as the paper defines it, this mission earned {number(s.team_reward)}."
+        "The paper rewards a path by the drop of Bayes risk at the path's own locations, not over the map. Summed leg "
+        f"by leg, as the paper defines it, this mission earned {number(s.team_reward)}."
     ]
     if s.lower_bound is not None:
         texts.append(
@@ -435,8 +437,8 @@ def paper_paragraphs(s: Summary) -> list[str]:
         )
     texts.append(
         f"As one whole path the mission earned {number(s.path_reward)}; a lawnmower was expected to earn "
-        f"{number(s.lawnmower_value)}. Nearly every path comes close to the maximum here, because its own places are "
-        "measured in the end. Map risk separates good missions from bad ones; this reward hardly does."
+        f"{number(s.lawnmower_value)}. Nearly every path comes close to the maximum here, because its own locations "
+        "are measured in the end. Map risk separates good missions from bad ones; this reward hardly does."
     )
     return texts
 

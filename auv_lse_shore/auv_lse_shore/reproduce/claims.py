@@ -98,8 +98,8 @@ def not_worse(difference: Interval, other: float, more_is_better: bool) -> str:
 COMPARED = (
     ("team_reward", "team reward, stepwise (cost)", True),
     ("path_reward", "path reward (cost)", True),
-    ("risk_third", "map risk after a third (cost per place)", False),
-    ("risk_after", "final map risk (cost per place)", False),
+    ("risk_third", "map risk after a third (cost per location)", False),
+    ("risk_after", "final map risk (cost per location)", False),
     ("f1", "F1", True),
     ("isobath_error_m", "isobath error (m)", False),
 )
@@ -234,7 +234,7 @@ def _local_maps(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence
                 judged = SUPPORTED if error.high < limit else CONTRADICTED if error.low > limit else UNDECIDED
             evidence.append(
                 Evidence(
-                    what=f"{k} AUVs, {method}: mean |own risk − risk given all| (cost per place), "
+                    what=f"{k} AUVs, {method}: mean |own risk − risk given all| (cost per location), "
                     f"at {100.0 * delivery.mean:.0f} % of packets delivered",
                     value=f"{error}: {100.0 * error.mean / before:.1f} % of the risk before, "
                     f"{100.0 * error.mean / after:.0f} % of the risk after",

@@ -24,31 +24,31 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
     spec = study.campaigns["trials"]
     wanted = {trial_name(k, m): (k, m) for k, m in study.examples}
     jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
-    places = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
+    locations = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
     flights = {
         key: client.submit(simulate_and_evaluate, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
-        if client is not None and not places[key].exists()
+        if client is not None and not locations[key].exists()
     }
     found: dict[tuple[int, str], Evaluation] = {}
-    for key, place in places.items():
+    for key, location in locations.items():
         if key in flights:
             found[key] = flights[key].result()
-            _keep(found[key], place)
-        elif place.exists():
-            found[key] = evaluate(run_reader.read_run(place, ground=_kept_ground(place / "ground.npz")))
+            _keep(found[key], location)
+        elif location.exists():
+            found[key] = evaluate(run_reader.read_run(location, ground=_kept_ground(location / "ground.npz")))
     return found
 
 
-def _keep(evaluation: Evaluation, place: Path) -> None:
+def _keep(evaluation: Evaluation, location: Path) -> None:
     """Writes a run folder, complete or not at all."""
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".part-", dir=place.parent) as part:
-        run = Path(part) / place.name
+    location.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".part-", dir=location.parent) as part:
+        run = Path(part) / location.name
         run_writer.write_run(evaluation.run, run)
         _keep_ground(evaluation.run.ground, run / "ground.npz")
         write_outputs(evaluation, run)
-        run.rename(place)
+        run.rename(location)
 
 
 def _keep_ground(ground: GroundGrid | None, path: Path) -> None:

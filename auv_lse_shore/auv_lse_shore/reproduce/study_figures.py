@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from auv_lse_shore.judge.evaluation import Evaluation
-from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, MAP_RISK
+from auv_lse_shore.judge.quantity_names import COST_PER_LOCATION, MAP_RISK
 from auv_lse_shore.report import figures
 from auv_lse_shore.report.figures import WIDTH_IN, add_grid, new_figure, styled
 from auv_lse_shore.report.reward_figures import EXPECTED, LAWNMOWER, MAXIMUM
@@ -33,7 +33,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
             figures.draw_isobath(axis, e.truth, "true")
         figures.draw_pieces(axes[1, column], e.pieces)
     figures.outer_labels(axes.ravel(), len(missions))
-    label = f"{MAP_RISK} ({COST_PER_PLACE})"
+    label = f"{MAP_RISK} ({COST_PER_LOCATION})"
     figures.add_color_bar(figure, image, axes.ravel().tolist(), label, shrink=0.85, aspect=36)
     figures.map_legend(figure, handles)
     return figure

@@ -29,13 +29,13 @@ COLUMNS = (
     ("bound_kept", "above stepwise bound (share)"),
     ("path_reward", "path reward (cost)"),
     ("path_bound_kept", "above lawnmower's value (share)"),
-    ("risk_third", "map risk after a third (cost per place)"),
-    ("risk_after", "final map risk (cost per place)"),
+    ("risk_third", "map risk after a third (cost per location)"),
+    ("risk_after", "final map risk (cost per location)"),
     ("f1", "F1"),
     ("isobath_error_m", "isobath error (m)"),
     ("isobath_found", "isobath found (share)"),
     ("misclassified_m2", "misclassified (m²)"),
-    ("local_risk_error", "own-map risk difference (cost per place)"),
+    ("local_risk_error", "own-map risk difference (cost per location)"),
     ("delivery", "packets received (share)"),
     ("planning_median_s", "median decision time (s)"),
 )
@@ -43,9 +43,9 @@ COLUMNS = (
 
 #: Columns of the tables of sensitivities: key, name with unit.
 SWEPT = {
-    "risk_after": "final map risk (cost per place)",
+    "risk_after": "final map risk (cost per location)",
     "isobath_error_m": "isobath error (m)",
-    "local_risk_error": "own-map risk difference (cost per place)",
+    "local_risk_error": "own-map risk difference (cost per location)",
 }
 
 

@@ -14,7 +14,7 @@ from auv_lse_record.run_data import RunData
 from auv_lse_shore.survey_import.reading import read_logs
 from auv_lse_shore.survey_import.run import check_free, survey_run, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
-from auv_lse_shore.survey_import.track import PlacedLog, Placement, local_origin, place, vehicle_of
+from auv_lse_shore.survey_import.track import PlacedLog, Placement, local_origin, position, vehicle_of
 
 #: Seconds between two lines of progress.
 _REWRITE_S, _LINE_S = 0.3, 5.0
@@ -41,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--origin", type=float, nargs=2, metavar=("LAT", "LON"),
                    help="local origin in degrees (default: the first good position)")  # fmt: skip
     p.add_argument("--offset", type=float, nargs=2, default=(0.0, 0.0), metavar=("FORWARD", "STARBOARD"),
-                   help="the transducer's place relative to the antenna in metres (0 0)")  # fmt: skip
+                   help="the transducer's position relative to the antenna in metres (0 0)")  # fmt: skip
     p.add_argument("--draught", type=float, default=0.0, metavar="M",
                    help="depth of the transducer below the surface, or below a submarine's barometer (0)")  # fmt: skip
     p.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
@@ -103,7 +103,7 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         start_s=options.start,
         end_s=options.end,
     )
-    placed = [place(log, origin, how) for log in logs]
+    placed = [position(log, origin, how) for log in logs]
     summary = [line for log, found in zip(logs, placed, strict=True) for line in _described(log, found)]
     yield from summary
     depth_std_m = max(log.depth_std_m for log in logs)

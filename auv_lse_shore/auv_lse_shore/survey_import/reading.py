@@ -66,8 +66,8 @@ def _read_table(path: Path) -> list[SurveyLog]:
     names = np.unique(vehicles)
     depth_std_m = 0.0 if table.tvu_m is None else float(np.nan_to_num(table.tvu_m).max()) / SIGMAS_95
     notes = [f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"]
-    if table.place_std_m is not None:
-        notes.append("places as estimated before, with their standard deviations (north_std_m, east_std_m)")
+    if table.position_std_m is not None:
+        notes.append("positions as estimated before, with their standard deviations (north_std_m, east_std_m)")
     if depth_std_m:
         notes.append(f"depths with a standard deviation of at most {depth_std_m:.2f} m (tvu_m)")
     logs = []
@@ -80,7 +80,7 @@ def _read_table(path: Path) -> list[SurveyLog]:
                 depths=pings[own],
                 is_geodetic=is_geodetic,
                 has_time=table.time_s is not None,
-                place_std_m=None if table.place_std_m is None else table.place_std_m[own],
+                position_std_m=None if table.position_std_m is None else table.position_std_m[own],
                 depth_std_m=depth_std_m,
                 notes=list(notes),
             )

@@ -66,22 +66,22 @@ def survey_run(
             "level_set": {"level_m": level_m},
             "area": area,
             "gp": _gp(points, area_m2, max(depth_std_m, LEAST_NOISE_M)),
-            "places": dict(_NO_DRIFT),
+            "positions": dict(_NO_DRIFT),
         }
     }
     last_s = float(max(vehicle.soundings.stamp_s.max(), *vehicle.odometry[-1:, 0], 0.0))
     return RunData(parameters=parameters, vehicles=[vehicle], origin=origin, sim_s=last_s)
 
 
-def _area(places_m: Array) -> tuple[dict[str, Any], float]:
-    """Section `area`: around all places; and its size (m2)."""
+def _area(locations_m: Array) -> tuple[dict[str, Any], float]:
+    """Section `area`: around all positions; and its size (m2)."""
     try:
         from shapely import MultiPoint
     except ImportError as error:
         raise missing(error, "operating areas") from error
-    polygon = MultiPoint(places_m).convex_hull.buffer(MARGIN_M, quad_segs=2).simplify(2.0)
+    polygon = MultiPoint(locations_m).convex_hull.buffer(MARGIN_M, quad_segs=2).simplify(2.0)
     corners = [round(float(value), 1) for east_north in polygon.exterior.coords[:-1] for value in east_north]
-    low, high = places_m.min(axis=0), places_m.max(axis=0)
+    low, high = locations_m.min(axis=0), locations_m.max(axis=0)
     raster_m = max(2.0, round(float((high - low).max()) / 1000.0, 1))
     return {"polygon_m": corners, "raster_m": raster_m}, float(polygon.area)
 

@@ -39,8 +39,8 @@ class SurveyLog:
         immersion: Rows (time s, depth of the vehicle m); no rows for a boat.
         is_geodetic: Whether positions are degrees.
         has_time: Whether the log has times; else they only number the soundings.
-        place_std_m: Standard deviations north and east (m) that the log states for its positions, (n, 2), NaN where
-            unknown; None if it states none. They are of estimated places, whose errors have much in common.
+        position_std_m: Standard deviations north and east (m) that the log states for its positions, (n, 2), NaN where
+            unknown; None if it states none. They are of estimated positions, whose errors have much in common.
         depth_std_m: Largest standard deviation (m) that it states for a depth; 0 if it states none.
         left_out: Number of positions and depths that were left out, by reason.
         notes: What the numbers were read from.
@@ -52,7 +52,7 @@ class SurveyLog:
     immersion: Array = field(default_factory=lambda: np.empty((0, 2)))
     is_geodetic: bool = True
     has_time: bool = True
-    place_std_m: Array | None = None
+    position_std_m: Array | None = None
     depth_std_m: float = 0.0
     left_out: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
@@ -105,19 +105,19 @@ class Sources:
         Raises:
             LogError: if there are no positions or no depths.
         """
-        place = _first(path, "positions", positions, self._positions, self._refused)
+        position = _first(path, "positions", positions, self._positions, self._refused)
         ping = _first(path, "depths", depths, self._depths, self._refused)
-        places = _table(self._positions[place], 3)
-        immersion, notes = np.empty((0, 2)), [f"positions from {place}", f"depths from {ping}"]
+        positions = _table(self._positions[position], 3)
+        immersion, notes = np.empty((0, 2)), [f"positions from {position}", f"depths from {ping}"]
         if self.is_submarine:
-            immersion, gauge = self._immersion(path, float(np.median(places[:, 1])), density_kgpm3)
+            immersion, gauge = self._immersion(path, float(np.median(positions[:, 1])), density_kgpm3)
             notes.append(f"the vehicle's own depth from {gauge}, with the lowest pressure as the surface")
         return SurveyLog(
             name=path.name,
-            positions=places,
+            positions=positions,
             depths=_table(self._depths[ping], 2),
             immersion=immersion,
-            left_out=self.left_out + self._refused[place] + self._refused[ping],
+            left_out=self.left_out + self._refused[position] + self._refused[ping],
             notes=notes,
         )
 

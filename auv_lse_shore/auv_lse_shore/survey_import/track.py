@@ -67,7 +67,7 @@ class PlacedLog:
         soundings: Rows (time s, north m, east m, depth m).
         left_out: Number of positions and depths left out, by reason.
         has_time: Whether the log has times.
-        place_std_m: Standard deviations north and east (m) of the track's rows, (n, 2), if the log states them.
+        position_std_m: Standard deviations north and east (m) of the track's rows, (n, 2), if the log states them.
     """
 
     name: str
@@ -75,7 +75,7 @@ class PlacedLog:
     soundings: Array
     left_out: Counter[str]
     has_time: bool
-    place_std_m: Array | None = None
+    position_std_m: Array | None = None
 
 
 def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
@@ -96,8 +96,8 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
     return float(kept[0, 1]), float(kept[0, 2])
 
 
-def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:
-    """Places a log's depths.
+def position(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:
+    """Positions a log's depths.
 
     Raises:
         LogError: if no sounding remains.
@@ -112,7 +112,7 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
     if not rows:
         reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items()) or "there are none"
         raise LogError(f"{log.name}: got no usable sounding ({reasons}); expected depths at known positions")
-    stated = log.place_std_m is not None and log.has_time
+    stated = log.position_std_m is not None and log.has_time
     rows_kept = np.arange(len(times)) if stated else _first_of_each(times, EVERY_S)
     return PlacedLog(
         name=log.name,
@@ -120,7 +120,7 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
         soundings=np.array(rows, dtype=float),
         left_out=left_out,
         has_time=log.has_time,
-        place_std_m=log.place_std_m[chosen] if log.place_std_m is not None and log.has_time else None,
+        position_std_m=log.position_std_m[chosen] if log.position_std_m is not None and log.has_time else None,
     )
 
 
@@ -203,9 +203,9 @@ def vehicle_of(logs: Sequence[PlacedLog], position_std_m: float) -> VehicleRun:
     Raises:
         LogError: if only some logs state standard deviations.
     """
-    stated = [log.place_std_m is not None for log in logs]
+    stated = [log.position_std_m is not None for log in logs]
     if any(stated) and not all(stated):
-        names = ", ".join(log.name for log in logs if log.place_std_m is not None)
+        names = ", ".join(log.name for log in logs if log.position_std_m is not None)
         raise LogError(f"{names}: got north_std_m and east_std_m; expected them in all logs or none. Import it alone")
     rows, tracks, stds, fixes, start_s = [], [], [], [], 0.0
     for log in sorted(logs, key=lambda log: float(log.track[0, 0])):
@@ -213,22 +213,22 @@ def vehicle_of(logs: Sequence[PlacedLog], position_std_m: float) -> VehicleRun:
         soundings, track = log.soundings.copy(), log.track.copy()
         soundings[:, 0] += shift_s
         track[:, 0] += shift_s
-        is_raw = log.has_time and log.place_std_m is None
+        is_raw = log.has_time and log.position_std_m is None
         raw = soundings[:, 1:3] if is_raw else np.full((len(soundings), 2), np.nan)
         rows.append(np.column_stack([soundings, raw]))
         start_s = float(track[-1, 0]) + BETWEEN_LOGS_S
         if not log.has_time:
             continue
         tracks.append(track)
-        stds.append(np.full((len(track), 2), position_std_m) if log.place_std_m is None else log.place_std_m)
+        stds.append(np.full((len(track), 2), position_std_m) if log.position_std_m is None else log.position_std_m)
         for stamp_s, north, east, _, _ in track[_first_of_each(track[:, 0], FIX_EVERY_S)].tolist() if is_raw else ():
-            place = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
-            fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **place))
+            position = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
+            fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **position))
     track = np.concatenate(tracks) if tracks else np.empty((0, 5))
     return VehicleRun(
         vehicle=1,
         odometry=track[:, :4],
-        place_std_m=np.concatenate(stds) if stds else np.empty((0, 2)),
+        position_std_m=np.concatenate(stds) if stds else np.empty((0, 2)),
         dead_reckoning=np.empty((0, 5)) if any(stated) else track,
         soundings=Soundings.from_rows(np.concatenate(rows)),
         fixes=fixes,

@@ -20,7 +20,7 @@ def depth_m(north, east):
 
 
 def lanes(lanes=7, length_m=160.0, apart_m=20.0, step_m=2.0):
-    """Places (n, 2) along lanes, 2 m and 1 s apart."""
+    """Positions (n, 2) along lanes, 2 m and 1 s apart."""
     rows = []
     for lane in range(lanes):
         east = np.arange(0.0, length_m + 0.1, step_m)
@@ -31,9 +31,9 @@ def lanes(lanes=7, length_m=160.0, apart_m=20.0, step_m=2.0):
 
 def survey():
     """Rows: time (s), latitude, longitude (deg), depth below the range finder (m)."""
-    places = lanes()
-    lat, lon = geodetic_from_local(places[:, 0], places[:, 1], *ORIGIN)
-    return np.column_stack([START_S + np.arange(len(places)), lat, lon, depth_m(*places.T) - DRAUGHT_M])
+    positions = lanes()
+    lat, lon = geodetic_from_local(positions[:, 0], positions[:, 1], *ORIGIN)
+    return np.column_stack([START_S + np.arange(len(positions)), lat, lon, depth_m(*positions.T) - DRAUGHT_M])
 
 
 def _sum(body):
@@ -54,9 +54,9 @@ def nmea(rows, start_s=START_S - START_S % 86400):
     for stamp, lat, lon, depth in rows:
         of_day = (stamp - start_s) % 86400
         clock = f"{int(of_day // 3600):02d}{int(of_day % 3600 // 60):02d}{of_day % 60:05.2f}"
-        place = f"{_angle(lat, 2, 'NS')},{_angle(lon, 3, 'EW')}"
-        lines.append(_sum(f"GPRMC,{clock},A,{place},3.9,90.0,030526,,,A"))
-        lines.append(_sum(f"GPGGA,{clock},{place},2,09,0.9,372.0,M,48.0,M,,"))
+        position = f"{_angle(lat, 2, 'NS')},{_angle(lon, 3, 'EW')}"
+        lines.append(_sum(f"GPRMC,{clock},A,{position},3.9,90.0,030526,,,A"))
+        lines.append(_sum(f"GPGGA,{clock},{position},2,09,0.9,372.0,M,48.0,M,,"))
         lines.append(_sum(f"SDDBT,{depth / 0.3048:.2f},f,{depth:.2f},M,{depth / 1.8288:.2f},F"))
     return "".join(lines)
 

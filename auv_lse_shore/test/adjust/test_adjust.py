@@ -1,4 +1,4 @@
-"""After the dive: recordings whose places are found anew, and what is said of those that cannot be."""
+"""After the dive: recordings whose positions are found anew, and what is said of those that cannot be."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from auv_lse_shore.adjust.__main__ import main
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
-from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
-from auv_lse_shore.places.merging import merged, on_one_clock
-from auv_lse_shore.places.recordings import missing_in
+from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
+from auv_lse_shore.positions.merging import merged, on_one_clock
+from auv_lse_shore.positions.recordings import missing_in
 
 
 def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
-    """The synthetic run with compasses that are off: raw tracks, soundings at raw places, packets, and a fix each."""
+    """The synthetic run with compasses that are off: raw tracks, soundings at dead-reckoned positions, packets, and a
+    fix each."""
     rng = np.random.default_rng(seed)
     run = make_run(steps=steps, drift_mps=0.0)
-    run.parameters["/**"]["places"] = {"correct": True, "heading_std_deg": 4.0}
+    run.parameters["/**"]["positions"] = {"correct": True, "heading_std_deg": 4.0}
     for vehicle, bias in zip(run.vehicles, bias_deg, strict=True):
         truth, angle = vehicle.truth, math.radians(bias)
         way = truth[:, 1:3] - truth[0, 1:3]
@@ -38,19 +39,19 @@ def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
         depth = np.full(len(truth), 3.0)
         vehicle.dead_reckoning = np.column_stack([truth[:, 0], raw, truth[:, 3] + angle, depth])
         vehicle.odometry = vehicle.dead_reckoning[:, :4].copy()
-        vehicle.place_std_m = np.ones((len(truth), 2))
+        vehicle.position_std_m = np.ones((len(truth), 2))
         north, east = (np.interp(vehicle.soundings.stamp_s, truth[:, 0], raw[:, i]) for i in (0, 1))
         vehicle.soundings = dataclasses.replace(
             vehicle.soundings, north_m=north, east_m=east, raw_north_m=north, raw_east_m=east
         )
         if fixed:
             i = int(0.6 * len(truth))
-            place = truth[i, 1:3] + 0.5 * rng.standard_normal(2)
+            position = truth[i, 1:3] + 0.5 * rng.standard_normal(2)
             vehicle.fixes = [
                 Fix(
                     stamp_s=float(truth[i, 0]),
-                    north_m=float(place[0]),
-                    east_m=float(place[1]),
+                    north_m=float(position[0]),
+                    east_m=float(position[1]),
                     raw_north_m=float(raw[i, 0]),
                     raw_east_m=float(raw[i, 1]),
                     std_m=1.0,
@@ -88,7 +89,7 @@ def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
 
 def off(vehicle, recorded):
     """Root mean square distance (m) of a vehicle's soundings from where they were taken."""
-    apart = vehicle.soundings.places_m - true_positions(recorded).places_m
+    apart = vehicle.soundings.locations_m - true_positions(recorded).locations_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
@@ -105,27 +106,27 @@ def test_soundings_go_where_they_were_taken(synthetic_run):
         assert off(new, old) < 3.0 * np.sqrt(2.0) * moved.std_m
     # samples heard are the mates' soundings, and go with them
     heard, mates = adjustment.runs[0].vehicles[0].received, adjustment.runs[0].vehicles[1].soundings
-    apart = np.sqrt(((heard.places_m[:, None] - mates.places_m[None]) ** 2).sum(axis=2)).min(axis=1)
+    apart = np.sqrt(((heard.locations_m[:, None] - mates.locations_m[None]) ** 2).sum(axis=2)).min(axis=1)
     assert apart.max() < 0.01
 
 
 def test_the_report_judges_the_adjusted_map(synthetic_run):
     run = dived(synthetic_run)
-    assert corrects_places(run)
+    assert corrects_positions(run)
     team = team_map(run)
     assert off(team.run.vehicles[0], run.vehicles[0]) < 0.25 * off(run.vehicles[0], run.vehicles[0])
     corrected = evaluate(run, bounds=2).summary
-    run.parameters["/**"]["places"]["correct"] = False
-    assert not corrects_places(run)
+    run.parameters["/**"]["positions"]["correct"] = False
+    assert not corrects_positions(run)
     as_flown = evaluate(run, bounds=2).summary
     assert corrected.isobath_error_m < 0.5 * as_flown.isobath_error_m
-    assert corrected.place_error_m[0] < 0.25 * as_flown.place_error_m[0]
+    assert corrected.position_error_m[0] < 0.25 * as_flown.position_error_m[0]
     assert corrected.error_over_std < 0.5 * as_flown.error_over_std
     assert corrected.navigation_error_m == as_flown.navigation_error_m
 
 
 def test_runs_together_are_better_than_alone(synthetic_run):
-    """A run without fixes takes its places from the ground that one with fixes has mapped."""
+    """A run without fixes takes its positions from the ground that one with fixes has mapped."""
     without = dived(synthetic_run, fixed=False, seed=2, bias_deg=(4.0, 4.0))
     alone = adjust([without]).runs[0].vehicles
     together = adjust([dived(synthetic_run), without]).runs[1].vehicles
@@ -238,10 +239,10 @@ def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
     run.vehicles[0].dead_reckoning = np.empty((0, 5))
     with pytest.raises(AdjustError, match=r"auv1 of run 1: no dead reckoning \(topic dead_reckoning\)"):
         adjust([run])
-    assert not corrects_places(run)
+    assert not corrects_positions(run)
 
 
-def test_raw_places_that_were_not_recorded_come_from_the_raw_track(synthetic_run):
+def test_raw_positions_that_were_not_recorded_come_from_the_raw_track(synthetic_run):
     run, bare = dived(synthetic_run), dived(synthetic_run)
     for vehicle in bare.vehicles:
         vehicle.soundings = Soundings.from_rows(vehicle.soundings.rows)
@@ -281,9 +282,9 @@ def test_the_command_writes_map_table_and_report_and_can_be_repeated(synthetic_r
         rows = list(csv.DictReader(file))
     assert len(rows) == sum(len(v.soundings) for v in run.vehicles)
     assert any(abs(float(r["adjusted_north_m"]) - float(r["north_m"])) > 3.0 for r in rows)
-    places = np.array([[float(r[f"adjusted_{side}_m"]) for side in ("north", "east")] for r in rows])
+    positions = np.array([[float(r[f"adjusted_{side}_m"]) for side in ("north", "east")] for r in rows])
     degrees = [[float(r[f"adjusted_{name}_deg"]) for r in rows] for name in ("latitude", "longitude")]
-    assert np.column_stack(local_from_geodetic(*degrees, *origin)) == pytest.approx(places, abs=2e-3)
+    assert np.column_stack(local_from_geodetic(*degrees, *origin)) == pytest.approx(positions, abs=2e-3)
     lines = json.loads((adjusted / "isobath.geojson").read_text())["features"]
     assert any(feature["properties"]["class"] == "found" for feature in lines)
     assert (adjusted / "soundings.csv").is_file()

@@ -22,7 +22,7 @@ from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.survey_import import nmea as nmea_reader
 from auv_lse_shore.survey_import.__main__ import main
 from auv_lse_shore.survey_import.survey_log import LogError
-from auv_lse_shore.survey_import.track import Placement, place
+from auv_lse_shore.survey_import.track import Placement, position
 
 DRAUGHT = ["--draught", "0.3"]
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_used_is_left_out_and_counted(tmp_path, capsys):
         assert f"left out: {count} {reason}\n" in printed
         assert f"left out: {count} {reason}\n" in (tmp_path / "run/import.md").read_text()
     soundings = read_run(tmp_path / "run").vehicles[0].soundings
-    # 0.1 m: the place without a position is between its neighbours
+    # 0.1 m: the position without a position is between its neighbours
     assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.1)
     assert f"{len(soundings)} soundings of {len(rows) - 1} depths" in printed
     assert len(soundings) == len(rows) - 1 - 10 - 1
@@ -282,7 +282,7 @@ def columns_of(path, *names):
 
 
 def exported_table(rows):
-    """Soundings as scripts/export writes them: places that were estimated to 1 to 6 m north, 2 to 3 m east."""
+    """Soundings as scripts/export writes them: positions that were estimated to 1 to 6 m north, 2 to 3 m east."""
     north, east = local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)
     stds = np.column_stack([np.linspace(1.0, 6.0, len(rows)), np.linspace(3.0, 2.0, len(rows))])
     header = "time_s,vehicle,east_m,north_m,depth_m,east_std_m,north_std_m,thu_m,tvu_m,s44_order"
@@ -294,7 +294,7 @@ def exported_table(rows):
 
 
 def test_an_exported_table_comes_back_no_surer_than_it_was(tmp_path, capsys):
-    """Its places were estimated before: they are no independent fixes, however many there are."""
+    """Its positions were estimated before: they are no independent fixes, however many there are."""
     text, stds = exported_table(survey())
     (tmp_path / "soundings.csv").write_text(text)
     assert main([str(tmp_path / "soundings.csv"), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
@@ -309,10 +309,10 @@ def test_an_exported_table_comes_back_no_surer_than_it_was(tmp_path, capsys):
     assert np.column_stack([np.array(north, float), np.array(east, float)]) == pytest.approx(stds, abs=1.1e-3)
     assert (np.array(tvu, float) >= 0.611).all()
     assert set(order) <= {"none", "2"}
-    # The map keeps the places' common error: it adds slope times shift. Rescaling, which would use it, too, is off.
+    # The map keeps the positions' common error: it adds slope times shift. Rescaling, which would use it, too, is off.
     run.parameters["/**"]["gp"]["std_soundings"] = 0.0
     team = team_map(run)
-    exact = dataclasses.replace(run.vehicles[0], place_std_m=np.empty((0, 2)))
+    exact = dataclasses.replace(run.vehicles[0], position_std_m=np.empty((0, 2)))
     sure = team_map(dataclasses.replace(run, vehicles=[exact]))
     inside = np.isfinite(team.field.std_m)
     assert (team.field.std_m[inside] >= sure.field.std_m[inside] - 1e-12).all()
@@ -326,7 +326,7 @@ def test_an_exported_table_comes_back_no_surer_than_it_was(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("origin", [None, (46.51, 6.58)])
-def test_an_exported_table_comes_back_to_the_same_places_on_earth(tmp_path, origin):
+def test_an_exported_table_comes_back_to_the_same_positions_on_earth(tmp_path, origin):
     """Also under another origin than that of its metres."""
     assert main([str(written(tmp_path, "a.csv")), "--out", str(tmp_path / "run"), "--level", "11"]) == 0
     list(export(tmp_path / "run", tmp_path / "export"))
@@ -353,7 +353,7 @@ def test_unknown_uncertainties_stay_unknown(tmp_path):
     assert set(order) == {"none"}
 
 
-def test_estimated_places_are_not_mixed_with_measured_ones(tmp_path, capsys):
+def test_estimated_positions_are_not_mixed_with_measured_ones(tmp_path, capsys):
     (tmp_path / "soundings.csv").write_text(exported_table(survey())[0])
     (tmp_path / "b.csv").write_text("time_s," + metres(survey()).replace("\n", "\n1,", 630)[:-2])
     arguments = [str(tmp_path / name) for name in ("soundings.csv", "b.csv")]
@@ -361,7 +361,7 @@ def test_estimated_places_are_not_mixed_with_measured_ones(tmp_path, capsys):
     assert "expected them in all logs or none. Import it alone" in capsys.readouterr().err
 
 
-def test_part_of_a_log_an_origin_and_the_transducers_place(tmp_path):
+def test_part_of_a_log_an_origin_and_the_transducers_position(tmp_path):
     path, out = written(tmp_path, "a.csv"), tmp_path / "run"
     part = ["--from", "100", "--to", "150", "--offset", "2", "1", "--origin", "46.4999", "6.6"]
     assert main([str(path), "--out", str(out), *part]) == 0
@@ -395,11 +395,11 @@ def test_depths_far_in_time_from_positions_are_not_placed(tmp_path):
     path = written(tmp_path, "a.nmea")
     log = nmea_reader.read(path, 998.0, lambda share: None)
     log.positions = np.delete(log.positions, slice(100, 120), axis=0)  # 20 s without GPS
-    found = place(log, ORIGIN, Placement())
+    found = position(log, ORIGIN, Placement())
     assert found.left_out["depths without positions within 5 s"] == 20
     log.depths = np.empty((0, 2))
     with pytest.raises(LogError, match="no usable sounding"):
-        place(log, ORIGIN, Placement())
+        position(log, ORIGIN, Placement())
 
 
 def test_the_help_names_the_exit_codes(capsys):

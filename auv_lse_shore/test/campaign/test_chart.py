@@ -42,7 +42,7 @@ def test_the_errors_have_the_size_and_the_length_asked_for():
         north, _, depth = coarse_chart(Slope(), EXTENT, config, np.random.default_rng(seed))
         errors.append((depth - 20.0 - north[:, None] / 20.0)[6:-6, 14:])
     errors = np.stack(errors)
-    # about 1,000 independent places: 2 % of the standard deviation, so 10 % is far off
+    # about 1,000 independent locations: 2 % of the standard deviation, so 10 % is far off
     assert errors.std() == pytest.approx(2.0, rel=0.1)
     # white noise under Gaussian weights of s: correlation exp(-d^2 / 4 s^2); nodes are 10 m apart
     far = (errors[:, 4:] * errors[:, :-4]).mean() / errors.var()
@@ -53,15 +53,15 @@ def test_a_mission_starts_from_its_chart(tmp_path):
     asked = settings(**{"sim.chart.smoothing_m": 75.0})
     charted = with_chart(asked, tmp_path)
     assert charted.common.gp.mean == charted.vehicles[1].gp.mean == "survey"
-    places = np.stack(np.meshgrid(np.arange(0.0, 600.0, 20.0), np.arange(0.0, 500.0, 20.0)), axis=-1).reshape(-1, 2)
-    truth = ground_of(asked).depth_m(places[:, 0], places[:, 1])
-    off = truth - prior_mean(charted.common.gp)(places)
+    locations = np.stack(np.meshgrid(np.arange(0.0, 600.0, 20.0), np.arange(0.0, 500.0, 20.0)), axis=-1).reshape(-1, 2)
+    truth = ground_of(asked).depth_m(locations[:, 0], locations[:, 1])
+    off = truth - prior_mean(charted.common.gp)(locations)
     assert np.nanstd(off) < 0.75 * np.nanstd(truth), "it knows something"
     assert np.nanstd(off) > 2.0, "and not all"
     again = tmp_path / "again"
     again.mkdir()
     np.testing.assert_array_equal(
-        prior_mean(with_chart(asked, again).common.gp)(places), prior_mean(charted.common.gp)(places)
+        prior_mean(with_chart(asked, again).common.gp)(locations), prior_mean(charted.common.gp)(locations)
     )
 
 

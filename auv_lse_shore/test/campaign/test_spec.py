@@ -102,14 +102,14 @@ def test_the_campaigns_of_the_project_can_be_flown(path):
     assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
 
 
-def test_in_the_places_campaign_vehicles_surface_only_if_requested():
-    path = Path(__file__).parents[3] / "config/campaigns/places.yaml"
+def test_in_the_locations_campaign_vehicles_surface_only_if_requested():
+    path = Path(__file__).parents[3] / "config/campaigns/locations.yaml"
     spec = CampaignSpec.load(path)
     for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():
         settings = Settings.from_patterns(job.patterns, "")
         wanted = 2 if "surfacing where it pays" in job.group else 0
         team = len(settings.vehicles)
         assert [own.vehicle.surfacings for own in settings.vehicles] == [wanted] * team
-        corrects = [settings.places_in_force(v).correct for v in range(1, team + 1)]
+        corrects = [settings.positions_in_force(v).correct for v in range(1, team + 1)]
         assert corrects == ["as booked" not in job.group] * team
         assert settings.sim.gps.surface_every_s == 0.0

@@ -1,4 +1,4 @@
-"""scripts/check --map and --area: what is drawn of a mission, and what is said of a file of places."""
+"""scripts/check --map and --area: what is drawn of a mission, and what is said of a file of positions."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def mission(tmp_path: Path) -> Path:
     return tmp_path / "mission.yaml"
 
 
-def test_what_was_used_of_a_file_of_places_and_what_was_not_is_reported(mission: Path) -> None:
+def test_what_was_used_of_a_file_of_positions_and_what_was_not_is_reported(mission: Path) -> None:
     notes = "\n".join(text for level, text in check(mission).rows if level == "note")
     assert "lake.geojson: used the area, no-go area no_go_pier, start of auv1, start of auv2, recovery" in notes
     assert "lake.geojson: ignored 'harbor'" in notes
 
 
-def test_the_map_shows_the_places_where_they_are(mission: Path) -> None:
+def test_the_map_shows_the_positions_where_they_are(mission: Path) -> None:
     settings = Settings.load(mission)
     origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     figure = mission_figure(settings, "a mission", ["ignored 'harbor'"])
@@ -63,15 +63,15 @@ def test_the_map_shows_the_places_where_they_are(mission: Path) -> None:
     words = [text.get_text() for text in axis.texts]
     assert {"auv1", "auv2", "recovery", "no_go_pier", "N", "100 m"} <= set(words)
     assert "ignored 'harbor'" in axis.get_title(loc="left")
-    # The recovery place, outside of the area, is within the picture, and so are lines of latitude and longitude.
+    # The recovery position, outside of the area, is within the picture, and so are lines of latitude and longitude.
     low, high = axis.get_xlim()
     west = float(local_from_geodetic(47.301, 8.4995, *origin)[1])
     assert low < west < high
     labels = [
-        (tick.get_text(), place)
+        (tick.get_text(), position)
         for side in axis.child_axes
         for of in (side.xaxis, side.yaxis)
-        for tick, place in zip(of.get_ticklabels(), of.get_ticklocs(), strict=True)
+        for tick, position in zip(of.get_ticklabels(), of.get_ticklocs(), strict=True)
     ]
     north = dict(labels)["47.302° N"]
     assert north == pytest.approx(float(local_from_geodetic(47.302, 8.5025, *origin)[0]), abs=0.1)

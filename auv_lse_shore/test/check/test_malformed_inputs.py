@@ -325,12 +325,12 @@ def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     "command",
     [
-        lambda place: replay([str(place / "run"), "--recompute", "planner", "--csv", str(place / "to")]),
-        lambda place: replay([str(place / "run"), "--report", "--out", str(place / "to")]),
-        lambda place: live([str(place / "run"), "--write", str(place / "to")]),
-        lambda place: mission(["--steps", "2", "--out", str(place / "to")]),
-        lambda place: mission(["--set", "modem.port=/dev/ttyUSB0", "--for-vehicles", str(place / "to")]),
-        lambda place: sim(["--steps", "2", "--apart", "--domain", "77", "--out", str(place / "to")]),
+        lambda position: replay([str(position / "run"), "--recompute", "planner", "--csv", str(position / "to")]),
+        lambda position: replay([str(position / "run"), "--report", "--out", str(position / "to")]),
+        lambda position: live([str(position / "run"), "--write", str(position / "to")]),
+        lambda position: mission(["--steps", "2", "--out", str(position / "to")]),
+        lambda position: mission(["--set", "modem.port=/dev/ttyUSB0", "--for-vehicles", str(position / "to")]),
+        lambda position: sim(["--steps", "2", "--apart", "--domain", "77", "--out", str(position / "to")]),
     ],
     ids=["replay --csv", "replay --report", "live --write", "mission --out", "mission --for-vehicles", "sim --out"],
 )
@@ -351,21 +351,23 @@ def test_on_a_full_disk_nothing_half_written_stays(
 @pytest.mark.parametrize(
     "command",
     [
-        lambda place: campaign([str(place / "c.yaml"), "--out", str(place / "file" / "out")]),
-        lambda place: export([str(place / "run"), "--out", str(place / "file" / "to")]),
-        lambda place: check([str(place / "file" / "m.yaml")]),
-        lambda place: mission(["--out", str(place / "file" / "run")]),
-        lambda place: mission(["--out", str(place / "file" / ("x" * 300))]),
-        lambda place: mission(["--set", "modem.port=x", "--for-vehicles", str(place / "file" / "v.yaml")]),
-        lambda place: replay([str(place / "run"), "--report", "--out", str(place / "file")]),
-        lambda place: replay([str(place / "run"), "--recompute", "planner", "--csv", str(place / "file" / "x.csv")]),
-        lambda place: replay([str(place / "file"), "--report"]),
-        lambda place: live([str(place / "run"), "--write", str(place / "file" / "x.html")]),
-        lambda place: live([str(place / "file" / ("x" * 300)), "--write", str(place / "x.html")]),
-        lambda place: live([str(place / "file")]),
+        lambda position: campaign([str(position / "c.yaml"), "--out", str(position / "file" / "out")]),
+        lambda position: export([str(position / "run"), "--out", str(position / "file" / "to")]),
+        lambda position: check([str(position / "file" / "m.yaml")]),
+        lambda position: mission(["--out", str(position / "file" / "run")]),
+        lambda position: mission(["--out", str(position / "file" / ("x" * 300))]),
+        lambda position: mission(["--set", "modem.port=x", "--for-vehicles", str(position / "file" / "v.yaml")]),
+        lambda position: replay([str(position / "run"), "--report", "--out", str(position / "file")]),
+        lambda position: replay(
+            [str(position / "run"), "--recompute", "planner", "--csv", str(position / "file" / "x.csv")]
+        ),
+        lambda position: replay([str(position / "file"), "--report"]),
+        lambda position: live([str(position / "run"), "--write", str(position / "file" / "x.html")]),
+        lambda position: live([str(position / "file" / ("x" * 300)), "--write", str(position / "x.html")]),
+        lambda position: live([str(position / "file")]),
     ],
 )
-def test_a_place_that_cannot_be_written_is_told(
+def test_a_position_that_cannot_be_written_is_told(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], int]
 ) -> None:
     """As on a read-only disk, for root as well: a folder is asked for below a file."""

@@ -23,7 +23,7 @@ ORIGIN = (46.5, 6.6)
 
 
 def made(synthetic_run, steps=20, **level_set):
-    """A mission without corrected places, on Earth."""
+    """A mission without corrected positions, on Earth."""
     run = synthetic_run(steps=steps)
     run.ground = None
     run.parameters["/**"]["area"].update(origin_lat_deg=ORIGIN[0], origin_lon_deg=ORIGIN[1])
@@ -53,7 +53,7 @@ def published(run, vehicle, change=None):
     return report, CentersReport(
         stamp_s=stamp_s,
         revision=1,
-        places_m=centers.places_m,
+        locations_m=centers.locations_m,
         depths_m=centers.depths_m,
         noise_std_m=centers.noise_std_m,
     )
@@ -119,7 +119,7 @@ def test_a_second_certificate_replaces_the_first_and_is_the_same(healthy, tmp_pa
     assert {path.name for path in tmp_path.iterdir()} == {"certificate.json", "certificate.html"}
 
 
-def test_an_altered_map_is_contradicted_at_its_place(monkeypatch, synthetic_run, tmp_path, capsys):
+def test_an_altered_map_is_contradicted_at_its_location(monkeypatch, synthetic_run, tmp_path, capsys):
     def alter(field):
         field.mean_m[30, 20] += 0.03
 
@@ -155,8 +155,8 @@ def test_old_parts_of_a_large_map_are_noted_and_compared_with_the_soundings(
 def test_a_map_that_no_sounding_supports_is_contradicted(monkeypatch, synthetic_run, tmp_path, capsys):
     def change(centers):  # one that fits the published map
         depths = centers.depths_m.copy()
-        depths[np.hypot(*(centers.places_m - [120.0, 250.0]).T) < 40.0] -= 3.0
-        return Centers(centers.places_m, depths, centers.noise_std_m)
+        depths[np.hypot(*(centers.locations_m - [120.0, 250.0]).T) < 40.0] -= 3.0
+        return Centers(centers.locations_m, depths, centers.noise_std_m)
 
     folder = write(monkeypatch, made(synthetic_run), tmp_path / "run", change=change)
     assert main([str(folder)]) == 1

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from auv_lse_common.mission_file.places_file import read_places
+from auv_lse_common.mission_file.positions_file import read_positions
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.formats import kml, qgc_plan
@@ -32,14 +32,14 @@ def export(tmp_path_factory, synthetic_run):
     return content
 
 
-def local(places):
-    """Places (n, 2) north, east (m) of rows of latitude, longitude (deg)."""
-    return np.column_stack(local_from_geodetic(*np.array(places, dtype=float).T[:2], *ORIGIN))
+def local(locations):
+    """Locations (n, 2) north, east (m) of rows of latitude, longitude (deg)."""
+    return np.column_stack(local_from_geodetic(*np.array(locations, dtype=float).T[:2], *ORIGIN))
 
 
 def kml_line(placemark):
     text = placemark.find("k:LineString/k:coordinates", KML).text
-    return local([[float(x) for x in place.split(",")][::-1] for place in text.split()])
+    return local([[float(x) for x in location.split(",")][::-1] for location in text.split()])
 
 
 def longest_found(export):
@@ -111,10 +111,10 @@ def test_the_plan_has_what_qgroundcontrol_requires(export):
 
 
 def test_the_plan_is_the_area_of_another_mission(export):
-    places = read_places(export.folder / "isobath.plan")
-    np.testing.assert_allclose(local(places.area), export.team.area.polygon, atol=0.02)
-    assert len(places.no_go) == 1
-    np.testing.assert_allclose(local([places.recoveries[0]]), [[10.0, 15.0]], atol=0.02)
+    locations = read_positions(export.folder / "isobath.plan")
+    np.testing.assert_allclose(local(locations.area), export.team.area.polygon, atol=0.02)
+    assert len(locations.no_go) == 1
+    np.testing.assert_allclose(local([locations.recoveries[0]]), [[10.0, 15.0]], atol=0.02)
 
 
 def test_without_an_origin_both_say_what_is_missing_and_leave_no_old_file(export, tmp_path):

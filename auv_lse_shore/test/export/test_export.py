@@ -118,7 +118,7 @@ def test_the_isobath_of_the_export_is_that_of_the_map(on_earth, local):
         assert first["properties"]["coordinates"].startswith("local metres" if origin is None else "WGS84")
 
 
-def test_soundings_have_time_vehicle_place_and_its_error(on_earth, local):
+def test_soundings_have_time_vehicle_location_and_its_error(on_earth, local):
     for (folder, run, _), origin in ((on_earth, ORIGIN), (local, None)):
         with (folder / "soundings.csv").open() as file:
             rows = list(csv.DictReader(file))
@@ -132,19 +132,19 @@ def test_soundings_have_time_vehicle_place_and_its_error(on_earth, local):
                 np.testing.assert_allclose(
                     [float(r[column]) for r in own], vehicle.soundings.rows[:, values], atol=6e-4
                 )
-            std = vehicle.place_std_at(vehicle.soundings.stamp_s)
+            std = vehicle.position_std_at(vehicle.soundings.stamp_s)
             np.testing.assert_allclose([float(r["north_std_m"]) for r in own], std[:, 0], atol=6e-4)
             np.testing.assert_allclose([float(r["east_std_m"]) for r in own], std[:, 1], atol=6e-4)
             if origin is not None:
                 geodetic = [[float(r[c]) for r in own] for c in ("latitude_deg", "longitude_deg")]
                 north, east = local_from_geodetic(*geodetic, *origin)
-                np.testing.assert_allclose(np.column_stack([north, east]), vehicle.soundings.places_m, atol=2e-3)
+                np.testing.assert_allclose(np.column_stack([north, east]), vehicle.soundings.locations_m, atol=2e-3)
 
 
-def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
+def test_a_position_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
     run = synthetic_run(steps=2)
     for vehicle in run.vehicles:
-        vehicle.place_std_m = np.empty((0, 2))
+        vehicle.position_std_m = np.empty((0, 2))
     write_run(run, tmp_path)
     assert main([str(tmp_path), "--out", str(tmp_path / "elsewhere")]) == 0
     with (tmp_path / "elsewhere" / "soundings.csv").open() as file:
@@ -200,7 +200,7 @@ def test_qgis_itself_opens_and_draws_the_project(request, tmp_path, where):
     assert len(layers) == 5
     assert all(layer["valid"] for layer in layers.values()), layers
     assert {name for name, layer in layers.items() if layer["shown"]} == {
-        "15 m isobath", "soundings", "Bayes risk (cost per place)"
+        "15 m isobath", "soundings", "Bayes risk (cost per location)"
     }  # fmt: skip
     assert layers["soundings"]["features"] == sum(len(v.soundings) for v in run.vehicles)
     grid = team.field.grid

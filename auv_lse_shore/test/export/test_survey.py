@@ -74,12 +74,12 @@ def test_the_chart_in_utm_is_the_map_as_cloud_optimized_geotiff_and_bag(lake):
     rows, columns = np.nonzero(grid.inside)
     inner = (rows > 3) & (rows < rows.max() - 3) & (columns > 3) & (columns < columns.max() - 3)
     rows, columns = rows[inner][::37], columns[inner][::37]
-    places = np.column_stack(to_utm.transform(grid.east_m[columns], grid.north_m[rows]))
+    locations = np.column_stack(to_utm.transform(grid.east_m[columns], grid.north_m[rows]))
     survey_tvu = cell_tvu_m(team, Survey(sound_speed=np.array([[0.0, 1460.0]])))[rows, columns]
     for name, sign in (("chart.tif", 1.0), ("chart.bag", -1.0)):
         with rasterio().open(folder / name) as file:
             assert "UTM zone 32N" in file.crs.to_wkt()
-            values = np.array(list(file.sample(places)))
+            values = np.array(list(file.sample(locations)))
             known = np.array(file.nodata) != values[:, 0]
             assert known.all()
             # Sampled at the nearest of cells of 6 m, on a slope of 1 in 15
@@ -163,7 +163,7 @@ def test_orders_of_s44(thu, tvu, depth, order):
 def test_a_sounding_lies_within_its_thu_in_at_least_95_of_100_cases(synthetic_run, north, east, correlation):
     run = synthetic_run(steps=2)
     vehicle = run.vehicles[0]
-    vehicle.place_std_m = np.tile([north, east], (len(vehicle.odometry), 1))
+    vehicle.position_std_m = np.tile([north, east], (len(vehicle.odometry), 1))
     found = sounding_uncertainty(run, vehicle, Survey(), noise_std_m=0.2)
     cross = correlation * north * east
     draws = np.random.default_rng(1).multivariate_normal([0, 0], [[north**2, cross], [cross, east**2]], 20_000)

@@ -11,23 +11,23 @@ from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import resample
 from auv_lse_gp.map import certainty
-from auv_lse_gp.map.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN
+from auv_lse_gp.map.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, POSITIONS_UNCERTAIN
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_shore.judge import isobath
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0)))
 
 
-def classified(soundings, place_std_m=0.0, area=AREA, **gp):
+def classified(soundings, position_std_m=0.0, area=AREA, **gp):
     """The pieces of the isobath of a map of (north, east, depth) soundings (n, 3)."""
     config = GpConfig(**{"length_scale_m": 60.0, "noise_std_m": 0.2, **gp})
     depth_map = DepthMap(config, LevelSet(level_m=15.0), area)
     stamps = np.arange(float(len(soundings)))[:, None]
     depth_map.add_soundings(np.hstack([stamps, soundings]))
-    places = np.column_stack([soundings[:, :2], np.full(len(soundings), place_std_m)])
+    locations = np.column_stack([soundings[:, :2], np.full(len(soundings), position_std_m)])
     shore_known = bool(area.config.shore)
     lines, field = depth_map.isobath().lines, depth_map.field()
-    return certainty.classify(lines, field, config.signal_std_m, places, shore_known=shore_known)
+    return certainty.classify(lines, field, config.signal_std_m, locations, shore_known=shore_known)
 
 
 def slope(east_from, east_to, per_m=0.1):
@@ -100,10 +100,10 @@ def test_a_known_shore_finds_the_isobath_beside_sounded_ground():
     assert {p.kind for p in classified(both, 15.0, OperatingArea(shore)) if p.line[:, 0].max() < 60.0} == {LIKELY}
 
 
-def test_vehicles_unsure_of_their_places_find_less():
-    pieces = classified(slope(0.0, 601.0), place_std_m=15.0)
-    assert {(p.kind, p.reason) for p in pieces} == {(LIKELY, PLACES_UNCERTAIN)}
-    unknown = classified(slope(0.0, 601.0), place_std_m=np.nan)  # a driver that says nothing about it
+def test_vehicles_unsure_of_their_locations_find_less():
+    pieces = classified(slope(0.0, 601.0), position_std_m=15.0)
+    assert {(p.kind, p.reason) for p in pieces} == {(LIKELY, POSITIONS_UNCERTAIN)}
+    unknown = classified(slope(0.0, 601.0), position_std_m=np.nan)  # a driver that says nothing about it
     assert {p.kind for p in unknown} == {FOUND}
 
 
@@ -125,11 +125,11 @@ def test_pieces_are_the_whole_line_without_gaps():
 
 def test_a_short_stretch_is_worth_no_more_than_what_is_beside_it():
     east = np.arange(0.0, 105.0, 5.0)
-    places = np.column_stack([np.zeros_like(east), east])
+    locations = np.column_stack([np.zeros_like(east), east])
     ranks = np.full(21, 2)
     ranks[5:7] = 0  # 10 m
     ranks[12:18] = 1  # 30 m
-    out = certainty._without_short_stretches(ranks, places)
+    out = certainty._without_short_stretches(ranks, locations)
     assert set(out[:12]) == {2}
     assert set(out[12:18]) == {1}
 
@@ -139,19 +139,20 @@ def test_the_classes_of_certainty_are_calibrated():
     rng = np.random.default_rng(5)
     config = GpConfig(length_scale_m=60.0, noise_std_m=0.2)
     grid = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0))).grid(10.0)
-    places = grid.places_m
-    factor = np.linalg.cholesky(Kernel(config)(places, places) + 1e-6 * np.eye(len(places)))
+    locations = grid.locations_m
+    factor = np.linalg.cholesky(Kernel(config)(locations, locations) + 1e-6 * np.eye(len(locations)))
     off = {kind: [] for kind in certainty.CLASSES}
     for _ in range(6):
-        depth = 15.0 + factor @ rng.standard_normal(len(places))
-        lanes = np.isin(np.round(places[:, 1]), np.round(grid.east_m[4::11]))
-        soundings = np.column_stack([places[lanes], depth[lanes] + 0.2 * rng.standard_normal(lanes.sum())])
+        depth = 15.0 + factor @ rng.standard_normal(len(locations))
+        lanes = np.isin(np.round(locations[:, 1]), np.round(grid.east_m[4::11]))
+        soundings = np.column_stack([locations[lanes], depth[lanes] + 0.2 * rng.standard_normal(lanes.sum())])
         truth = isobath.trace(grid.north_m, grid.east_m, grid.fill(depth), 15.0)
         for piece in classified(soundings):
             distance = cKDTree(resample(truth)).query(piece.line)[0]
             off[piece.kind] += distance.tolist()
-    # 95 % of the found places lie within 2 x 10 m and of the likely ones within 2 x 30 m; the distance to the nearest
-    # piece of the truth can only be less. Some 200 places of each class: 0.9 is three standard errors below 0.95.
+    # 95 % of the found locations lie within 2 x 10 m and of the likely ones within 2 x 30 m; the distance to the
+    # nearest
+    # piece of the truth can only be less. Some 200 locations of each class: 0.9 is three standard errors below 0.95.
     assert len(off[FOUND]) > 100
     assert np.mean(np.array(off[FOUND]) <= 20.0) > 0.9
     assert np.mean(np.array(off[LIKELY]) <= 60.0) > 0.9

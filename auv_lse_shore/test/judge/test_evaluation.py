@@ -38,7 +38,7 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     assert s.risk_after < s.risk_third < s.risk_before
     risk = evaluation.curves.risk
     assert risk[0] == pytest.approx(s.risk_before)
-    assert risk[-1] == pytest.approx(s.risk_after, rel=0.1)  # over a part of the places, soundings in another order
+    assert risk[-1] == pytest.approx(s.risk_after, rel=0.1)  # over a part of the locations, soundings in another order
     assert s.area_m2 == 240.0 * 300.0
     assert s.misclassified_m2 == s.false_safe_m2 + s.false_unsafe_m2
     assert s.loss_after == pytest.approx(10.0 * s.misclassified_m2 / s.area_m2)
@@ -167,7 +167,7 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
             packet = heard[(heard.stamp_s == arrival) & (heard.vehicle == source)]
             by_tick.add_samples(packet.points_m, source)
     rebuilt = local_map(vehicle, settings[1], area, 1.0)
-    assert np.array_equal(rebuilt.centers.places_m, by_tick.centers.places_m)
+    assert np.array_equal(rebuilt.centers.locations_m, by_tick.centers.locations_m)
     assert np.array_equal(rebuilt.field().risk, by_tick.field().risk)
     assert len(rebuilt.centers) > len(
         local_map(VehicleRun(vehicle=2, soundings=vehicle.soundings), settings[1], area, 1.0).centers

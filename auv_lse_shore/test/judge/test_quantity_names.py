@@ -20,7 +20,7 @@ def test_summary_terminal_report_and_live_page_call_a_quantity_the_same(syntheti
     live = mission_facts(Settings.load(None, {"mission.vehicles": 2}), name="x", simulated=False)["names"]
     assert live == {
         "expected_loss": names.EXPECTED_LOSS.capitalize(),
-        "cost_per_place": names.COST_PER_PLACE,
+        "cost_per_position": names.COST_PER_LOCATION,
         "layers": {"risk": "Expected loss", "p_safe": "P(deep enough)", "depth": "Depth", "std": "Standard deviation"},
     }
     assert set(names.MAP_LAYERS) == set(scales_of(15.0, 5.0))
@@ -31,7 +31,7 @@ def test_summary_terminal_report_and_live_page_call_a_quantity_the_same(syntheti
     }.items():
         assert keys[key].metadata["help"].startswith(name), key
         assert any(line.startswith(name) or f", {name} " in line for line in terminal.split("\n")), name
-        assert any(meaning.startswith(name) and names.COST_PER_PLACE in meaning for meaning in report), name
+        assert any(meaning.startswith(name) and names.COST_PER_LOCATION in meaning for meaning in report), name
 
 
 def test_figures_name_the_same_quantities(synthetic_run):
@@ -41,7 +41,7 @@ def test_figures_name_the_same_quantities(synthetic_run):
         for name, _, draw in FIGURES
         if (figure := draw(e)) is not None
     }
-    with_unit = f"{names.MAP_RISK} ({names.COST_PER_PLACE})"
+    with_unit = f"{names.MAP_RISK} ({names.COST_PER_LOCATION})"
     for name in ("risk_maps.png", "risk_over_steps.png", "local_risk_error.png"):
         assert with_unit in words[name], name
     for quantity in (names.DEPTH, names.DEPTH_STD):

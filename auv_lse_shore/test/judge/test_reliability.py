@@ -7,7 +7,7 @@ from auv_lse_shore.campaign.reliability_figure import reliability_figure, reliab
 from auv_lse_shore.judge.reliability import CLASSES, EDGES, Reliability
 
 
-def test_places_fall_into_their_classes():
+def test_locations_fall_into_their_classes():
     p = [0.0, 0.005, 0.01, 0.55, 0.56, 0.99, 1.0]
     safe = [False, True, False, True, False, True, True]
     r = Reliability.of(p, safe)
@@ -18,7 +18,7 @@ def test_places_fall_into_their_classes():
     assert r.shares[7] == 0.5
     assert r.probabilities[7] == pytest.approx(0.555)
     assert np.isnan(r.shares[2])
-    # |1 - .005| + |0 - .01| + |1 - 1.11| + |2 - 1.99| of 7 places
+    # |1 - .005| + |0 - .01| + |1 - 1.11| + |2 - 1.99| of 7 locations
     assert r.error == pytest.approx((0.995 + 0.01 + 0.11 + 0.01) / 7)
 
 
@@ -26,7 +26,7 @@ def test_a_calibrated_map_has_no_reliability_error_and_an_overconfident_one_has(
     rng = np.random.default_rng(1)
     p = rng.beta(0.3, 0.3, 200_000)
     honest = Reliability.of(p, rng.random(p.size) < p)
-    # a class of n places is off by about sqrt(p (1 - p) / n): less than 0.005 here
+    # a class of n locations is off by about sqrt(p (1 - p) / n): less than 0.005 here
     assert honest.error < 0.005
     bold = Reliability.of(np.round(p), rng.random(p.size) < p)
     assert bold.error > 0.1

@@ -1,4 +1,4 @@
-"""The reward curves against dense computation, and the places that they credit."""
+"""The reward curves against dense computation, and the locations that they credit."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ def settings_of(run):
     return settings, OperatingArea(settings[0].area)
 
 
-def dense_risk(settings, soundings, places):
-    """Risk at places from the textbook formula, with every sounding a datum (no spacing rule)."""
+def dense_risk(settings, soundings, locations):
+    """Risk at locations from the textbook formula, with every sounding a datum (no spacing rule)."""
     kernel, gp = Kernel(settings.gp), settings.gp
     x, z = soundings[:, 1:3], soundings[:, 3]
     gram = kernel(x, x) + gp.noise_std_m**2 * np.eye(len(x))
-    cross = kernel(x, places)
+    cross = kernel(x, locations)
     mean = gp.mean_depth_m + cross.T @ np.linalg.solve(gram, z - gp.mean_depth_m)
     variance = gp.signal_std_m**2 - np.sum(cross * np.linalg.solve(gram, cross), axis=0)
     return LevelSet.of(settings.level_set).risk(mean, np.sqrt(variance))
@@ -39,7 +39,7 @@ def test_leg_times_are_when_the_states_were_passed(synthetic_run):
     assert times[:-1] == pytest.approx(leg_s * np.arange(10), abs=0.7)  # odometry every 0.65 s
 
 
-def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
+def test_reward_is_the_drop_of_risk_at_the_legs_own_locations(synthetic_run):
     run = synthetic_run(steps=3, drift_mps=0.0)
     for pattern in run.parameters.values():
         if "gp" in pattern:
@@ -50,11 +50,13 @@ def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
     data = np.empty((0, 4))
     total, visited = 0.0, np.empty((0, 2))
     for step in range(3):
-        places = []
+        locations = []
         for vehicle in run.vehicles:
             end = vehicle.decisions[step]
-            places.append([end.plan.north_m + 15.0 * np.pi / 2.0, end.plan.east_m])  # the first legs go straight north
-        here = np.array(places)
+            locations.append(
+                [end.plan.north_m + 15.0 * np.pi / 2.0, end.plan.east_m]
+            )  # the first legs go straight north
+        here = np.array(locations)
         before = dense_risk(settings[0], data, here)
         for vehicle in run.vehicles:
             stamps = vehicle.soundings.stamp_s
@@ -74,7 +76,7 @@ def test_bounds_follow_the_plans(synthetic_run):
     settings, area = settings_of(run)
     curves = reward_curves(run, settings, area)
     assert curves.stepwise[0] == curves.whole[0] == 0.0
-    # At the start the whole path is planned: 16 places worth 5 each at most.
+    # At the start the whole path is planned: 16 locations worth 5 each at most.
     assert 0.0 < curves.bound[0] < curves.whole_bound[0] < 80.0
     assert np.all(np.diff(curves.bound_max[np.isfinite(curves.bound_max)]) >= 0.0)
     assert curves.bound[-1] == curves.stepwise[-1]
@@ -87,12 +89,12 @@ def test_expected_whole_path_reward_of_the_first_plan_is_its_expected_benefit(sy
     run = synthetic_run(steps=8)
     settings, area = settings_of(run)
     paths = [PlannedPaths(s, area) for s in settings]
-    places = np.concatenate([p.ahead(v.decisions[0]).places_m for p, v in zip(paths, run.vehicles, strict=True)])
-    covariance = Kernel(settings[0].gp)(places, places)
-    noise = settings[0].gp.noise_std_m ** 2 * np.eye(len(places))
+    locations = np.concatenate([p.ahead(v.decisions[0]).locations_m for p, v in zip(paths, run.vehicles, strict=True)])
+    covariance = Kernel(settings[0].gp)(locations, locations)
+    noise = settings[0].gp.noise_std_m ** 2 * np.eye(len(locations))
     after = np.diag(covariance - covariance @ np.linalg.solve(covariance + noise, covariance))
     std = np.sqrt(np.diag(covariance) - after)
-    benefit = LevelSet.of(settings[0].level_set).benefit(np.full(len(places), 15.0), std, np.sqrt(after))
+    benefit = LevelSet.of(settings[0].level_set).benefit(np.full(len(locations), 15.0), std, np.sqrt(after))
     assert reward_curves(run, settings, area).whole_bound[0] == pytest.approx(benefit.sum(), rel=1e-9)
 
 
@@ -115,14 +117,14 @@ def test_planned_paths_are_those_of_the_packet(synthetic_run):
     path = PlannedPaths(settings[0], area)
     decision = run.vehicles[0].decisions[4]
     ahead = path.ahead(decision)
-    assert (len(ahead.own_places_m), len(ahead.naive_places_m)) == (3, 30 - 4 - 3)
+    assert (len(ahead.own_locations_m), len(ahead.naive_locations_m)) == (3, 30 - 4 - 3)
     following = run.vehicles[0].decisions[5]
-    assert ahead.own_places_m[0] == pytest.approx(following.plan.state[1:], abs=1e-3)
-    assert np.all(area.clearance_m(ahead.naive_places_m) >= 0.0)
+    assert ahead.own_locations_m[0] == pytest.approx(following.plan.state[1:], abs=1e-3)
+    assert np.all(area.clearance_m(ahead.naive_locations_m) >= 0.0)
 
 
 @pytest.mark.parametrize("samples", [1, 3, 5, 7])
-def test_credited_places_are_those_that_the_planner_counts(synthetic_run, samples):
+def test_credited_locations_are_those_that_the_planner_counts(synthetic_run, samples):
     run = synthetic_run(steps=12)
     for pattern in run.parameters.values():
         if "planner" in pattern:
@@ -135,9 +137,9 @@ def test_credited_places_are_those_that_the_planner_counts(synthetic_run, sample
         legs = [planner.motion.leg(0, s, int(a)) for s, a in zip(followed.states, followed.actions, strict=False)]
         along = (np.arange(samples) + 1.0) / samples
         expected = np.array([[leg.state_at(f * leg.length_m)[1:] for f in along] for leg in legs])
-        assert followed.leg_places_m == pytest.approx(expected, abs=1e-9)
-        assert np.array_equal(path.ahead(decision).leg_places_m, followed.leg_places_m)
-        assert np.array_equal(path.leg(decision), followed.places_m[:samples])
+        assert followed.leg_locations_m == pytest.approx(expected, abs=1e-9)
+        assert np.array_equal(path.ahead(decision).leg_locations_m, followed.leg_locations_m)
+        assert np.array_equal(path.leg(decision), followed.locations_m[:samples])
         assert path.ahead(decision).states[0][1:] == pytest.approx(decision.plan.state[1:])
 
 
@@ -153,11 +155,11 @@ def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
     settings, area = settings_of(run)
     path = PlannedPaths(settings[0], area)
     first = run.vehicles[0].decisions[0]
-    everything = path.ahead(first).places_m
+    everything = path.ahead(first).locations_m
     for step in (2, 3, 10):  # within the actions, at their end, on the naive part
         kept = replace(first, step=step)
         assert path.ahead(kept).own == max(3 - step, 0)
-        assert np.array_equal(path.ahead(kept).places_m, everything[step:])
+        assert np.array_equal(path.ahead(kept).locations_m, everything[step:])
         assert np.array_equal(path.leg(kept)[-1], everything[step])
         assert path.ahead(kept).states[0][1:] == pytest.approx(everything[step - 1])
 
@@ -175,7 +177,7 @@ def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
 
 
 @pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "tour"])
-def test_credited_places_lie_on_the_flown_tracks(method):
+def test_credited_locations_lie_on_the_flown_tracks(method):
     """The judge rebuilds legs from plans alone: kept plans, naive paths and strips come out as they were flown."""
     from scipy.spatial import cKDTree
 
@@ -214,11 +216,11 @@ def test_a_long_mission_is_computed_tile_by_tile(synthetic_run, monkeypatch):
     """Within what tiles may be off: .01 of a standard deviation of the depth moves a mean risk by far less than 1 %."""
     run = synthetic_run(steps=20)
     settings, area = settings_of(run)
-    places = area.grid(10.0).places_m
-    dense = reward_curves(run, settings, area, 2, places)
+    locations = area.grid(10.0).locations_m
+    dense = reward_curves(run, settings, area, 2, locations)
     monkeypatch.setattr("auv_lse_shore.judge.lawnmower.MAX_DENSE", 10)
     monkeypatch.setattr("auv_lse_gp.map.online.MAX_DENSE", 10)
-    tiled = reward_curves(run, settings, area, 2, places)
+    tiled = reward_curves(run, settings, area, 2, locations)
     for name in ("stepwise", "whole", "whole_bound", "risk", "expected_risk"):
         found, expected = getattr(tiled, name), getattr(dense, name)
         assert np.array_equal(np.isnan(found), np.isnan(expected))

@@ -297,7 +297,7 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
 def test_a_large_map_is_recomputed_as_seldom_as_a_vehicle_publishes_it(settings, monkeypatch):
     vehicle = settings.planner_settings(1)
     area = OperatingArea(vehicle.area)
-    cells, period_s = len(area.grid(vehicle.gp.map_resolution_m).places_m), vehicle.gp.publish_period_s
+    cells, period_s = len(area.grid(vehicle.gp.map_resolution_m).locations_m), vehicle.gp.publish_period_s
     monkeypatch.setattr("auv_lse_gp.map.depth_map.MANY_CELLS", cells / 3)
     own = OwnMap(vehicle, area)
     times = [t for t in np.arange(0.0, 8.0 * period_s, 5.0) if own.field(float(t)) is not None]

@@ -17,12 +17,12 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.process.domain import node_environment, note_run, own_domain, run_on
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_msgs.msg import MissionCommand, SimStatus
 from auv_lse_msgs.srv import RunMission
 from auv_lse_record.run_writer import write_run
+from auv_lse_run.process.domain import node_environment, note_run, own_domain, run_on
 from auv_lse_shore.live.sources import command_calls_node
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.mission_node import MissionListener

@@ -48,7 +48,7 @@ def test_it_shows_the_mission_and_reports_no_error(browser):
     at(browser, 200.0)
     assert text(browser, "title") == "a run"
     assert text(browser, "map-title") == "Map of auv1, 15 m isobath"
-    assert text(browser, "risk-title") == "Expected loss of each map (cost per place)"
+    assert text(browser, "risk-title") == "Expected loss of each map (cost per location)"
     assert text(browser, "state") == "recording"
     assert browser.ask("document.querySelectorAll('.vehicle').length") == 2
     assert "12 of 30" in text(browser, "vehicles")
@@ -78,16 +78,18 @@ def test_a_reward_is_shown_with_what_the_terminal_shows(browser):
     browser.ask("(liveView.store.facts.reward_of = 'path', liveView.store.changes++)")
 
 
-def test_the_place_under_the_pointer_has_latitude_and_longitude(browser):
+def test_the_position_under_the_pointer_has_latitude_and_longitude(browser):
     at(browser, 200.0)
     for x, y, scale in ((150, 120, 0), (400, 330, 0.02)):  # the second is kilometres away
         browser.ask(f"liveView.map.view = {scale} && {{north: 0, east: 0, scale: {scale}}}")
-        place = browser.ask(f"(liveView.map.probe = {{x: {x}, y: {y}}}, liveView.map.projection().place({x}, {y}))")
+        position = browser.ask(
+            f"(liveView.map.probe = {{x: {x}, y: {y}}}, liveView.map.projection().position({x}, {y}))"
+        )
         at(browser, 200.0)
         found = re.search(r"(\d+\.\d+)° N, (\d+\.\d+)° W", text(browser, "readout"))
         latitude, longitude = float(found[1]), -float(found[2])
         assert (latitude, longitude) == pytest.approx(
-            [float(v) for v in geodetic_from_local(place["north"], place["east"], *ORIGIN)], abs=1e-5
+            [float(v) for v in geodetic_from_local(position["north"], position["east"], *ORIGIN)], abs=1e-5
         )
     browser.ask("(liveView.map.probe = null, liveView.map.fit())")
 
@@ -192,8 +194,8 @@ def test_dots_on_one_another_are_drawn_once(browser):
     at(browser, 200.0)
     added = browser.ask(
         """(() => {
-          const { store, map } = liveView, list = store.list("samples", map.vehicle), places = Array(20000).fill(500);
-          const event = { kind: "samples", vehicle: map.vehicle, source: 2, t: 150, places };
+          const { store, map } = liveView, list = store.list("samples", map.vehicle), positions = Array(20000).fill(500);
+          const event = { kind: "samples", vehicle: map.vehicle, source: 2, t: 150, positions };
           map.draw(200);
           const before = map.dotCount;
           store.insert(event);
@@ -211,7 +213,7 @@ def test_a_line_is_drawn_without_the_points_that_do_not_show(browser):
         """(() => {
           const { Pen } = liveView, thinned = (line) => {
             const kept = [], pen = new Pen({ lineTo: (x, y) => kept.push([x, y]) });
-            for (const place of line) pen.to(...place);
+            for (const position of line) pen.to(...position);
             pen.end();
             return kept;
           };
@@ -220,8 +222,8 @@ def test_a_line_is_drawn_without_the_points_that_do_not_show(browser):
             const at = Math.min(1, Math.max(0, along / (long || 1)));
             return Math.hypot(x - ax - at * (bx - ax), y - ay - at * (by - ay));
           };
-          const off = (line, kept) => Math.max(...line.map((place) =>
-            Math.min(...kept.map((from, i) => away(place, from, kept[i + 1] ?? from)))));
+          const off = (line, kept) => Math.max(...line.map((position) =>
+            Math.min(...kept.map((from, i) => away(position, from, kept[i + 1] ?? from)))));
           const steps = [...Array(1000).keys()], straight = steps.map((i) => [i / 3, i / 7]);
           const loop = steps.map((i) => [200 + 90 * Math.cos(i / 40), 200 + 60 * Math.sin(i / 40)]);
           const rough = steps.map((i) => [i / 2, 40 * Math.sin(i / 9) + (i * 7919) % 5]);

@@ -138,14 +138,14 @@ def test_distances_and_bearings_are_measured_with_keys_and_pointer(browser):
         browser.press("ArrowRight")
     browser.press("Enter")
     scale = browser.ask("liveView.map.projection().scale")
-    assert text(browser, "measured").startswith(f"{120 / scale:.0f} m, 090°. Click the next place")
-    place = browser.ask(
+    assert text(browser, "measured").startswith(f"{120 / scale:.0f} m, 090°. Click the next position")
+    position = browser.ask(
         "(({left, top}) => ({x: left + 200, y: top + 150}))(liveView.map.canvas.getBoundingClientRect())"
     )
     for kind in ("mousePressed", "mouseReleased"):
-        browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **place)
+        browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **position)
     points = browser.ask("liveView.map.measure.points")
-    meant = browser.ask("liveView.map.projection().place(200, 150)")
+    meant = browser.ask("liveView.map.projection().position(200, 150)")
     assert (points[2]["north"], points[2]["east"]) == pytest.approx((meant["north"], meant["east"]), abs=1.0 / scale)
     legs = np.diff([(p["north"], p["east"]) for p in points], axis=0)
     assert f"{np.hypot(*legs.T).sum():.0f} m in all" in text(browser, "measured")

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
-from auv_lse_shore.mission.display import MAP_REWARD, PATH_REWARD, Display, MissionProgress, clock, reward_shown
+from auv_lse_run.mission.display import MAP_REWARD, PATH_REWARD, Display, MissionProgress, clock, reward_shown
 
 
 def displayed(progress: MissionProgress, terminal: bool) -> str:

@@ -26,9 +26,10 @@ pytestmark = [pytest.mark.ros, pytest.mark.mission]
 ROOT = Path(__file__).resolve().parents[3]
 TEAM = (1, 2)
 SHORT = ("--vehicles", "2", "--steps", "6", "--seed", "5", "--packet-loss", "0.1", "--set", "planner.iterations=20")
-#: A modem tells a range to 0.1 ms, which moves corrected places by centimetres, and with them legs, samples, and plans
+#: A modem tells a range to 0.1 ms, which moves corrected positions by centimetres, and with them legs, samples, and
+#: plans
 #: that are nearly as good as others. So nothing is corrected here; the ranges themselves are compared.
-SHORT += ("--set", "planner.tour_interval=6", "--set", "places.correct=false")
+SHORT += ("--set", "planner.tour_interval=6", "--set", "positions.correct=false")
 
 
 def fly(folder: Path, *options: str) -> RunData:
@@ -101,11 +102,11 @@ def test_through_mavlink_the_mission_is_the_same_to_the_rounding_of_its_messages
         assert abs(a.truth[:count, 1:3] - b.truth[:count, 1:3]).max() < 0.05
 
 
-def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_place(tmp_path: Path) -> None:
+def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_position(tmp_path: Path) -> None:
     until = ("--steps", "40", "--set", "mission.until.undiscovered_m=5000.0", "--set", "planner.method=plain")
-    place = ("--set", "vehicle.recovery_north_m=120.0", "--set", "vehicle.recovery_east_m=60.0")
+    position = ("--set", "vehicle.recovery_north_m=120.0", "--set", "vehicle.recovery_east_m=60.0")
     paced = ("--vehicle-link", "mavlink", "--real-time-factor", "20", "--set", "vehicle.at_end=go_to")
-    run = fly(tmp_path / "run", *until, *place, *paced)
+    run = fly(tmp_path / "run", *until, *position, *paced)
     for vehicle in run.vehicles:
         assert JUDGE_LEGS + CLOSE_LEGS < len(vehicle.decisions) < 40, "after two judgements"
         assert vehicle.decisions[-1].plan.quality_reached

@@ -23,10 +23,10 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from auv_lse_common.inspect import nodes, params, topics
-from auv_lse_common.inspect import run as mission
-from auv_lse_common.inspect.graph_node import Graph, GraphError
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
+from auv_lse_run.inspect import nodes, params, topics
+from auv_lse_run.inspect import run as mission
+from auv_lse_run.inspect.graph_node import Graph, GraphError
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
 
 pytestmark = pytest.mark.ros
 
@@ -54,7 +54,7 @@ class Vehicle:
             [
                 sys.executable,
                 "-m",
-                "auv_lse_common.commands.vehicle",
+                "auv_lse_run.vehicle.run_vehicle",
                 "auv1",
                 str(folder / "vehicles.yaml"),
                 "--out",

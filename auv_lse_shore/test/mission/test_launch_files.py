@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process import domain
-from auv_lse_common.process.domain import SIMULATOR_DOMAINS, DomainError, busy_domains
+from auv_lse_run.process import domain
+from auv_lse_run.process.domain import SIMULATOR_DOMAINS, DomainError, busy_domains
 
 ROOT = Path(__file__).resolve().parents[3]
 

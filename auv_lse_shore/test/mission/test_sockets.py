@@ -20,9 +20,10 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
-from auv_lse_common.process.processes import RECORDER, Process, executable_path, vehicle_nodes
 from auv_lse_common.support.confinement import NETWORK_VARIABLES
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.process.processes import RECORDER, Process, executable_path
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 pytestmark = pytest.mark.ros
@@ -107,12 +108,12 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
     with own_domain(VEHICLE_DOMAINS) as domain, contextlib.ExitStack() as stack:
         here = ("--domain", str(domain))
         commands = {
-            "vehicle": (6, module("auv_lse_common.commands.vehicle", "auv1", str(vehicles_file), *here)),
+            "vehicle": (6, module("auv_lse_run.vehicle.run_vehicle", "auv1", str(vehicles_file), *here)),
             "live": (
                 1,
                 module("auv_lse_shore.live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
             ),
-            "topics": (1, module("auv_lse_common.inspect.topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
+            "topics": (1, module("auv_lse_run.inspect.topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
         }
         for name, (participants, command) in commands.items():
             log = tmp_path / f"{name}.log"

@@ -15,9 +15,9 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.domain import own_domain
 from auv_lse_record.recording import Recording, recording_in
 from auv_lse_record.run_reader import read_run
+from auv_lse_run.process.domain import own_domain
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.faults import kills
@@ -49,7 +49,7 @@ def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> Non
             assert time.monotonic() < until, "the simulator has not written its mission.yaml"
             time.sleep(0.1)
         for k in (2, 1):
-            vehicle = ("auv_lse_common.commands.vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
+            vehicle = ("auv_lse_run.vehicle.run_vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
             started.append(start(*vehicle, "--out", str(tmp_path / f"auv {k}")))
         outputs = [process.communicate(timeout=150)[0] for process in started]
     finally:

@@ -27,12 +27,12 @@ settings = Settings.load(None, {"planner.method": "cma_es", "planner.horizon": 4
 fleet = Fleet(settings, ground_of(settings))
 run = fleet.run()
 planner = fleet.cores[0].planner
-places = [planner.rollout.follow(d.plan).from_step(d.step).states[:2, 1:].tolist() for d in run.vehicles[0].decisions]
+positions = [planner.rollout.follow(d.plan).from_step(d.step).states[:2, 1:].tolist() for d in run.vehicles[0].decisions]
 print(json.dumps({
     "file": own.__file__,
     "family": type(planner._method).__name__,
     "iterations": [r.iterations for r in planner.records],
-    "clearance_m": [planner.space.clearance_m(*place) for leg in places for place in leg],
+    "clearance_m": [planner.space.clearance_m(*position) for leg in positions for position in leg],
 }))
 """
 

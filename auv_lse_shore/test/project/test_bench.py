@@ -42,9 +42,9 @@ def survey(tmp_path):
     """Soundings of a small lake along lines, as a CSV file."""
     file = tmp_path / "lake.csv"
     lake = SyntheticLake(LakeConfig(seed=3, height_m=400.0, width_m=400.0, north_m=0.0, east_m=0.0, islands=0))
-    places = np.array([(n, e) for e in np.arange(-180.0, 181.0, 40.0) for n in np.arange(-180.0, 181.0, 6.0)])
-    depths = lake.depth_m(places[:, 0], places[:, 1])
-    rows = [f"{n},{e},{d}" for (n, e), d in zip(places, depths, strict=True) if np.isfinite(d)]
+    positions = np.array([(n, e) for e in np.arange(-180.0, 181.0, 40.0) for n in np.arange(-180.0, 181.0, 6.0)])
+    depths = lake.depth_m(positions[:, 0], positions[:, 1])
+    rows = [f"{n},{e},{d}" for (n, e), d in zip(positions, depths, strict=True) if np.isfinite(d)]
     file.write_text("\n".join(["north_m,east_m,depth_m", *rows]) + "\n")
     return file
 
@@ -132,16 +132,22 @@ def test_the_made_up_survey_can_be_sounded():
     gp = importlib.import_module("benchmarks.gp")
     lake = gp.Survey.of(None)
     assert lake.depths_m.min() >= gp.LEAST_DEPTH_M
-    assert len(lake.places_m) > 2000
+    assert len(lake.locations_m) > 2000
 
 
 def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
     rivals = importlib.import_module("benchmarks.navigation.gp_rivals")
     gp = importlib.import_module("benchmarks.gp")
-    places, depths = gp.made_up(30)
+    positions, depths = gp.made_up(30)
     scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
-    data = {"places": places, "depths": depths, "queries": places[:5], "new": places[:2], "new_depths": depths[:2]}
-    np.savez(tmp_path / "data.npz", **data, **scales, fit_places=places, fit_depths=depths)
+    data = {
+        "positions": positions,
+        "depths": depths,
+        "queries": positions[:5],
+        "new": positions[:2],
+        "new_depths": depths[:2],
+    }
+    np.savez(tmp_path / "data.npz", **data, **scales, fit_positions=positions, fit_depths=depths)
     monkeypatch.setattr(sys, "argv", ["gp_rivals.py", str(tmp_path / "data.npz")])
     rivals.main()
     results = json.loads(capsys.readouterr().out)
@@ -180,16 +186,16 @@ def test_methods_are_held_against_hindsight(capsys):
     assert out.count("100% |") == 2  # each aim by its own paths
 
 
-def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys):
-    from benchmarks.navigation import places_drift
+def test_the_worth_of_corrected_positions_is_measured(tmp_path, monkeypatch, capsys):
+    from benchmarks.navigation import positions_drift
 
-    monkeypatch.setattr(places_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
+    monkeypatch.setattr(positions_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
     wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "new" / "rows.jsonl")]
-    assert places_drift.main(wanted) == 0
+    assert positions_drift.main(wanted) == 0
     first = capsys.readouterr().out
-    assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(places_drift.WAYS)
-    monkeypatch.setattr(places_drift, "flown", None)  # what the file has is not flown again
-    assert places_drift.main(wanted) == 0
+    assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(positions_drift.WAYS)
+    monkeypatch.setattr(positions_drift, "flown", None)  # what the file has is not flown again
+    assert positions_drift.main(wanted) == 0
     assert capsys.readouterr().out == first
 
 
@@ -205,11 +211,11 @@ def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch,
 
 
 def test_settings_of_a_campaign_are_compared_with_their_first():
-    from benchmarks.navigation.places_table import table
+    from benchmarks.navigation.positions_table import table
 
     names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
     groups = {
-        group: {seed: dict.fromkeys(names, value + seed) | {"place_error_m": [3.0, 4.0]} for seed in (1, 2)}
+        group: {seed: dict.fromkeys(names, value + seed) | {"position_error_m": [3.0, 4.0]} for seed in (1, 2)}
         for group, value in (("x1, as before", 2.0), ("x1, corrected", 1.0))
     }
     lines = table(groups)
@@ -232,7 +238,7 @@ def test_methods_are_compared_scene_by_scene():
 
 
 def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, capsys):
-    from benchmarks.navigation import places_table
+    from benchmarks.navigation import positions_table
     from benchmarks.planning import headline_table
 
     (tmp_path / "rows").mkdir()
@@ -243,11 +249,11 @@ def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, ca
     for number, label in enumerate(sorted(labels)):
         row = dict.fromkeys(sorted(names), 1.0 + number) | {"group": label, "seed": 1, "status": "ok"}
         parquet.write_table(Table.from_pylist([row]), tmp_path / "rows" / f"{number}.parquet")
-    assert list(places_table.rows_of([tmp_path])) == list(labels)
+    assert list(positions_table.rows_of([tmp_path])) == list(labels)
     assert headline_table.main([str(tmp_path)]) == 0
     assert "| two: tour against lanes | 1 | +50 %" in capsys.readouterr().out
-    assert places_table.main([str(tmp_path)]) == 0
-    assert places_table.main([str(tmp_path / "none")]) == 2
+    assert positions_table.main([str(tmp_path)]) == 0
+    assert positions_table.main([str(tmp_path / "none")]) == 2
 
 
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):
@@ -411,8 +417,8 @@ def test_a_stretch_through_a_closed_lines_start_is_one_piece():
     (piece,) = missed_pieces([SQUARE, LINE], [LINE, west])
     assert piece.length_m == pytest.approx(40.0 + 2.0 * 30.0, abs=4.0)
     assert piece.line_m == pytest.approx(160.0)
-    east, north = piece.places_m[:, 1], piece.places_m[:, 0]
-    assert east.min() > 309.0  # the places are those of the stretch
+    east, north = piece.locations_m[:, 1], piece.locations_m[:, 0]
+    assert east.min() > 309.0  # the positions are those of the stretch
     assert north[0] == pytest.approx(0.0, abs=2.0)
     assert north[-1] == pytest.approx(40.0, abs=2.0)
     assert missed_m([SQUARE], [LINE]) == [pytest.approx(160.0, abs=4.0)]
@@ -442,10 +448,10 @@ def test_variants_are_compared_lake_by_lake():
 
 @pytest.mark.parametrize("north", [True, False])
 def test_ideal_lanes_are_as_long_as_the_distance_and_equally_far_apart(north):
-    places = missed.lanes((0.0, 600.0, 0.0, 700.0), 7000.0, north)
-    across = np.unique(places[:, 1 if north else 0])
+    positions = missed.lanes((0.0, 600.0, 0.0, 700.0), 7000.0, north)
+    across = np.unique(positions[:, 1 if north else 0])
     assert np.ptp(np.diff(across)) < 1e-9
-    along_m = len(places) * missed.ALONG_M  # the ways between the lanes add the area's breadth
+    along_m = len(positions) * missed.ALONG_M  # the ways between the lanes add the area's breadth
     assert along_m + np.ptp(across) == pytest.approx(7000.0, rel=0.1)
 
 
@@ -456,9 +462,9 @@ def test_free_soundings_go_where_the_isobath_is():
     def depth_m(north, east):  # the isobath lies at 200 m north
         return 15.0 + 0.1 * (200.0 - north) + 0.0 * east
 
-    places = missed.free_places(settings, depth_m, cells, 60, np.random.default_rng(0))
-    assert len(np.unique(places, axis=0)) == 60
-    assert np.mean(np.abs(places[20:, 0] - 200.0)) < 0.8 * np.mean(np.abs(cells[:, 0] - 200.0))
+    positions = missed.free_locations(settings, depth_m, cells, 60, np.random.default_rng(0))
+    assert len(np.unique(positions, axis=0)) == 60
+    assert np.mean(np.abs(positions[20:, 0] - 200.0)) < 0.8 * np.mean(np.abs(cells[:, 0] - 200.0))
 
 
 def test_calibration_is_judged_where_the_depth_is_known(monkeypatch):

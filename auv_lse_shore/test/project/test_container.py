@@ -83,16 +83,16 @@ def test_blueos_reads_the_labels() -> None:
     assert words["USER"] == "ubuntu", "not root"
     assert json.loads(words["CMD"]) == ["auv1", "/data/vehicle.yaml"]
     entry = json.loads(words["ENTRYPOINT"])
-    assert "exec python3 -m auv_lse_common.commands.vehicle" in entry[2], "takes SIGTERM itself"
+    assert "exec python3 -m auv_lse_run.vehicle.run_vehicle" in entry[2], "takes SIGTERM itself"
 
 
 @pytest.mark.ros
 @pytest.mark.skipif("AUV_LSE_SLOW" not in os.environ, reason="builds all packages of a vehicle; AUV_LSE_SLOW=1 runs it")
 def test_the_build_stage_and_the_entry_point_run_here(tmp_path: Path) -> None:
     for source, target in copies():
-        place = tmp_path / "build" / target
+        position = tmp_path / "build" / target
         if source.startswith("auv_lse_"):
-            shutil.copytree(ROOT / source, place, ignore=shutil.ignore_patterns("test", "__pycache__", "*.egg-info"))
+            shutil.copytree(ROOT / source, position, ignore=shutil.ignore_patterns("test", "__pycache__", "*.egg-info"))
     (build,) = [text for word, text in instructions() if word == "RUN" and "colcon build" in text]
     install = tmp_path / "install"
     command = build.partition("&&")[2].replace("/opt/auv_lse/install", str(install))

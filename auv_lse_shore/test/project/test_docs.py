@@ -303,8 +303,8 @@ def test_files_that_are_named_exist(page):
             if "*" not in name:
                 path = name.rstrip("/.")
                 package = path.split("/")[0]
-                places = [ROOT / path, ROOT / package / path]
-                assert any(place.exists() for place in places), f"{page.name}: `{span}`"
+                positions = [ROOT / path, ROOT / package / path]
+                assert any(position.exists() for position in positions), f"{page.name}: `{span}`"
 
 
 @pages(SETTLED)

@@ -88,7 +88,7 @@ def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Pa
     loops.write_text("@compiled\ndef another(): ...\n")
     assert "the code of the inner loops has changed" in words()
     assert words() == ""
-    module = "auv_lse_common.commands.warm_up" if of_vehicle else "auv_lse_shore.mission.warm_up"
+    module = "auv_lse_run.vehicle.warm_up" if of_vehicle else "auv_lse_shore.mission.warm_up"
     assert (tmp_path / "calls").read_text().splitlines() == [f"-m {module}"] * 2
 
 

@@ -19,7 +19,7 @@ from auv_lse_comms.tdma import Tdma
 from benchmarks.faults import __main__ as faults
 from benchmarks.faults import day
 from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
-from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_places
+from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_positions
 from benchmarks.faults.nodes import memory_mb
 from benchmarks.faults.report import Report
 
@@ -208,9 +208,9 @@ def test_a_restarted_node_reads_its_whole_journal_but_for_torn_lines(tmp_path):
 def test_a_center_is_lost_if_no_later_one_is_near():
     before = [[0.0, 0.0], [100.0, 0.0], [200.0, 0.0]]
     after = [[0.0, 3.0], [101.0, 0.0], [500.0, 0.0]]
-    assert lost_places(before, after, 10.0) == 1
-    assert lost_places(before, [], 10.0) == 3
-    assert lost_places([], after, 10.0) == 0
+    assert lost_positions(before, after, 10.0) == 1
+    assert lost_positions(before, [], 10.0) == 3
+    assert lost_positions([], after, 10.0) == 0
 
 
 def test_memory_alone_is_not_less_than_the_share_of_it():

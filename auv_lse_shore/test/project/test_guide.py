@@ -211,9 +211,9 @@ def test_the_example_driver_drives(tmp_path: Path) -> None:
         while (node.legs or heard[-1].pose.pose.position.z > -4.0) and time.monotonic() < end:
             node.tick()
             rclpy.spin_once(node, timeout_sec=0.1)
-        place = heard[-1].pose.pose.position
-        assert (node.legs, place.x, place.z) == ([], 0.0, -4.0)
-        assert place.y > 1.0
+        position = heard[-1].pose.pose.position
+        assert (node.legs, position.x, position.z) == ([], 0.0, -4.0)
+        assert position.y > 1.0
         node.destroy_node()
     finally:
         rclpy.shutdown()

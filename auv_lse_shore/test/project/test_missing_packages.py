@@ -39,7 +39,7 @@ PRESENT = (
 NODES = (
     "auv_lse_gp.gp_node", "auv_lse_planner.planner_node", "auv_lse_comms.modem_node",
     "auv_lse_comms.micromodem.micromodem_node", "auv_lse_planner.safety_node", "auv_lse_record.recorder_node",
-    "auv_lse_common.commands.vehicle",
+    "auv_lse_run.vehicle.run_vehicle",
 )  # fmt: skip
 LINK = "auv_lse_mavlink.vehicle_link_node"  # the one that pymavlink is for
 

@@ -36,7 +36,7 @@ from auv_lse_common.topics.records import (
     Waypoint,
 )
 from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
-from auv_lse_common.vocabulary.dead_reckoning import CorrectedPlace, DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.mission_run import Action, Command, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan, Tour
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -53,7 +53,7 @@ TOUR = dataclasses.replace(PLAN, tour=Tour(segment_legs=2, bearings=(0, 255, 64)
 LEG = MotionTable(MotionConfig()).leg(7, PLAN.state, 3)
 STATUS = RunStatus(
     state=RunState.HOLDING,
-    stop=Stop(action=Action.GO_TO, place_m=(1.0, 2.0)),
+    stop=Stop(action=Action.GO_TO, position_m=(1.0, 2.0)),
     team_abort=True,
     reason="leak",
     limits=("leak",),
@@ -70,8 +70,8 @@ MATE = MateNavigation(
     fix_east_m=-11.5,
     travel_s=0.25,
 )
-PLACE = DeadReckoning(stamp_s=12.5, heading_rad=0.5, north_m=10.25, east_m=-3.5, depth_m=2.0)
-CORRECTED = CorrectedPlace(
+POSITION = DeadReckoning(stamp_s=12.5, heading_rad=0.5, north_m=10.25, east_m=-3.5, depth_m=2.0)
+CORRECTED = CorrectedPosition(
     stamp_s=12.5,
     heading_rad=0.5,
     north_m=10.25,
@@ -96,7 +96,7 @@ VALUES: dict[str, Any] = {
     "sounding": Sounding(1.5, 10.0, 20.0, 15.0, 11.0, 19.0),
     "odometry": ODOMETRY,
     "truth/odometry": ODOMETRY,
-    "dead_reckoning": PLACE,
+    "dead_reckoning": POSITION,
     "corrected": CORRECTED,
     "fix": Fix(stamp_s=600.0, north_m=101.0, east_m=52.0, raw_north_m=104.5, raw_east_m=50.25, std_m=0.8),
     "altitude": Altitude(stamp_s=1.0, altitude_m=12.5, min_m=0.25, max_m=128.0),
@@ -107,10 +107,10 @@ VALUES: dict[str, Any] = {
     "kernel_centers": CentersReport(
         stamp_s=1.0,
         revision=4,
-        places_m=np.array([[1.0, 2.0], [3.0, 4.0]]),
+        locations_m=np.array([[1.0, 2.0], [3.0, 4.0]]),
         depths_m=np.array([5.0, 6.0]),
         noise_std_m=np.array([0.3, 0.2]),
-        place_effect_m=np.array([[0.5], [0.25]]),
+        position_effect_m=np.array([[0.5], [0.25]]),
     ),
     "field": FieldReport(
         stamp_s=1.0,
@@ -221,7 +221,7 @@ def test_odometry_is_enu_with_its_covariance(make: Any) -> None:
     assert (matrix[0, 1], matrix[1, 5], matrix[0, 5]) == (1.0, -0.1, -0.25), "yaw grows against heading"
     assert message.child_frame_id == "auv2"
     assert make(TRUTH_TOPIC, ODOMETRY).child_frame_id == "truth/auv2"
-    assert ODOMETRY.place_std_m == (2.0, 3.0)
+    assert ODOMETRY.position_std_m == (2.0, 3.0)
 
 
 def test_a_position_on_earth_has_the_covariance_of_east_and_north_and_no_altitude(make: Any) -> None:
@@ -231,7 +231,7 @@ def test_a_position_on_earth_has_the_covariance_of_east_and_north_and_no_altitud
     assert math.isnan(message.altitude)
     assert list(message.position_covariance) == [9.0, 1.0, 0.0, 1.0, 4.0, 0.0, 0.0, 0.0, 0.0], "ENU, row by row"
     assert (message.position_covariance_type, message.header.frame_id) == (1, "auv2")
-    unknown = make(TOPICS["navsat"], GeodeticPosition.of(PLACE, (46.5, 6.6)))
+    unknown = make(TOPICS["navsat"], GeodeticPosition.of(POSITION, (46.5, 6.6)))
     assert unknown.position_covariance_type == 0
 
 
@@ -305,9 +305,11 @@ def test_an_autopilot_is_reported_as_it_reports_itself(make: Any) -> None:
     assert message.battery_v == 15.5
 
 
-def test_a_place_that_is_unknown_is_marked(make: Any) -> None:
+def test_a_position_that_is_unknown_is_marked(make: Any) -> None:
     sounding = make(TOPICS["sounding"], Sounding(1.5, 10.0, 20.0, 15.0))
-    sounding.raw_north_m = sounding.raw_east_m = 0.0  # a driver that knows no raw place may leave the fields as made
+    sounding.raw_north_m = sounding.raw_east_m = (
+        0.0  # a driver that knows no dead-reckoned position may leave the fields as made
+    )
     assert np.isnan(TOPICS["sounding"].decode(sounding)[4:6]).all()
     without = MateNavigation(stamp_s=61.25, source=3, sent_s=61.0, raw_north_m=310.0, raw_east_m=-40.5)
     back = TOPICS["team/navigation"].decode(make(TOPICS["team/navigation"], without))

@@ -129,7 +129,7 @@ def test_readers_are_counted_among_the_nodes_that_run() -> None:
     assert reader_count(VEHICLE_TOPICS["sounding"], direct) == 2
     assert reader_count(VEHICLE_TOPICS["lockstep/modem"], emulated) == 2, "safety_node does not run"
     assert reader_count(VEHICLE_TOPICS["modem/tx"], direct) == 1, "the simulator"
-    assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its place"
+    assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its position"
     assert reader_count(MISSION_TOPICS["/lockstep/tick"], 3 * direct[:3] + ["recorder_node"]) == 10
 
 

@@ -89,15 +89,15 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     inputs = read_inputs(flown)
     settings = Settings.from_patterns(inputs.parameters, "flown")
     vehicle = inputs.vehicles[2]
-    ours = RecomputedMap(vehicle, settings.planner_settings(2), settings.places_in_force(2), True)
+    ours = RecomputedMap(vehicle, settings.planner_settings(2), settings.positions_in_force(2), True)
     for tick in ticks_of(
         vehicle
-    ):  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
+    ):  # nodes publish the map's centers, the position by it and the plans that came in; the engine does not
         ours.advance(tick)
         centers = {f.name: getattr(ours.map.centers, f.name) for f in dataclasses.fields(ours.map.centers)}
         vehicle.centers.append((tick, CentersReport(stamp_s=tick, revision=ours.map.revision, **centers)))
-        if ours.place is not None:
-            vehicle.corrected.append((tick, ours.place))
+        if ours.position is not None:
+            vehicle.corrected.append((tick, ours.position))
     vehicle.plans = _plans_heard(vehicle, settings)
     told: dict[float, InputsUsed] = {}
     take = PlannerIntake.take

@@ -27,5 +27,5 @@ def test_legend_of_risk_over_steps_covers_no_line(end: float, mowing_risk: float
     assert legend is not None
     box = legend.get_window_extent()
     for line in axis.lines[:2]:
-        places = axis.transData.transform(np.column_stack([line.get_xdata(), line.get_ydata()]))
-        assert not any(box.contains(*place) for place in places)
+        locations = axis.transData.transform(np.column_stack([line.get_xdata(), line.get_ydata()]))
+        assert not any(box.contains(*location) for location in locations)

@@ -58,8 +58,10 @@ def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     assert f"{s.isobath_undiscovered_m:,.0f} m of isobath expected, at most " in missing
     assert f"{s.isobath_undiscovered_limit_m:,.0f} m with 95 % probability" in missing
     assert f"(actually {(1.0 - s.isobath_found) * s.isobath_true_m:,.0f} m)" in missing
-    assert f"map risk: {s.risk_before:.3f} -> 0.500 (cost per place); a lawnmower was expected to reach 0.600" in risk
-    assert loss == f"expected loss {s.loss_expected:.3f}, actual loss {s.loss_after:.3f} (cost per place)"
+    assert (
+        f"map risk: {s.risk_before:.3f} -> 0.500 (cost per location); a lawnmower was expected to reach 0.600" in risk
+    )
+    assert loss == f"expected loss {s.loss_expected:.3f}, actual loss {s.loss_after:.3f} (cost per location)"
     assert packets.startswith("packets: ")
 
 
@@ -134,7 +136,7 @@ def cut(run, step):
         end_s = vehicle.decisions[step].now_s
         vehicle.decisions = vehicle.decisions[:step]
         flown = vehicle.truth[:, 0] <= end_s
-        vehicle.place_std_m = vehicle.place_std_m[flown]
+        vehicle.position_std_m = vehicle.position_std_m[flown]
         vehicle.truth, vehicle.odometry = vehicle.truth[flown], vehicle.odometry[flown]
         vehicle.soundings = vehicle.soundings[vehicle.soundings.stamp_s <= end_s]
         vehicle.received = vehicle.received[vehicle.received.stamp_s <= end_s]
@@ -227,7 +229,7 @@ def test_losses_that_are_both_negligible_are_called_close(synthetic_run, actual)
     ],
 )
 def test_a_line_without_uncertain_parts_is_not_called_complete_while_isobath_is_missing(synthetic_run, known, words):
-    lengths = {"isobath_not_visited_m": 0.0, "isobath_places_uncertain_m": 0.0, "isobath_flat_m": 0.0}
+    lengths = {"isobath_not_visited_m": 0.0, "isobath_positions_uncertain_m": 0.0, "isobath_flat_m": 0.0}
     assert words in text_of(judged(synthetic_run, **lengths, **known))
 
 
@@ -320,7 +322,7 @@ def test_a_prior_without_doubt_leaves_no_bound_to_compare(other):
         text = text_of(other)
     finally:
         other.summary = kept
-    assert "Map risk was negligible from the start: the prior leaves no doubt about any place." in text
+    assert "Map risk was negligible from the start: the prior leaves no doubt about any location." in text
     assert "below" not in text
     assert "ha is shallower than 15 m, with" in text
     assert number(1e-9) == "0"

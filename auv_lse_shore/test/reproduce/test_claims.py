@@ -79,7 +79,7 @@ def test_the_claims_follow_the_measurements():
     by_text = {e.what: e.verdict for claim in found[:1] for e in claim.evidence}
     assert by_text["3 AUVs: difference in team reward, stepwise (cost)"] == CONTRADICTED
     assert by_text["3 AUVs: difference in path reward (cost)"] == SUPPORTED  # equal is as good
-    assert by_text["3 AUVs: difference in final map risk (cost per place)"] == CONTRADICTED
+    assert by_text["3 AUVs: difference in final map risk (cost per location)"] == CONTRADICTED
     bound = {e.what: e for e in found[1].evidence}
     assert bound["3 AUVs: stepwise reward at least the largest time-varying lower bound"].verdict == CONTRADICTED
     assert bound["3 AUVs: path reward at least the value expected of the lawnmower"].value == "20 of 20 missions"

@@ -67,8 +67,8 @@ def _autopilot(
 
 def _endpoint(endpoint: str) -> str:
     address = read_address(endpoint)
-    if address.kind != "udpin" or address.place not in LOCAL_HOSTS or address.number == 0:
+    if address.kind != "udpin" or address.position not in LOCAL_HOSTS or address.number == 0:
         raise AddressError(
             f"link.endpoint got {endpoint!r}; expected udpin://127.0.0.1:PORT for a simulated autopilot. Change it"
         )
-    return f"udpout://{address.place}:{address.number}"
+    return f"udpout://{address.position}:{address.number}"

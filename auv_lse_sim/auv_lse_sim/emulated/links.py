@@ -145,10 +145,10 @@ class EmulatedLinks:
 
 def _host_port(port: str) -> HostPort:
     address = read_address(port)
-    if address.kind == "tcp" and address.place in LOCAL_HOSTS:
+    if address.kind == "tcp" and address.position in LOCAL_HOSTS:
         return TcpServerPort(address.number)
-    if address.kind == "serial" and not address.place.startswith("/dev/"):
-        return PtyPort(Path(address.place))
+    if address.kind == "serial" and not address.position.startswith("/dev/"):
+        return PtyPort(Path(address.position))
     raise AddressError(
         f"modem.port got {port!r}; expected a path outside /dev (a link to a pty) or tcp://127.0.0.1:PORT for an "
         "emulated modem. Change modem.port"

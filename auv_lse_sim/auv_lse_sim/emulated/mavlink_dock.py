@@ -32,7 +32,7 @@ class MavlinkDock:
         self._epoll = select.epoll()
         for vehicle in self.vehicles:
             address = read_address(endpoints[vehicle])
-            self._ports[vehicle] = UdpPort(address.kind, address.place, address.number)
+            self._ports[vehicle] = UdpPort(address.kind, address.position, address.number)
             self._epoll.register(self._ports[vehicle].fileno(), select.EPOLLIN)
 
     def fileno(self) -> int:

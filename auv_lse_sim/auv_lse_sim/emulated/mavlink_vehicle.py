@@ -50,7 +50,7 @@ REPORTS = 8
 #: A target shallower than this (m) makes the vehicle surface.
 SURFACE_M = 0.5
 #: Numbers of targets remembered to recognize repetitions: mission items, which return with each upload; and position
-#: targets, only a few, because four quarter turns lead back to a place that is then a new target.
+#: targets, only a few, because four quarter turns lead back to a position that is then a new target.
 REMEMBERED = 8
 REPEATED = 3
 #: Number of pressures that are sent on deck, at once.
@@ -73,14 +73,14 @@ class Fault(enum.Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotSetup:
-    """Where an autopilot's places and depths count from, and how it dives.
+    """Where an autopilot's positions and depths count from, and how it dives.
 
     Attributes:
         origin: Its estimator's origin; None: the mission's.
         origin_height_m: Height of that origin, and of home, above the surface.
         pressure: Message with the water's pressure, as in `link.pressure`.
         dive: Takes the depth (m) of each target.
-        is_boat: Whether it travels at the surface, so that a target there is a place to go to.
+        is_boat: Whether it travels at the surface, so that a target there is a position to go to.
     """
 
     origin: Origin | None = None
@@ -124,7 +124,7 @@ class MavlinkVehicle:
             follow: Takes each leg; it follows the earlier ones.
             obey: Takes a stop; None: the vehicle continues.
             tightest_m: Radius of the vehicle's tightest turn, for targets inside the turning circle; None: `radius_m`.
-            setup: Where its places and depths count from, and how it dives.
+            setup: Where its positions and depths count from, and how it dives.
         """
         self.counts: Counter[str] = Counter()
         self.fault = Fault.NONE
@@ -233,27 +233,27 @@ class MavlinkVehicle:
         self._set_stop(None)
         if known:
             return
-        place_m = (target.north_m, target.east_m)
+        position_m = (target.north_m, target.east_m)
         _, north_m, east_m = self._here
         at_once = self._last_leg is not None and math.dist((north_m, east_m), self._state[1:]) > replaces_m
         begin = self._here if at_once or self._passed else self._state
-        leg = leg_to(*begin, place_m, self._radius_m, self.counts["legs"], self._tightest_m)
+        leg = leg_to(*begin, position_m, self._radius_m, self.counts["legs"], self._tightest_m)
         self._recent.append(target)
         # The next leg begins at the target itself, not at the computed end of this leg: heading errors would add up.
         heading = float(leg.end_state[0])
         if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
             heading = target.heading_rad
-        self._state = (heading, *place_m)
+        self._state = (heading, *position_m)
         self._last_leg, self._passed = leg, False
         self.counts["legs"] += 1
         self._follow(leg)
 
     def _stops(self, target: Target) -> bool:
         """Stops if a target repeats the stop or a recent position; returns whether it does."""
-        places = self._reported if self._stopped is None else [*self._reported, self._stopped.place_m]
-        if not any(_apart_m(target, place) <= SAME_M for place in places):
+        positions = self._reported if self._stopped is None else [*self._reported, self._stopped.position_m]
+        if not any(_apart_m(target, position) <= SAME_M for position in positions):
             return False
-        self._set_stop(Stop(action=Action.HOLD, place_m=(target.north_m, target.east_m)))
+        self._set_stop(Stop(action=Action.HOLD, position_m=(target.north_m, target.east_m)))
         return True
 
     def _set_stop(self, stop: Stop | None) -> None:
@@ -431,8 +431,8 @@ class MavlinkVehicle:
             self._send(mavlink.MAVLink_timesync_message(round(self._now_s * 1e9), message.ts1))
 
 
-def _apart_m(target: Target, place_m: tuple[float, float]) -> float:
-    return math.hypot(target.north_m - place_m[0], target.east_m - place_m[1])
+def _apart_m(target: Target, position_m: tuple[float, float]) -> float:
+    return math.hypot(target.north_m - position_m[0], target.east_m - position_m[1])
 
 
 #: Messages that `MAV_CMD_REQUEST_MESSAGE` can request.

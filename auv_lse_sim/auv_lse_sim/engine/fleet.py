@@ -28,7 +28,7 @@ from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.position_corrector import PositionCorrector, corrector_for
+from auv_lse_gp.positions.position_corrector import PositionCorrector, corrector_for
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle.intake import PlannerIntake
@@ -54,7 +54,7 @@ class _Log:
 
     truth: list[tuple[float, float, float, float]] = field(default_factory=list)
     odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
-    place_std: list[tuple[float, float]] = field(default_factory=list)
+    position_std: list[tuple[float, float]] = field(default_factory=list)
     dead_reckoning: list[tuple[float, float, float, float, float]] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
@@ -171,9 +171,9 @@ class VehicleCores:
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
         if not self._to_planner.take(now_s):
             return None
-        place = None if self.corrector is None else self.corrector.place  # only decisions read it
-        if place is not None:
-            self._to_planner.set_corrected(place)
+        position = None if self.corrector is None else self.corrector.position  # only decisions read it
+        if position is not None:
+            self._to_planner.set_corrected(position)
             self._to_planner.apply_correction()
         if self.map.revision != self._revision:  # reading settles merged centers, so not earlier
             self._revision = self.map.revision
@@ -220,7 +220,7 @@ class Fleet:
         return VehicleCores(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number),
-            to_map=MapIntake(depth_map, corrector_for(number, self.settings.places_in_force(number), depth_map)),
+            to_map=MapIntake(depth_map, corrector_for(number, self.settings.positions_in_force(number), depth_map)),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )
@@ -278,7 +278,7 @@ class Fleet:
         log, truth, odometry = cores.log, output.truth, output.odometry
         log.truth.append((now_s, truth.north_m, truth.east_m, truth.heading_rad))
         log.odometry.append((now_s, odometry.north_m, odometry.east_m, odometry.heading_rad))
-        log.place_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
+        log.position_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
         raw = _rounded_dead_reckoning(output.dead_reckoning)
         log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
         log.fixes += [_rounded_fix(fix) for fix in output.fixes]
@@ -357,7 +357,7 @@ class Fleet:
                     mates=cores.log.mates,
                     received=Soundings.join(cores.log.received),
                     decisions=cores.log.decisions,
-                    place_std_m=np.array(cores.log.place_std).reshape(-1, 2),
+                    position_std_m=np.array(cores.log.position_std).reshape(-1, 2),
                 )
                 for cores in self.cores
             ],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from auv_lse_common.process.processes import RECORDER, Process, vehicle_nodes
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
+from auv_lse_run.process.processes import RECORDER, Process
 
 #: In lockstep, ticks that the recorder may lag behind before the simulator waits; none at the mission's end.
 RECORDER_LAG_TICKS = 20

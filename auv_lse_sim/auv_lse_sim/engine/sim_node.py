@@ -17,9 +17,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.dive import sender_of, tagged
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
-from auv_lse_common.process.dive import sender_of, tagged
 from auv_lse_common.topics.plan_codecs import decode_run, decode_waypoint
 from auv_lse_common.topics.quality import EVERY, writer_quality
 from auv_lse_common.topics.ros_conversions import encoded, message_class, stamp

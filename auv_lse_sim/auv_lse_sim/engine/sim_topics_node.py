@@ -7,8 +7,8 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.dive import tagged, tagged_frame
 from auv_lse_common.node.transforms_node import TransformPublisher
-from auv_lse_common.process.dive import tagged, tagged_frame
 from auv_lse_common.topics.quality import writer_quality
 from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure
 from auv_lse_common.topics.ros_conversions import encoded, message_class

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.lockstep import Gate
-from auv_lse_common.process.processes import vehicle_nodes
 from auv_lse_common.topics.table import announces
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.stamps import stamped
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.emulated.pings import MiniPacket
 from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS

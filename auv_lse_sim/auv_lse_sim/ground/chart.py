@@ -38,8 +38,8 @@ def with_chart(settings: Settings, folder: Path) -> Settings:
     config = settings.sim.chart
     if config.smoothing_m == 0.0:
         return settings
-    places = corners("area.polygon_m", settings.area.polygon_m)
-    (north_min, east_min), (north_max, east_max) = places.min(axis=0), places.max(axis=0)
+    locations = corners("area.polygon_m", settings.area.polygon_m)
+    (north_min, east_min), (north_max, east_max) = locations.min(axis=0), locations.max(axis=0)
     area = Extent(north_min_m=north_min, north_max_m=north_max, east_min_m=east_min, east_max_m=east_max)
     north, east, depth = coarse_chart(
         ground_of(settings), area.grown(BEYOND_M), config, stream(settings.mission.seed, "chart")

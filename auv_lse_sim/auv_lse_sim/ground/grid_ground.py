@@ -24,7 +24,7 @@ DEEPEST_M = 11_000.0  # deeper than any ocean: larger depths have another unit o
 class GridGround:
     """Ground on a regular north-east grid, bicubic between the nodes.
 
-    A place is known if the four nodes around it are known.
+    A location is known if the four nodes around it are known.
 
     Args:
         north_m: Node coordinates (ny,), evenly spaced, growing.

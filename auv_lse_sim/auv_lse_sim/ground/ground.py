@@ -28,7 +28,7 @@ class Ground(Protocol):
         """WGS84 latitude and longitude (deg) of the local origin, None if it has none."""
 
     def depth_m(self, north_m: Any, east_m: Any) -> Array:
-        """Water depth (m, positive down) at places of any broadcastable shape; NaN where unknown or land."""
+        """Water depth (m, positive down) at locations of any broadcastable shape; NaN where unknown or land."""
 
     def describe(self) -> str:
         """One or two sentences for the log and the report."""

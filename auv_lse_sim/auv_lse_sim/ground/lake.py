@@ -70,7 +70,7 @@ def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
 
     Args:
         valley: The draw.
-        north: Places in units of the half diagonal, from the window's middle.
+        north: Locations in units of the half diagonal, from the window's middle.
         east: The same, east.
     """
     along = np.cos(valley.direction_rad) * north + np.sin(valley.direction_rad) * east
@@ -106,7 +106,7 @@ def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
 
 
 def _relief(waves: Array, north: Array, east: Array) -> Array:
-    """Random Fourier features (Rahimi & Recht 2007): a sum of waves (F, 3), unit variance, in blocks of places."""
+    """Random Fourier features (Rahimi & Recht 2007): a sum of waves (F, 3), unit variance, in blocks of locations."""
     n, e = north.ravel(), east.ravel()
     relief = np.empty(n.shape)
     for i in range(0, n.size, 8192):

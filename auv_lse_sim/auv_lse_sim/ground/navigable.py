@@ -89,7 +89,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         notes.append(
             f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by the origin of the ground, "
-            f"{origin[0]:.5f}, {origin[1]:.5f} deg; area, starts and recovery places are converted"
+            f"{origin[0]:.5f}, {origin[1]:.5f} deg; area, starts and recovery positions are converted"
         )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
     raster = rasterize(settings.area, ground, limit)
@@ -98,7 +98,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     if part_notes and not settings.area.shore:
         settings, shore_notes = _with_shore(settings, raster, ground, limit)
         notes += shore_notes
-    settings, start_notes = _place_starts(settings)
+    settings, start_notes = _location_starts(settings)
     notes += start_notes
     settings, reach_notes = clip_to_reachable(settings)
     notes += reach_notes
@@ -146,11 +146,11 @@ def _check_overlap(
 
 
 def _converted(settings: Settings, old: tuple[float, float], new: tuple[float, float]) -> dict[str, Any]:
-    """The places of a mission relative to another origin (deg), {parameter: value}."""
+    """The locations of a mission relative to another origin (deg), {parameter: value}."""
 
     def moved(flat: tuple[float, ...]) -> list[float]:
-        places = np.reshape(flat, (-1, 2))
-        north, east = local_from_geodetic(*geodetic_from_local(places[:, 0], places[:, 1], *old), *new)
+        locations = np.reshape(flat, (-1, 2))
+        north, east = local_from_geodetic(*geodetic_from_local(locations[:, 0], locations[:, 1], *old), *new)
         return [round(float(v), 2) for v in np.column_stack([north, east]).ravel()]
 
     area = settings.area
@@ -159,12 +159,12 @@ def _converted(settings: Settings, old: tuple[float, float], new: tuple[float, f
     found.update({f"area.shore.{name}": moved(flat) for name, flat in area.shore.items()})
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
-        for name, place in (
+        for name, location in (
             ("start", (v.start_north_m, v.start_east_m)),
             ("recovery", (v.recovery_north_m, v.recovery_east_m)),
         ):
-            if place[0] is not None and place[1] is not None:
-                north, east = moved((place[0], place[1]))
+            if location[0] is not None and location[1] is not None:
+                north, east = moved((location[0], location[1]))
                 found[f"auv{number}.vehicle.{name}_north_m"] = north
                 found[f"auv{number}.vehicle.{name}_east_m"] = east
     return found
@@ -301,23 +301,23 @@ def _flat(ring: Array) -> list[float]:
     return [round(float(v), 2) for v in ring[:-1, ::-1].ravel()]
 
 
-def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
-    """Moves starts without room to turn to places where a vehicle can turn to both sides, or at least to one."""
+def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
+    """Moves starts without room to turn to locations where a vehicle can turn to both sides, or at least to one."""
     area = OperatingArea(settings.area)
     motion = MotionTable(settings.motion)
     reach = float(np.abs(motion.loops_m[:, 2]).max())
     margin = settings.area.margin_m
     grid = area.grid(max(5.0, settings.area.raster_m))
-    places, clearance = grid.places_m, area.clearance_m(grid.places_m)
+    locations, clearance = grid.locations_m, area.clearance_m(grid.locations_m)
     for needed in (margin + 2.0 * reach, margin + reach):
         if (clearance >= needed).any():
             break
     else:
         raise GroundError(
-            f"area: the widest place is {max(float(clearance.max()), 0.0):.0f} m from its border; expected at least "
+            f"area: the widest location is {max(float(clearance.max()), 0.0):.0f} m from its border; expected at least "
             f"{margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area or a smaller margin"
         )
-    fit, roomy = places[clearance >= needed], clearance[clearance >= needed]
+    fit, roomy = locations[clearance >= needed], clearance[clearance >= needed]
     overrides: dict[str, Any] = {}
     notes: list[str] = []
     for number, own in enumerate(settings.vehicles, 1):
@@ -328,23 +328,23 @@ def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
         ):
             continue
         distance = np.hypot(*(fit - start).T)
-        place = fit[np.lexsort((-roomy, np.round(distance)))[0]]
-        overrides[f"auv{number}.vehicle.start_north_m"] = float(place[0])
-        overrides[f"auv{number}.vehicle.start_east_m"] = float(place[1])
+        location = fit[np.lexsort((-roomy, np.round(distance)))[0]]
+        overrides[f"auv{number}.vehicle.start_north_m"] = float(location[0])
+        overrides[f"auv{number}.vehicle.start_east_m"] = float(location[1])
         notes.append(
             f"start of auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
-            f"moved {np.hypot(*(place - start)):.0f} m to north {place[0]:g}, east {place[1]:g} m"
+            f"moved {np.hypot(*(location - start)):.0f} m to north {location[0]:g}, east {location[1]:g} m"
         )
     if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
         notes = [notes[0].replace("start of auv1", "start of every vehicle")]
     return (settings.with_overrides(overrides) if overrides else settings), notes
 
 
-def can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, place: Array) -> bool:
-    """Whether a vehicle at `place` (2,) has room for a turning circle to one side."""
+def can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, location: Array) -> bool:
+    """Whether a vehicle at `location` (2,) has room for a turning circle to one side."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     for ahead, starboard, radius in motion.loops_m:
-        center = place + np.array([c * ahead - s * starboard, s * ahead + c * starboard])
+        center = location + np.array([c * ahead - s * starboard, s * ahead + c * starboard])
         if float(area.clearance_m(center[None])[0]) >= radius + area.margin_m:
             return True
     return False

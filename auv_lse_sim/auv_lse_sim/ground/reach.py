@@ -74,10 +74,10 @@ def _note(space: FreeSpace, parts: list[UnreachedPart], area_m2: float) -> str:
 
 def _reason(part: UnreachedPart) -> str:
     north, east = part.strait_m
-    place = f"north {north:.0f}, east {east:.0f} m"
+    location = f"north {north:.0f}, east {east:.0f} m"
     if part.strait_width_m > 0.0:
-        return f"The strait at {place} is {part.strait_width_m:.0f} m wide"
-    return f"Land at {place} separates it"
+        return f"The strait at {location} is {part.strait_width_m:.0f} m wide"
+    return f"Land at {location} separates it"
 
 
 def _hectares(area_m2: float) -> str:

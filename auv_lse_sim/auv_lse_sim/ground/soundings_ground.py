@@ -14,7 +14,7 @@ from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
-from auv_lse_gp.soundings import FAR_M, is_far, local_places, read_table
+from auv_lse_gp.soundings import FAR_M, is_far, local_positions, read_table
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
 from auv_lse_sim.ground.ground import GroundError
@@ -43,13 +43,13 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
     if len(deep):
         raise GroundError(f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m; expected metres, below {DEEPEST_M:g}")
     notes_on_depth = f"{len(depth)} soundings, {sign_note}"
-    places = local_places(table, origin)
-    north, east = places.north_m, places.east_m
-    if places.from_degrees:
+    locations = local_positions(table, origin)
+    north, east = locations.north_m, locations.east_m
+    if locations.from_degrees:
         assert table.lat_deg is not None
         assert table.lon_deg is not None
-        assert places.origin is not None
-        check_near(path, north, east, table.lat_deg, table.lon_deg, places.origin)
+        assert locations.origin is not None
+        check_near(path, north, east, table.lat_deg, table.lon_deg, locations.origin)
     elif is_far(north, east):
         raise GroundError(
             f"{path}: {ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
@@ -57,7 +57,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
     return grid_soundings(
-        north, east, depth, config, name=path.name, origin=places.origin, notes=(notes_on_depth, *places.notes)
+        north, east, depth, config, name=path.name, origin=locations.origin, notes=(notes_on_depth, *locations.notes)
     )
 
 
@@ -78,35 +78,35 @@ def grid_soundings(
     """Grids soundings (N,): linear interpolation on their Delaunay triangles, NaN far from all of them.
 
     Raises:
-        GroundError: if there are fewer than 10 places, or they lie on one line.
+        GroundError: if there are fewer than 10 locations, or they lie on one line.
     """
     north, east, depth = (np.asarray(v, dtype=float).ravel() for v in (north_m, east_m, depth_m))
-    # Soundings within a decimetre become one place with their median depth.
+    # Soundings within a decimetre become one location with their median depth.
     keys = np.round(np.stack([north, east], axis=1) * 10.0).astype(np.int64)
     order = np.lexsort((depth, keys[:, 1], keys[:, 0]))
     sorted_keys = keys[order]
     first = np.flatnonzero(np.r_[True, (np.diff(sorted_keys, axis=0) != 0).any(axis=1)])
     count = np.diff(np.r_[first, len(order)])
     low, high = order[first + (count - 1) // 2], order[first + count // 2]
-    places, values = np.stack([north[low], east[low]], axis=1), 0.5 * (depth[low] + depth[high])
-    if len(places) < 10:
-        raise GroundError(f"{name}: {len(places)} soundings at different places; expected at least 10")
+    locations, values = np.stack([north[low], east[low]], axis=1), 0.5 * (depth[low] + depth[high])
+    if len(locations) < 10:
+        raise GroundError(f"{name}: {len(locations)} soundings at different locations; expected at least 10")
     step = config.resolution_m
     axes = []
     for column in (0, 1):
-        start = math.floor(places[:, column].min() / step) * step
-        axes.append(start + step * np.arange(math.ceil((places[:, column].max() - start) / step) + 1))
+        start = math.floor(locations[:, column].min() / step) * step
+        axes.append(start + step * np.arange(math.ceil((locations[:, column].max() - start) / step) + 1))
     if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > MAX_GRID_NODES:
         raise GroundError(
-            f"{name}: soundings span {np.ptp(places[:, 0]):.0f} m x {np.ptp(places[:, 1]):.0f} m; expected an area "
-            f"that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
+            f"{name}: soundings span {np.ptp(locations[:, 0]):.0f} m x {np.ptp(locations[:, 1]):.0f} m; expected an "
+            f"area that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
         )
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     try:
-        grid = LinearNDInterpolator(places, values)(nodes)
+        grid = LinearNDInterpolator(locations, values)(nodes)
     except QhullError as error:
         raise GroundError(f"{name}: the soundings lie on one line; expected them to cover an area") from error
-    distance = cKDTree(places).query(nodes, distance_upper_bound=config.max_gap_m)[0]
+    distance = cKDTree(locations).query(nodes, distance_upper_bound=config.max_gap_m)[0]
     grid = np.where(np.isfinite(distance), grid, np.nan).reshape(len(axes[0]), len(axes[1]))
     grid = _smoothed(grid, config.smoothing_m / step)
     notes = (*notes, f"linear between soundings, unknown beyond {config.max_gap_m:g} m of one")

@@ -2,11 +2,11 @@
 
 Ideal vehicles run on rails: they are exactly where the leg says. Others are steered:
 
-    path following   the place `s` along the leg moves on with the vehicle: s' = V cos(course - path) + k_s * ahead
+    path following   the position `s` along the leg moves on with the vehicle: s' = V cos(course - path) + k_s * ahead
     line of sight    course wanted = path - atan(off / lookahead), heading wanted = that minus the crab angle
     yaw rate wanted  curvature * s' + gain * (heading wanted - heading), limited to the vehicle's largest
     vehicle          rate' = (wanted - rate) / yaw_time, speed' = (wanted - speed) / speed_time,
-                     place' = speed (cos h, sin h) + current
+                     position' = speed (cos h, sin h) + current
 
 A vehicle that surfaces stops, climbs, stays up for fixes, dives, and continues along its leg. The current carries it
 meanwhile.
@@ -15,7 +15,7 @@ meanwhile.
 positive to starboard.) Steering uses only the estimated state; the equations move the true one.
 
 After the first fix under way the filter runs twice with the same instruments: with the fixes, for steering, and without
-them (the raw position). Before it both are the same, and only one is computed.
+them (the dead-reckoned position). Before it both are the same, and only one is computed.
 
 Written for numba like `navigation.py`: scalars and the records of `records.py`; all random numbers are drawn
 beforehand.

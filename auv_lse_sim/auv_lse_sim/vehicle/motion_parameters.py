@@ -79,7 +79,7 @@ def process_noise(parameters: Any) -> Array:
     gyro = 0.0 if p.gyro_ideal else p.gyro_noise**2
     gyro_walk = 0.0 if p.gyro_ideal else p.gyro_walk**2
     compass_walk = 0.0 if p.compass_ideal else p.compass_walk**2
-    # Velocity: speed keeping, and the current's change of side in a turn. Place: the sub-step's arc taken for its
+    # Velocity: speed keeping, and the current's change of side in a turn. Position: the sub-step's arc taken for its
     # chord. Heading: the same of the turn.
     return np.array([gyro + 1e-10, 0.02**2, gyro_walk, compass_walk, 1e-6])
 

@@ -41,7 +41,7 @@ STATES = 10
 GATE = 4.0  # standard deviations; a normal error exceeds it once in 16 000
 
 # Columns of the noise parameters handed to the filter (variances; rates per second).
-HEADING_RATE, VELOCITY_RATE, GYRO_BIAS_RATE, COMPASS_BIAS_RATE, PLACE_RATE = range(5)
+HEADING_RATE, VELOCITY_RATE, GYRO_BIAS_RATE, COMPASS_BIAS_RATE, POSITION_RATE = range(5)
 
 
 @compiled
@@ -59,7 +59,7 @@ def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
         p: Covariance (10, 10).
         gyro: Measured yaw rate (rad/s, clockwise).
         dt: Time step (s).
-        q: Process noise: variance per second of heading, velocity, gyro bias, compass bias, place (5,).
+        q: Process noise: variance per second of heading, velocity, gyro bias, compass bias, position (5,).
     """
     turn = (gyro - x[GYRO_BIAS]) * dt
     c, s = math.cos(x[HEADING] + 0.5 * turn), math.sin(x[HEADING] + 0.5 * turn)  # of the step's middle
@@ -91,8 +91,8 @@ def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
         )
         p[i, NORTH], p[i, EAST] = north, east
         p[i, HEADING] -= dt * p[i, GYRO_BIAS]
-    p[NORTH, NORTH] += q[PLACE_RATE] * dt
-    p[EAST, EAST] += q[PLACE_RATE] * dt
+    p[NORTH, NORTH] += q[POSITION_RATE] * dt
+    p[EAST, EAST] += q[POSITION_RATE] * dt
     p[HEADING, HEADING] += q[HEADING_RATE] * dt
     p[SURGE, SURGE] += q[VELOCITY_RATE] * dt
     p[SWAY, SWAY] += q[VELOCITY_RATE] * dt

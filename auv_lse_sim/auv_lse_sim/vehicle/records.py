@@ -51,16 +51,16 @@ STATE = _record(
     "surfacing",  # NOT_SURFACING, TO_SURFACE or TO_DEPTH
     "time_up",  # seconds spent at the surface in this surfacing
     "dived",  # 1 once it has been below the antenna's depth: later fixes are fixes under way
-    "raw_differs",  # 1 once the raw position differs from the filter's
+    "raw_differs",  # 1 once the dead-reckoned position differs from the filter's
     "gps_error_north",  # error of the last GPS reading
     "gps_error_east",
     "gps_north",  # that reading
     "gps_east",
     "north_at_gps",  # the filter's position after it took that reading
     "east_at_gps",
-    "raw_north_at_gps",  # the raw position at that time
+    "raw_north_at_gps",  # the dead-reckoned position at that time
     "raw_east_at_gps",
-    "fix_information",  # mean of this surfacing's readings minus the raw position: inverse variance (1/m^2) ...
+    "fix_information",  # mean of this surfacing's readings minus the dead-reckoned position: inverse variance (1/m^2) ...
     "fix_north",  # ... and weighted sums
     "fix_east",
     "fix_step",  # sub-step, from 1, in which a fix was complete; 0: none

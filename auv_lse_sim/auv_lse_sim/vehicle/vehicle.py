@@ -81,7 +81,7 @@ class SimVehicle:
     A new leg starts at the end of the current leg if it begins there, otherwise at once. Without a next leg the vehicle
     circles at the leg's turning radius from the leg's end; when a leg arrives, it turns at once to the end of that leg,
     or, on rails (ideal motion), starts it when the circle closes. On a stop (`obey`) it circles, surfaces or goes to a
-    place; then it steers back to its leg and takes the legs received meanwhile.
+    position; then it steers back to its leg and takes the legs received meanwhile.
 
     Args:
         number: Its number, from 1.
@@ -218,7 +218,7 @@ class SimVehicle:
         self._next, self._then = None, None
         here = self._here()
         if stop.action is Action.GO_TO:
-            self._lead(leg_to(*here, stop.place_m, float(self._leg.radius), self._step))
+            self._lead(leg_to(*here, stop.position_m, float(self._leg.radius), self._step))
         else:
             self._leg = new_record(LEG, *here, 0.0, float(self._leg.radius), 0.0)
             self._circle(0.0)
@@ -293,9 +293,9 @@ class SimVehicle:
         on_track = mm.on_leg(self._leg, m.along) if m.mode == mm.ON_RAILS else None
         self._lead(leg, along_m)
         self._step = leg.step
-        place = mm.on_leg(self._leg, along_m)
-        on_rails = self._rails and math.hypot(place[1] - m.north, place[2] - m.east) < RAILS_M
-        if on_track is None and m.mode != mm.WAITING and abs(wrap(place[0] - m.heading)) > 0.01:
+        position = mm.on_leg(self._leg, along_m)
+        on_rails = self._rails and math.hypot(position[1] - m.north, position[2] - m.east) < RAILS_M
+        if on_track is None and m.mode != mm.WAITING and abs(wrap(position[0] - m.heading)) > 0.01:
             on_rails = False
         m.mode = mm.ON_RAILS if on_rails else mm.STEERED
 
@@ -311,7 +311,7 @@ class SimVehicle:
         self._surface()
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
         if then is not None and then.action is Action.GO_TO:
-            self._lead(leg_to(heading, north, east, then.place_m, float(self._leg.radius)), along_m)
+            self._lead(leg_to(heading, north, east, then.position_m, float(self._leg.radius)), along_m)
             return
         if then is not None and then.action is Action.SURFACE:
             self._params.depth = 0.0

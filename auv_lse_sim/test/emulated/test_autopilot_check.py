@@ -26,9 +26,9 @@ class Sea(threading.Thread):
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
         self.legs: list[Leg] = []
-        self.along_m, self.place = 0.0, (0.0, 0.0, 0.0)
+        self.along_m, self.position = 0.0, (0.0, 0.0, 0.0)
         origin = Origin(lat_deg=46.5, lon_deg=6.6)
-        self.vehicle = MavlinkVehicle(2, self.place, 2.0, origin, self.legs.append)
+        self.vehicle = MavlinkVehicle(2, self.position, 2.0, origin, self.legs.append)
         self.dock = MavlinkDock({2: self.vehicle}, {2: f"udpout://127.0.0.1:{port}"})
         self.over = threading.Event()
 
@@ -36,11 +36,11 @@ class Sea(threading.Thread):
         while not self.over.is_set():
             if self.legs:
                 self.along_m += 4.0
-                self.place = self.legs[0].state_at(min(self.along_m, self.legs[0].length_m))
+                self.position = self.legs[0].state_at(min(self.along_m, self.legs[0].length_m))
                 if self.along_m >= self.legs[0].length_m and len(self.legs) > 1:
                     del self.legs[0]
                     self.along_m = 0.0
-            heading, north, east = map(float, self.place)
+            heading, north, east = map(float, self.position)
             pressure_pa = 98_000.0 + 4.0 * 9807.5
             report = Report(
                 heading_rad=heading, north_m=north, east_m=east, depth_m=4.0, altitude_m=9.0, pressure_pa=pressure_pa
@@ -84,7 +84,7 @@ def test_the_simulated_autopilot_lacks_nothing_and_flies_three_legs(
         assert words in printed, printed
     assert "note    SYS_STATUS: not sent" in printed
     assert printed.endswith("nothing is missing\n")
-    assert math.hypot(*map(float, sea.place[1:])) < 5.0, "it is back"
+    assert math.hypot(*map(float, sea.position[1:])) < 5.0, "it is back"
 
 
 class Sub:

@@ -162,7 +162,7 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     (fix,) = dive.of(Fix)
     at = round(fix.stamp_s) - 1
     assert (fix.north_m, fix.east_m) == pytest.approx(dive.truth[at][:2], abs=3.0)
-    # the raw place has no jump: by then it is off by as much as before the fix, which tells by how much
+    # the dead-reckoned position has no jump: by then it is off by as much as before the fix, which tells by how much
     off_m = math.dist((fix.raw_north_m, fix.raw_east_m), dive.truth[at][:2])
     before_m = math.dist((estimates[up[0] - 3].north_m, estimates[up[0] - 3].east_m), dive.truth[up[0] - 3][:2])
     assert off_m == pytest.approx(before_m, abs=3.0)  # at the surface it is velocity times time

@@ -176,7 +176,7 @@ def test_a_hundred_legs_through_the_link_are_the_planners_legs(mode):
     assert len(sea.of(AutopilotEstimate)) == 101
 
 
-def test_a_path_that_returns_to_an_earlier_place_is_travelled():
+def test_a_path_that_returns_to_an_earlier_position_is_travelled():
     """Four quarter turns: their last end is where they began, and the vehicle goes round once more."""
     sea = Sea()
     sea.tick()
@@ -343,12 +343,12 @@ def test_gps_tells_of_a_fix_in_a_mission_that_lies_nowhere_too():
     assert gps.fix_type == mavlink.GPS_FIX_TYPE_3D_FIX
 
 
-def test_gps_tells_its_place_and_accuracy():
+def test_gps_tells_its_position_and_accuracy():
     seen, reader = [], mavlink.MAVLink(None)
     sea = Sea()
     sea.link.receive = lambda now_s, data: seen.extend(reader.parse_buffer(data) or [])
-    place = {"heading_rad": 0.0, "north_m": 5.0, "east_m": 6.0, "depth_m": 0.0}
-    sea.vehicle.report(sea.now_s, Report(**place, gps_m=(3.0, -4.0), gps_std_m=1.5))
+    position = {"heading_rad": 0.0, "north_m": 5.0, "east_m": 6.0, "depth_m": 0.0}
+    sea.vehicle.report(sea.now_s, Report(**position, gps_m=(3.0, -4.0), gps_std_m=1.5))
     sea.flow()
     (fix,) = (m for m in seen if m.get_type() == "GPS_RAW_INT" and m.fix_type == mavlink.GPS_FIX_TYPE_3D_FIX)
     assert (fix.h_acc, fix.satellites_visible) == (1500, 9)

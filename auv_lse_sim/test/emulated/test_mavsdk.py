@@ -158,7 +158,7 @@ def test_mavsdk_reads_position_and_uploads_a_mission():
 
 
 def test_autopilot_check_hears_mavsdk_as_an_autopilot_and_names_what_it_lacks(capsys):
-    """MAVSDK with an autopilot's ids sends heartbeats, of its own making, and nothing of a place."""
+    """MAVSDK with an autopilot's ids sends heartbeats, of its own making, and nothing of a position."""
     udp_port = free_udp_port()
     with mavsdk_server(f"udpout://127.0.0.1:{udp_port}", "--sysid", "2", "--compid", "1"):
         code = autopilot_check([f"udpin://127.0.0.1:{udp_port}", "--vehicle", "2", "--seconds", "5"])

@@ -79,9 +79,9 @@ def test_a_team_talks_through_real_ports_while_simulated_time_stands_still(kind,
 @pytest.mark.parametrize("kind", ["pty", "tcp"])
 def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
     first = host_ports(kind, (1,), tmp_path)[1]
-    place = first.port
+    position = first.port
     rack = ModemRack({1: first}, lambda v, t: None, NOW_S)
-    config = ModemConfig(kind="micromodem", port=place, backoff_min_s=0.01, backoff_max_s=0.05)
+    config = ModemConfig(kind="micromodem", port=position, backoff_min_s=0.01, backoff_max_s=0.05)
     port = ModemPort(config, 1)
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
     rack.close()
@@ -95,7 +95,7 @@ def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
         port.step(NOW_S, time.monotonic())
         time.sleep(0.002)
     assert port.connection.failures > 1
-    again = PtyPort(tmp_path / "modems" / "auv1") if kind == "pty" else TcpServerPort(int(place.rsplit(":", 1)[1]))
+    again = PtyPort(tmp_path / "modems" / "auv1") if kind == "pty" else TcpServerPort(int(position.rsplit(":", 1)[1]))
     rack = ModemRack({1: again}, lambda v, t: None, NOW_S)
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
     port.close(NOW_S, time.monotonic())
@@ -129,7 +129,7 @@ def test_a_pty_is_a_serial_device_and_its_link_goes_with_it(tmp_path):
     shell = PtyPort(link)
     assert stat.S_ISCHR(os.stat(shell.port).st_mode)
     assert shell.port == str(link)
-    other = PtyPort(link)  # takes the place of the first
+    other = PtyPort(link)  # takes the position of the first
     shell.close()
     assert link.exists()
     other.close()
@@ -146,7 +146,7 @@ def test_a_host_that_does_not_read_loses_old_lines_not_the_simulator():
     shell.close()
 
 
-def test_a_new_tcp_host_takes_the_place_of_the_old():
+def test_a_new_tcp_host_takes_the_position_of_the_old():
     rack = ModemRack({1: TcpServerPort()}, lambda v, t: None, NOW_S)
     ports = [ModemPort(ModemConfig(kind="micromodem", port=rack.ports[1]), 1) for _ in range(2)]
     serve_until(lambda: ports[0].modem.state is State.IDLE, rack, ports[:1])

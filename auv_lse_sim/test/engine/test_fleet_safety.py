@@ -28,11 +28,11 @@ def test_a_vehicle_holds_and_goes_on_and_no_step_is_lost() -> None:
     until(team, 40.0)
     first = team.cores[0]
     steps = len(first.log.decisions)
-    place = np.array(first.log.truth[-1][1:3])
+    position = np.array(first.log.truth[-1][1:3])
     first.safety.run.command(Command.HOLD, "test")
     until(team, 240.0)
     assert len(first.log.decisions) == steps, "nothing is decided"
-    assert np.hypot(*(np.array(first.log.truth)[40:, 1:3] - place).T).max() < 45.0, "it stays"
+    assert np.hypot(*(np.array(first.log.truth)[40:, 1:3] - position).T).max() < 45.0, "it stays"
     assert len(team.cores[1].log.decisions) == 8, "its mate goes on"
     first.safety.run.command(Command.GO, "test")
     run = team.run()

@@ -49,7 +49,7 @@ def test_all_vehicles_end_early_although_packets_are_lost(loss: float) -> None:
     assert any(p.source == 1 and p.stamp_s > run.sim_s for p in team.sent), "it goes on announcing"
 
 
-def test_a_mission_that_ends_early_leads_to_the_recovery_place() -> None:
+def test_a_mission_that_ends_early_leads_to_the_recovery_position() -> None:
     recovery = {"vehicle.recovery_north_m": 200.0, "vehicle.recovery_east_m": 150.0}
     team = fleet(**{"mission.vehicles": 1, "vehicle.at_end": "go_to", **recovery})
     (vehicle,) = team.run().vehicles

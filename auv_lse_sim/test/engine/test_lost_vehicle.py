@@ -14,7 +14,7 @@ LOST_S, EXPIRY_S = 100.0, 120.0
 
 
 def survivor(seed: int, expiry_s: float) -> tuple[Fleet, NDArray[np.float64], list[str]]:
-    """A mission of two from which auv2 vanishes; the places that it was still to visit, and what auv1 has said."""
+    """A mission of two from which auv2 vanishes; the positions that it was still to visit, and what auv1 has said."""
     settings = Settings.load(
         None,
         {
@@ -33,7 +33,7 @@ def survivor(seed: int, expiry_s: float) -> tuple[Fleet, NDArray[np.float64], li
         fleet.tick()
     lost = fleet.cores.pop()
     assert lost.planner.path is not None
-    ahead = lost.planner.path.places_m
+    ahead = lost.planner.path.locations_m
     said: list[str] = []
     while not fleet.finished:
         fleet.tick()
@@ -41,11 +41,11 @@ def survivor(seed: int, expiry_s: float) -> tuple[Fleet, NDArray[np.float64], li
     return fleet, ahead, said
 
 
-def visited(fleet: Fleet, places_m: NDArray[np.float64]) -> float:
-    """Share of the places to which auv1 came within 25 m after auv2 was lost."""
+def visited(fleet: Fleet, locations_m: NDArray[np.float64]) -> float:
+    """Share of the positions to which auv1 came within 25 m after auv2 was lost."""
     track = np.array(fleet.cores[0].log.truth)
     track = track[track[:, 0] > LOST_S, 1:3]
-    return float(np.mean([np.hypot(*(track - place).T).min() < 25.0 for place in places_m]))
+    return float(np.mean([np.hypot(*(track - position).T).min() < 25.0 for position in locations_m]))
 
 
 def test_a_mate_that_is_silent_is_named_and_covered_for() -> None:

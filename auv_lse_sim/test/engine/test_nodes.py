@@ -27,7 +27,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
-from auv_lse_common.commands.security_policy import policy as policy_of
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import START_VARIABLE
 from auv_lse_common.node.state_memory import forget_copy
@@ -52,6 +51,7 @@ from auv_lse_msgs.msg import (
     TdmaStatus,
     Waypoint,
 )
+from auv_lse_run.vehicle.security_policy import policy as policy_of
 
 pytestmark = pytest.mark.ros
 
@@ -138,7 +138,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
     parameters = (
         PARAMETERS
         + "    tdma: {order: [1, 2], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
-        + "    packet: {navigation: false}\n"  # the driver here gives no raw places
+        + "    packet: {navigation: false}\n"  # the driver here gives no dead-reckoned positions
     )
     with bench(tmp_path) as b:
         b.start("auv_lse_comms", "modem_node", parameters)

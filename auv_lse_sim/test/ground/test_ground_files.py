@@ -29,7 +29,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         (
             "a.csv",
             "east_m,north_m,depth_m\n1,2,3\n4,5,6\n",
-            r"a\.csv: 2 soundings at different places; expected at least 10",
+            r"a\.csv: 2 soundings at different locations; expected at least 10",
         ),
         ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i},{2 * i},3\n" for i in range(60)), r"lie on one line"),
         (

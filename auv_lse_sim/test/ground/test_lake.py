@@ -42,13 +42,13 @@ def test_every_lake_has_a_contour_an_island_and_both_sides(seed):
 
 
 def test_same_seed_same_lake_and_other_seed_other_lake():
-    places = grid(50.0)
+    locations = grid(50.0)
     assert np.array_equal(
-        SyntheticLake(mission_seed=4).depth_m(*places), SyntheticLake(mission_seed=4).depth_m(*places)
+        SyntheticLake(mission_seed=4).depth_m(*locations), SyntheticLake(mission_seed=4).depth_m(*locations)
     )
     own = SyntheticLake(LakeConfig(seed=4), mission_seed=99)
-    assert np.array_equal(own.depth_m(*places), SyntheticLake(mission_seed=4).depth_m(*places))
-    assert not np.allclose(SyntheticLake(mission_seed=5).depth_m(*places), own.depth_m(*places), atol=1.0)
+    assert np.array_equal(own.depth_m(*locations), SyntheticLake(mission_seed=4).depth_m(*locations))
+    assert not np.allclose(SyntheticLake(mission_seed=5).depth_m(*locations), own.depth_m(*locations), atol=1.0)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -29,12 +29,12 @@ def settings(**overrides):
 
 
 def check_safe(fitted, terrain, limit_m=8.0, spacing_m=3.0):
-    """No place that a vehicle may go to is shallower than the limit."""
+    """No location that a vehicle may go to is shallower than the limit."""
     area = OperatingArea(fitted.area)
     grid = area.grid(spacing_m)
-    places = grid.places_m
-    depth = terrain.depth_m(places[:, 0], places[:, 1])
-    allowed = area.clearance_m(places) >= fitted.area.margin_m
+    locations = grid.locations_m
+    depth = terrain.depth_m(locations[:, 0], locations[:, 1])
+    allowed = area.clearance_m(locations) >= fitted.area.margin_m
     assert allowed.any()
     assert np.isfinite(depth[allowed]).all()
     assert depth[allowed].min() >= limit_m
@@ -109,10 +109,10 @@ def test_start_on_land_is_moved_to_where_it_can_turn():
     fitted, notes = fit_to_ground(s, terrain)
     area = check_safe(fitted, terrain)
     v = fitted.vehicle(1).vehicle
-    place = np.array([[v.start_north_m, v.start_east_m]])
-    assert float(area.clearance_m(place)[0]) >= 10.0 + 2.0 * 15.0
-    # The nearest such place: not much farther than the shore, its margin and two turning radii.
-    assert np.hypot(*place[0]) < 150.0 / np.sqrt(2) + 40.0 + 25.0
+    location = np.array([[v.start_north_m, v.start_east_m]])
+    assert float(area.clearance_m(location)[0]) >= 10.0 + 2.0 * 15.0
+    # The nearest such location: not much farther than the shore, its margin and two turning radii.
+    assert np.hypot(*location[0]) < 150.0 / np.sqrt(2) + 40.0 + 25.0
     assert any("moved" in note for note in notes)
 
 

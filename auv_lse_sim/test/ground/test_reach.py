@@ -40,8 +40,8 @@ TZIBANA = Path(__file__).parents[4] / "shared" / "data" / "tzibana_grid10m.npz"
 
 
 def behind_a_gate(**overrides):
-    places = {"vehicle.start_north_m": 60.0, "vehicle.start_east_m": 60.0}
-    return Settings.load(None, {"area.polygon_m": GATE, **places, **overrides})
+    locations = {"vehicle.start_north_m": 60.0, "vehicle.start_east_m": 60.0}
+    return Settings.load(None, {"area.polygon_m": GATE, **locations, **overrides})
 
 
 def test_ground_behind_a_gate_is_left_out_and_named():

@@ -27,7 +27,7 @@ def test_soundings_with_comments_other_columns_and_repeats(tmp_path):
     lines = ["# a survey", "line,East_M,North_M,Depth_M,quality"]
     for i, row in enumerate(zip(east, north, depth, strict=True)):
         lines += [f"L{i},{row[0]},{row[1]},{row[2]},good"]
-        if i % 50 == 0:  # a spike among repeats at one place: the median keeps it out
+        if i % 50 == 0:  # a spike among repeats at one location: the median keeps it out
             lines += [f"L{i},{row[0]},{row[1]},{row[2]},x", "", f"L{i},{row[0]},{row[1]},{row[2] + 30},spike"]
     path.write_text("\n".join(lines))
     check_bottom(load_ground(path))

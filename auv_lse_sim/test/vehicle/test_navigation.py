@@ -127,8 +127,8 @@ def test_compass_works_across_the_wrap():
     assert abs(nav.wrap(x[2] - math.pi)) < 0.002
 
 
-def test_gps_moves_the_place_and_learns_the_scale():
-    """After a long straight the place and the DVL's scale are correlated: a fix corrects both."""
+def test_gps_moves_the_position_and_learns_the_scale():
+    """After a long straight the position and the DVL's scale are correlated: a fix corrects both."""
     x, p = np.zeros(10), np.zeros((10, 10))
     x[3] = 1.5
     p[7, 7] = 0.01**2
@@ -170,7 +170,7 @@ def test_plain_functions_give_the_same_numbers():
 def test_filter_is_consistent():
     """30 dives with every instrument error on: the mean NEES stays within 99 % bounds (120 dives: 95 %)."""
     result = measure(SimConfig(), 30, duration_s=400.0, every_s=200.0, first_seed=1000)
-    for states, nees in ((3, result.nees), (2, result.nees_place)):
+    for states, nees in ((3, result.nees), (2, result.nees_position)):
         low, high = result.bounds(states, 0.99)
         assert low < nees.mean(axis=0).min()
         assert nees.mean(axis=0).max() < high

@@ -80,13 +80,13 @@ def numbers(dive: Dive):
     return np.concatenate([[row.tolist() for row in rows] for rows in dive.rows])
 
 
-def places(rows, kind=""):
+def positions(rows, kind=""):
     """North and east (n, 2) of records: true, "est_" or "raw_"."""
     return np.column_stack([rows[kind + "north"], rows[kind + "east"]])
 
 
 def path_error(dive: Dive, start, actions) -> float:
-    """Largest distance of the true track from the legs' places, after the first leg."""
+    """Largest distance of the true track from the legs' positions, after the first leg."""
     state, legs = np.array(start, float), []
     for action in actions:
         leg = TABLE.leg(0, state, action)
@@ -94,7 +94,7 @@ def path_error(dive: Dive, start, actions) -> float:
         state = TABLE.end_state(state, action)
     on_legs = np.concatenate(legs)
     rows = results(dive)
-    track = places(rows[(rows.travelled > 30.0) & (rows.travelled < 23.5 * len(actions))])
+    track = positions(rows[(rows.travelled > 30.0) & (rows.travelled < 23.5 * len(actions))])
     return max(float(np.hypot(*(on_legs - p).T).min()) for p in track[::5])
 
 
@@ -115,7 +115,7 @@ def test_ideal_vehicle_is_exactly_on_its_legs():
     assert not o.covariance.any()
 
 
-def test_places_between_ticks_are_those_of_the_leg():
+def test_positions_between_ticks_are_those_of_the_leg():
     dive = Dive(sim_config(**IDEAL))
     leg = dive.command(RIGHT)
     for _ in range(5):
@@ -200,7 +200,7 @@ def test_without_a_next_leg_it_circles_and_then_goes_on(ideal):
     end = dive.state
     center = np.array([end[1], end[2] + 15.0])
     rows = results(dive)
-    circling = places(rows[rows.travelled > 40.0])
+    circling = positions(rows[rows.travelled > 40.0])
     assert np.abs(np.hypot(*(circling - center).T) - 15.0).max() < (1e-6 if ideal else 1.0)
     dive.command(STRAIGHT)  # from where the first leg ended: on rails it is taken when the circle closes
     while dive.vehicle.step == 0:
@@ -390,12 +390,12 @@ def test_surfacing_costs_its_time(ideal):
     assert once.now_s - free.now_s == pytest.approx(49.0 if ideal else 50.0, abs=2.0)
     rows = results(once)
     held = rows.depth <= 0.3
-    moved = np.hypot(*np.ptp(places(rows[600:][held[600:]][20:]), axis=0))
+    moved = np.hypot(*np.ptp(positions(rows[600:][held[600:]][20:]), axis=0))
     assert moved < (1e-9 if ideal else 0.5), "it stays where it came up"
     assert path_error(once, [0.0, 0.0, 0.0], [STRAIGHT] * 6) < (0.03 if ideal else 3.0), "and goes on along its leg"
 
 
-def test_a_fix_moves_the_estimate_and_not_the_raw_place():
+def test_a_fix_moves_the_estimate_and_not_the_raw_position():
     sections = {"compass": {"bias_deg": 4.0}, "gps": {"surface_every_s": 150.0}}
     dive, never = Dive(sim_config(**sections)), Dive(sim_config(compass={"bias_deg": 4.0}))
     fixes = []
@@ -410,7 +410,7 @@ def test_a_fix_moves_the_estimate_and_not_the_raw_place():
         if not fixes and tick < 150:  # the same until the first surfacing
             assert np.array_equal(dive.rows[-1], never.rows[-1])
     rows = results(dive)
-    raw, estimate, truth = (places(rows, kind) for kind in ("raw_", "est_", ""))
+    raw, estimate, truth = (positions(rows, kind) for kind in ("raw_", "est_", ""))
     assert np.array_equal(raw[:1500], estimate[:1500])
     (fix,) = fixes
     i = round(fix.stamp_s * 10.0) - 1
@@ -419,10 +419,10 @@ def test_a_fix_moves_the_estimate_and_not_the_raw_place():
     # 30 readings a second apart, correlated over 20 s: 1 m / sqrt(1 + 29 (1 - f) / (1 + f)), f = exp(-1 / 20)
     assert fix.std_m == pytest.approx(0.76, abs=0.02)
     off = np.hypot(*(np.array([fix.north_m, fix.east_m]) - truth[i]))
-    assert off < 4.0 * fix.std_m < np.hypot(*(raw[i] - truth[i])), "better than the raw place"
+    assert off < 4.0 * fix.std_m < np.hypot(*(raw[i] - truth[i])), "better than the dead-reckoned position"
     assert np.hypot(*(estimate[i] - truth[i])) < 3.0
-    jumps, corrected = (np.hypot(*np.diff(places, axis=0).T).max() for places in (raw, estimate))
-    assert jumps < 1.0 < 4.0 < corrected, "the raw place does not jump with the fix"
+    jumps, corrected = (np.hypot(*np.diff(positions, axis=0).T).max() for positions in (raw, estimate))
+    assert jumps < 1.0 < 4.0 < corrected, "the dead-reckoned position does not jump with the fix"
     raw_soundings = np.concatenate(dive.soundings)
     assert raw_soundings.shape[1] == 6
     late = raw_soundings[raw_soundings[:, 0] > fix.stamp_s]
@@ -565,11 +565,11 @@ def test_a_vehicle_told_to_surface_comes_up_and_dives_again() -> None:
     assert dive.vehicle.position[2] > 2.0
 
 
-def test_a_vehicle_told_to_go_to_a_place_goes_there_and_stays() -> None:
+def test_a_vehicle_told_to_go_to_a_position_goes_there_and_stays() -> None:
     dive = Dive(sim_config(**IDEAL))
     dive.command(STRAIGHT)
     settle(dive, 8)
-    dive.vehicle.obey(Stop(action=Action.GO_TO, place_m=(-60.0, 40.0)))
+    dive.vehicle.obey(Stop(action=Action.GO_TO, position_m=(-60.0, 40.0)))
     settle(dive, 200)
     for _ in range(30):
         dive.tick()
@@ -588,15 +588,15 @@ def test_a_vehicle_that_is_told_to_hold_before_it_sets_out_waits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("then", "depth_m", "place_m"),
+    ("then", "depth_m", "position_m"),
     [
         (None, 3.0, None),
         (Stop(action=Action.HOLD), 3.0, None),
         (Stop(action=Action.SURFACE), 0.0, None),
-        (Stop(action=Action.GO_TO, place_m=(-60.0, 40.0)), 3.0, (-60.0, 40.0)),
+        (Stop(action=Action.GO_TO, position_m=(-60.0, 40.0)), 3.0, (-60.0, 40.0)),
     ],
 )
-def test_after_the_last_leg_a_vehicle_does_what_its_waypoint_says(then, depth_m, place_m) -> None:
+def test_after_the_last_leg_a_vehicle_does_what_its_waypoint_says(then, depth_m, position_m) -> None:
     dive = Dive(sim_config(**IDEAL))
     leg = TABLE.leg(0, dive.state, STRAIGHT)
     dive.vehicle.command(leg, 1.0, then)
@@ -604,7 +604,7 @@ def test_after_the_last_leg_a_vehicle_does_what_its_waypoint_says(then, depth_m,
     assert dive.vehicle.truth(0.0).travelled_m == pytest.approx(20.0, abs=0.2), "at the speed that it was told"
     settle(dive, 200)
     assert dive.vehicle.position[2] == pytest.approx(depth_m, abs=0.01)
-    near = leg.end_state[1:] if place_m is None else place_m
+    near = leg.end_state[1:] if position_m is None else position_m
     assert math.dist(dive.vehicle.position[:2], near) < 2.0 * 15.0 + 3.0
 
 

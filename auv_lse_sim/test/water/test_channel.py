@@ -153,12 +153,12 @@ def test_a_sender_is_deaf() -> None:
 
 def test_overlapping_arrivals_interfere() -> None:
     config = ChannelConfig(fading_db=0.0)
-    places = line(0.0, 200.0, 1000.0)
+    positions = line(0.0, 200.0, 1000.0)
 
     def run(config: ChannelConfig, second_at_s: float) -> dict[tuple[int, int], Arrival]:
         water = channel(config)
-        water.transmit(0.0, 1, PAYLOAD, places)
-        water.transmit(second_at_s, 2, PAYLOAD, places)
+        water.transmit(0.0, 1, PAYLOAD, positions)
+        water.transmit(second_at_s, 2, PAYLOAD, positions)
         return {(a.receiver, a.source): a for a in water.arrivals(20.0)}
 
     both = run(config, 1.0)
@@ -178,7 +178,7 @@ def test_overlapping_arrivals_interfere() -> None:
 def test_interference_holds_across_calls_of_arrivals() -> None:
     """A sound that was judged still disturbs one that began before it ended and ends later."""
     config = ChannelConfig(fading_db=0.0)
-    places = line(0.0, 200.0, 1000.0)
+    positions = line(0.0, 200.0, 1000.0)
 
     def run(step_s: float) -> list[Arrival]:
         water = channel(config)
@@ -187,7 +187,7 @@ def test_interference_holds_across_calls_of_arrivals() -> None:
         for t in np.arange(0.0, 10.0, step_s).tolist():
             found += water.arrivals(t)
             while sends and sends[0][0] <= t:
-                water.transmit(t, sends.pop(0)[1], PAYLOAD, places)
+                water.transmit(t, sends.pop(0)[1], PAYLOAD, positions)
         return found
 
     assert run(0.25) == run(0.5) == run(1.0)
@@ -224,21 +224,21 @@ def test_land_between_cuts_a_link() -> None:
     assert not blocked((200.0, 0.0, 3.0), (200.0, 100.0, 3.0))
     assert not blocked((0.0, 0.0, 3.0), (500.0, 0.0, 3.0))
     assert blocked((900.0, 0.0, 3.0), (1100.0, 0.0, 3.0))
-    places = {1: (0.0, 0.0, 3.0), 2: (0.0, 100.0, 3.0), 3: (300.0, 0.0, 3.0)}
+    positions = {1: (0.0, 0.0, 3.0), 2: (0.0, 100.0, 3.0), 3: (300.0, 0.0, 3.0)}
     for config, expected in (
         (STILL, [(2, 1, "land"), (3, 1, "")]),
         (dataclasses.replace(STILL, land_blocks=False), [(2, 1, ""), (3, 1, "")]),
     ):
         water = Channel(config, np.random.default_rng(0), blocked)
-        water.transmit(0.0, 1, PAYLOAD, places)
+        water.transmit(0.0, 1, PAYLOAD, positions)
         assert read(water.arrivals(10.0)) == expected
 
 
 def test_a_sound_behind_land_does_not_interfere() -> None:
-    places = {1: (0.0, 0.0, 3.0), 2: (0.0, 100.0, 3.0), 3: (0.0, 300.0, 3.0)}
+    positions = {1: (0.0, 0.0, 3.0), 2: (0.0, 100.0, 3.0), 3: (0.0, 300.0, 3.0)}
     water = Channel(ChannelConfig(fading_db=0.0), np.random.default_rng(0), land_between(peninsula))
-    water.transmit(0.0, 1, PAYLOAD, places)
-    water.transmit(0.0, 2, PAYLOAD, places)
+    water.transmit(0.0, 1, PAYLOAD, positions)
+    water.transmit(0.0, 2, PAYLOAD, positions)
     assert read(water.arrivals(10.0)) == [(1, 2, "land"), (2, 1, "land"), (3, 2, ""), (3, 1, "land")]
 
 
@@ -268,13 +268,13 @@ def test_share_read_at_a_range_is_the_one_documented(fading_db: float, range_m: 
 def test_ideal_water_reads_everything_but_random_loss_and_blackouts() -> None:
     config = ChannelConfig(ideal=True, source_level_db=100.0, blackouts=(1, 2, 100, 200))
     water = Channel(config, np.random.default_rng(0), lambda a, b: True)
-    places = line(0.0, 5e4, 9e4)
-    end = water.transmit(0.0, 1, PAYLOAD, places)
-    water.transmit(0.0, 2, PAYLOAD, places)
+    positions = line(0.0, 5e4, 9e4)
+    end = water.transmit(0.0, 1, PAYLOAD, positions)
+    water.transmit(0.0, 2, PAYLOAD, positions)
     arrivals = water.arrivals(end)
     assert [a.ok for a in arrivals] == [True] * 4
     assert {a.arrival_s for a in arrivals} == {end}
-    water.transmit(100.0, 1, PAYLOAD, places)
+    water.transmit(100.0, 1, PAYLOAD, positions)
     assert read(water.arrivals(200.0)) == [(2, 1, "blackout"), (3, 1, "")]
 
 
@@ -289,13 +289,13 @@ def chatter(seed: int, step_s: float) -> list[Arrival]:
     sends = [(math.ceil(t / 2.0) * 2.0, int(s)) for t, s in zip(times, senders, strict=True)]
     found: list[Arrival] = []
     busy = dict.fromkeys(range(1, 5), -1.0)
-    places = line(0.0, 700.0, 1400.0, 2100.0)
+    positions = line(0.0, 700.0, 1400.0, 2100.0)
     for t in np.arange(0.0, sends[-1][0] + 20.0, step_s).tolist():
         found += water.arrivals(t)
         while sends and sends[0][0] <= t:
             when, source = sends.pop(0)
             if busy[source] <= when:
-                busy[source] = water.transmit(when, source, PAYLOAD, places)
+                busy[source] = water.transmit(when, source, PAYLOAD, positions)
     return found
 
 

@@ -22,9 +22,9 @@ import yaml
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 from auv_lse_common.node.state_memory import forget_copy
-from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
+from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
 from benchmarks.faults.bed.ledger import Ledger
 from benchmarks.faults.kills import Program
 from benchmarks.faults.sockets import family_of
@@ -74,7 +74,7 @@ class Vehicle:
     def launch(self) -> None:
         """Starts its programs, see `has_started`; in a dive that was not ended they continue it."""
         self.program = Program(
-            "auv_lse_common.commands.vehicle", f"auv{self.number}", str(self._file), "--out", str(self.out),
+            "auv_lse_run.vehicle.run_vehicle", f"auv{self.number}", str(self._file), "--out", str(self.out),
             "--domain", str(self._domain),
         )  # fmt: skip
 

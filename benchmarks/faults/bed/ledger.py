@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from auv_lse_comms.packet.tag import TRAILER_BYTES, Tagger
 from auv_lse_comms.tdma import Tdma
 
-#: A leg that is published again ends at the same place within this distance (m); a journal keeps all digits.
+#: A leg that is published again ends at the same position within this distance (m); a journal keeps all digits.
 SAME_LEG_M = 1e-6
 _READ_BACK = re.compile(r"journal \S+: (\d+) records read back(?:, (\d+) damaged)?")
 
@@ -101,7 +101,7 @@ def journal_problem(journal: bytes, log: str, kills: int) -> str:
     return f"{damaged} lines of the journal damaged by {kills} kills" if damaged > kills else ""
 
 
-def lost_places(before_m: ArrayLike, after_m: ArrayLike, within_m: float) -> int:
+def lost_positions(before_m: ArrayLike, after_m: ArrayLike, within_m: float) -> int:
     """How many of a map's centers (n, 2) have no center (m, 2) of a later map within a distance (m)."""
     before, after = np.reshape(before_m, (-1, 2)), np.reshape(after_m, (-1, 2))
     if not len(before) or not len(after):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from auv_lse_common.process.dive import tagged_frame
+from auv_lse_common.node.dive import tagged_frame
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.stamps import seconds
@@ -210,14 +210,14 @@ class Witness:
     def _odometry_message(self, travels: bool) -> Odometry:
         message = Odometry(header=self._header())
         heading, north_m, east_m = self._pose
-        place, turned = message.pose.pose.position, message.pose.pose.orientation
-        place.x, place.y, place.z = east_m, north_m, -self.depth_m  # ROS: x east, y north, z up
+        position, turned = message.pose.pose.position, message.pose.pose.orientation
+        position.x, position.y, position.z = east_m, north_m, -self.depth_m  # ROS: x east, y north, z up
         turned.z, turned.w = math.sin((math.pi / 2 - heading) / 2), math.cos((math.pi / 2 - heading) / 2)
         message.twist.twist.linear.x = 1.0 if travels else 0.0
         return message
 
     def _sound(self, before_m: list[float], passed_s: float) -> None:
-        """Soundings between two places, at least one."""
+        """Soundings between two positions, at least one."""
         _, *after_m = self._pose
         number = max(1, round(math.dist(before_m, after_m) / SOUNDING_M))
         for i in range(1, number + 1):

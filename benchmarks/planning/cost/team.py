@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 #: The mission is divided into so many parts, whose costs are compared.
 PARTS = 12
-COLUMNS = ("planner", "map", "places", "packets")
+COLUMNS = ("planner", "map", "locations", "packets")
 #: Figures of merit that are printed.
 FIGURES = (
     "risk_before", "risk_after", "mowing_risk", "flown_risk", "isobath_found", "loss_expected", "loss_after",
@@ -40,10 +40,10 @@ FIGURES = (
 def _spent_ms(times_s: Mapping[str, list[list[float]]], vehicles: int) -> Array:
     """Processor time (ms) of each vehicle's `COLUMNS` so far, (vehicles, 4)."""
     sums = {part: [1e3 * sum(calls) for calls in lists] for part, lists in times_s.items()}
-    places = sums["places"] or [0.0] * vehicles
+    locations = sums["locations"] or [0.0] * vehicles
     packets = [sums["packets"][2 * i] + sums["packets"][2 * i + 1] for i in range(vehicles)]
-    rows = np.column_stack([sums["planner"], sums["map"], places, packets])
-    rows[:, 1] -= rows[:, 2]  # places are corrected while the map takes what came
+    rows = np.column_stack([sums["planner"], sums["map"], locations, packets])
+    rows[:, 1] -= rows[:, 2]  # locations are corrected while the map takes what came
     return np.asarray(rows)
 
 

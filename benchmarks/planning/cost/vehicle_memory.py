@@ -3,7 +3,7 @@
     python -m benchmarks.planning.cost.vehicle_memory
 
 Map and planner are in one process, as in a vehicle. The map has all soundings of a third of the area, from lanes 68 m
-apart, and every second one of the rest, as a mate's samples. Each round moves all positions, as a place correction
+apart, and every second one of the rest, as a mate's samples. Each round moves all positions, as a position correction
 does, publishes the map, decides four legs and takes three packets.
 """
 
@@ -45,28 +45,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lanes = [
         np.column_stack([north, np.full_like(north, e)]) for e in np.arange(grid.east_m[0], grid.east_m[-1], _LANES_M)
     ]
-    places = np.concatenate(lanes)
+    locations = np.concatenate(lanes)
     depths = (
-        15.0 + 8.0 * np.sin(places[:, 0] / 90.0) * np.cos(places[:, 1] / 110.0) + 0.3 * rng.normal(size=len(places))
+        15.0
+        + 8.0 * np.sin(locations[:, 0] / 90.0) * np.cos(locations[:, 1] / 110.0)
+        + 0.3 * rng.normal(size=len(locations))
     )
-    third = places[:, 1] < grid.east_m[0] + (grid.east_m[-1] - grid.east_m[0]) / options.vehicles
+    third = locations[:, 1] < grid.east_m[0] + (grid.east_m[-1] - grid.east_m[0]) / options.vehicles
     mine, theirs = np.flatnonzero(third), np.flatnonzero(~third)[::2]
     start = own.vehicle
     state = (start.start_heading_rad, start.start_north_m, start.start_east_m)
-    print(f"{len(depth_map.grid.places_m)} cells; private memory before: {before_mb:.0f} MB")
+    print(f"{len(depth_map.grid.locations_m)} cells; private memory before: {before_mb:.0f} MB")
     print(
         "| round | centers | rebuild | published map | longest decision | memory | after it is returned |\n"
         + "|---" * 7
         + "|"
     )
     for number in range(options.rounds):
-        moved, began_s = places + 0.2 * number, time.process_time()
+        moved, began_s = locations + 0.2 * number, time.process_time()
         depth_map.clear()
         depth_map.add_soundings(np.column_stack([1.0 * np.arange(len(mine)), moved[mine], depths[mine]]))
         samples = np.column_stack([moved[theirs], depths[theirs]])
         depth_map.add_samples(samples, 2, np.arange(len(theirs)) // _PACKET)
-        waves = depth_map.centers.places_m[:, :1] / 200.0 + np.arange(_MODES)
-        depth_map.gp.set_place_effect(0.3 * np.sin(waves))
+        waves = depth_map.centers.locations_m[:, :1] / 200.0 + np.arange(_MODES)
+        depth_map.gp.set_position_effect(0.3 * np.sin(waves))
         built_s = time.process_time()
         depth_map.isobath(depth_map.recent_field())
         published_s = time.process_time()

@@ -63,8 +63,8 @@ def judgements(kind: str, vehicles: int, name: str, real: str, soundings: Sequen
         posterior = Posterior(chosen.gp)
         posterior.extend(depth_map.centers)
         quality = judge.judge(posterior)
-        places = np.column_stack([rows[:until, 1:3], np.zeros(until)])
-        pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, places)
+        locations = np.column_stack([rows[:until, 1:3], np.zeros(until)])
+        pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, locations)
         share = float(np.mean(near(lines_of(pieces, FOUND))(truth))) if len(truth) else 1.0
         found.append([legs, quality.found_share, quality.undiscovered_m, share, length_m(lines) * (1.0 - share)])
     return {"kind": kind, "vehicles": vehicles, "lake": name, "judgements": np.round(found, 4).tolist()}

@@ -118,10 +118,10 @@ def measured(line_m: Array, speed_mps: float, ground: Any, seed: int) -> Array:
     """Soundings along a line (n, 2): rows of time (s), north, east, depth (m)."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m, axis=0).T))])
     at_m = np.arange(0.0, along[-1], SOUNDING_EVERY_S * speed_mps)
-    places = np.column_stack([np.interp(at_m, along, line_m[:, i]) for i in (0, 1)])
-    depth = np.asarray(ground.depth_m(places[:, 0], places[:, 1]), float)
+    locations = np.column_stack([np.interp(at_m, along, line_m[:, i]) for i in (0, 1)])
+    depth = np.asarray(ground.depth_m(locations[:, 0], locations[:, 1]), float)
     depth = np.maximum(depth + SOUNDING_STD_M * stream(seed, "mowing").normal(size=len(depth)), 0.1)
-    rows = np.column_stack([at_m / speed_mps, places, depth])
+    rows = np.column_stack([at_m / speed_mps, locations, depth])
     return rows[np.isfinite(depth)]
 
 
@@ -131,8 +131,8 @@ def found_share(chosen: PlannerSettings, rows: Array, ground: Any) -> float:
     depth_map = DepthMap(chosen.gp, chosen.level_set, operating)
     grid = depth_map.grid
     depth_map.add_soundings(rows)
-    places = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
-    pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, places)
+    locations = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
+    pieces = classify(depth_map.isobath().lines, depth_map.field(), chosen.gp.signal_std_m, locations)
     depth = np.where(grid.inside, ground.depth_m(*np.meshgrid(grid.north_m, grid.east_m, indexing="ij")), np.nan)
     truth = resample(trace(grid.north_m, grid.east_m, depth, chosen.level_set.level_m))
     return float(np.mean(near(lines_of(pieces, FOUND))(truth))) if len(truth) else math.nan
@@ -147,12 +147,12 @@ def along_isobath(lines: Sequence[Array], start_m: Array, share: float) -> Array
         middles = (np.arange(count) + 0.5) * at[-1] / count
         nodes.append(np.column_stack([np.interp(middles, at, line[:, i]) for i in (0, 1)]))
         lengths.append(np.full(count, at[-1] / count))
-    places, length = np.concatenate([*nodes, start_m[None]]), np.concatenate(lengths)
-    cm = np.rint(100.0 * places)
+    locations, length = np.concatenate([*nodes, start_m[None]]), np.concatenate(lengths)
+    cm = np.rint(100.0 * locations)
     distance = np.rint(np.hypot(*(cm[:, None] - cm).transpose(2, 0, 1))).astype(np.int64)
     near = np.argsort(distance[:-1, :-1], axis=1, kind="stable")
     prizes, hot = np.rint(1e4 * length).astype(np.int64), round(100.0 * NODE_M)
-    low, high, best = 0, round(100.0 * (4.0 * length.sum() + float(np.hypot(*np.ptp(places, axis=0))))), np.arange(0)
+    low, high, best = 0, round(100.0 * (4.0 * length.sum() + float(np.hypot(*np.ptp(locations, axis=0))))), np.arange(0)
     for _ in range(BISECTIONS):
         budget = high if not len(best) else (low + high) // 2
         route = ruin_and_recreate(distance, near, prizes, budget, ITERATIONS, hot)
@@ -160,7 +160,7 @@ def along_isobath(lines: Sequence[Array], start_m: Array, share: float) -> Array
             best, high = route, budget
         else:
             low = budget
-    return np.asarray(places[best])
+    return np.asarray(locations[best])
 
 
 def compared(

@@ -35,7 +35,7 @@ class AreaConfig:
     file: str | None = parameter(
         None,
         help="Instead of polygon_m: a GeoJSON, KML or QGroundControl .plan file with the area, no-go areas, starts and "
-        "recovery places (docs/guide/your-own-lake.md). Relative to the mission file.",
+        "recovery positions (docs/guide/your-own-lake.md). Relative to the mission file.",
     )
     polygon_deg: tuple[float, ...] = parameter(
         (), unit="deg", help="Instead of polygon_m: the corners' latitude, longitude, latitude, longitude, ..."
@@ -97,10 +97,10 @@ class AreaConfig:
 
 
 def metres_only(key: str, value: object) -> str:
-    """The message of a node that gets places in degrees, which are converted where a mission file is read."""
+    """The message of a node that gets positions in degrees, which are converted where a mission file is read."""
     return (
-        f"{key}: got {value!r}; expected places in metres, since nodes and --set take no others. Give it in a mission "
-        "file, and start with scripts/mission, scripts/sim or scripts/vehicle, which convert it"
+        f"{key}: got {value!r}; expected positions in metres, since nodes and --set take no others. Give it in a "
+        "mission file, and start with scripts/mission, scripts/sim or scripts/vehicle, which convert it"
     )
 
 

@@ -16,8 +16,8 @@ class LevelSetConfig:
     """The isobath to find, and the costs of wrong calls."""
 
     level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (paper: l).")
-    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe place safe (paper: c1).")
-    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe place unsafe (paper: c2).")
+    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe location safe (paper: c1).")
+    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe location unsafe (paper: c2).")
     method: str = parameter(
         "exact", choices=METHODS, help="How the expected risk is computed: exactly, or with the paper's approximation."
     )
@@ -38,5 +38,5 @@ class LevelSetConfig:
 
     @property
     def largest_risk(self) -> float:
-        """The largest Bayes risk that a place can have: c1 c2 / (c1 + c2), where P(f >= l) = c1 / (c1 + c2)."""
+        """The largest Bayes risk that a position can have: c1 c2 / (c1 + c2), where P(f >= l) = c1 / (c1 + c2)."""
         return self.cost_false_safe * self.cost_false_unsafe / (self.cost_false_safe + self.cost_false_unsafe)

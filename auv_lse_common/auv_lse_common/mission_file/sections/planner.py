@@ -24,8 +24,8 @@ else:
     #: A parameter whose default (None) depends on the method; `PlannerConfig.complete` resolves it.
     FromMethod = Optional
 
-#: Largest number of places of a path that can be evaluated together; their covariance takes 0.5 GB.
-MAX_PLACES = 8000
+#: Largest number of positions of a path that can be evaluated together; their covariance takes 0.5 GB.
+MAX_LOCATIONS = 8000
 
 
 def from_method(paper: Any, **options: Any) -> Any:
@@ -51,7 +51,7 @@ class PlannerConfig:
     credit: FromMethod[str] = from_method(
         "whole",
         choices=("whole", "beyond"),
-        help="benefit counted at places on this vehicle's path: 'whole' counts all of it (the paper), 'beyond' only "
+        help="benefit counted at positions on this vehicle's path: 'whole' counts all of it (the paper), 'beyond' only "
         "what team mates' plans do not already collect",
     )
     horizon: FromMethod[int] = from_method(3, low=1, high=200, help="planned legs (paper: m)")
@@ -69,11 +69,11 @@ class PlannerConfig:
         0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
     )
     samples_per_leg: int = parameter(
-        1, low=1, high=20, help="measurement places along each leg at which the reward is computed"
+        1, low=1, high=20, help="measurement locations along each leg at which the reward is computed"
     )
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
     map_spacing_m: float = parameter(
-        20.0, unit="m", above=0.0, help="spacing of the places over which the risk is summed"
+        20.0, unit="m", above=0.0, help="spacing of the positions over which the risk is summed"
     )
     proposals: FromMethod[str] = from_method(
         "path",
@@ -87,7 +87,7 @@ class PlannerConfig:
     own_share: float = parameter(
         1.0,
         low=0.0,
-        help="method tour: weight of the benefit at the next legs' places, relative to the drop of the map's risk",
+        help="method tour: weight of the benefit at the next legs' positions, relative to the drop of the map's risk",
     )
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
@@ -140,19 +140,19 @@ class PlannerConfig:
 
 
 def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
-    """Rejects missions with too many places to evaluate together.
+    """Rejects missions with too many positions to evaluate together.
 
     Raises:
         ParameterError: naming the largest number of steps that the method can plan.
     """
     complete = planner.complete()
-    each = max(complete.family.places_per_leg, complete.samples_per_leg)
-    places = mission.steps * each
-    if places > MAX_PLACES and (complete.augmented or complete.family.to_the_end):
+    each = max(complete.family.positions_per_leg, complete.samples_per_leg)
+    positions = mission.steps * each
+    if positions > MAX_LOCATIONS and (complete.augmented or complete.family.to_the_end):
         raise ParameterError(
-            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, whose {places} "
-            f"places to the mission's end have covariances of {8e-9 * places**2:.0f} GB; expected at most "
-            f"{MAX_PLACES // each} steps, or planner.method plain, which looks only some legs ahead"
+            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, whose {positions} "
+            f"positions to the mission's end have covariances of {8e-9 * positions**2:.0f} GB; expected at most "
+            f"{MAX_LOCATIONS // each} steps, or planner.method plain, which looks only some legs ahead"
         )
 
 

@@ -20,8 +20,8 @@ from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.modem import ModemConfig
-from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.sim import SimConfig
@@ -35,7 +35,7 @@ class TeamSections:
     mission: MissionConfig = field(default_factory=MissionConfig)
     level_set: LevelSetConfig = field(default_factory=LevelSetConfig)
     area: AreaConfig = field(default_factory=AreaConfig)
-    places: PlacesConfig = field(default_factory=PlacesConfig)
+    positions: PositionsConfig = field(default_factory=PositionsConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     tdma: TdmaConfig = field(default_factory=TdmaConfig)
     packet: PacketConfig = field(default_factory=PacketConfig)

@@ -57,10 +57,12 @@ class VehicleConfig:
     at_end: str = parameter(
         "hold", choices=tuple(STOPS), help="action after the last leg; go_to leads to recovery_north_m, recovery_east_m"
     )
-    recovery_north_m: float | None = parameter(None, unit="m", help="north of the recovery place")
-    recovery_east_m: float | None = parameter(None, unit="m", help="east of the recovery place")
+    recovery_north_m: float | None = parameter(None, unit="m", help="north of the recovery position")
+    recovery_east_m: float | None = parameter(None, unit="m", help="east of the recovery position")
     recovery_deg: tuple[float, ...] = parameter(
-        (), unit="deg", help="instead of recovery_north_m, recovery_east_m: latitude, longitude of the recovery place"
+        (),
+        unit="deg",
+        help="instead of recovery_north_m, recovery_east_m: latitude, longitude of the recovery position",
     )
     surfacings: int | None = parameter(
         None,
@@ -68,7 +70,7 @@ class VehicleConfig:
         high=10,
         help="largest number of surfacings for a GPS fix, each where it gains more than the time it costs. Default: 2, "
         "but 0 with the paper's methods, ideal simulated navigation, or an autopilot (set it to allow surfacing). "
-        "Needs places.correct",
+        "Needs positions.correct",
     )
     surfacing_s: float = parameter(
         60.0,
@@ -85,10 +87,10 @@ class VehicleConfig:
     )
 
     def __post_init__(self) -> None:
-        """Checks that a place to go to is given.
+        """Checks that a position to go to is given.
 
         Raises:
-            ParameterError: if it is not, or a place is in degrees.
+            ParameterError: if it is not, or a position is in degrees.
         """
         for key in ("start_deg", "recovery_deg"):
             if value := getattr(self, key):
@@ -105,10 +107,10 @@ class VehicleConfig:
         return self.stop("vehicle.at_end", self.at_end)
 
     def stop(self, key: str, name: str) -> Stop:
-        """The stop for the value `name` of parameter `key`; GO_TO leads to the recovery place.
+        """The stop for the value `name` of parameter `key`; GO_TO leads to the recovery position.
 
         Raises:
-            ParameterError: if the recovery place is not given.
+            ParameterError: if the recovery position is not given.
         """
         north_m, east_m = self.recovery_north_m, self.recovery_east_m
         if name != "go_to":
@@ -116,6 +118,6 @@ class VehicleConfig:
         if north_m is None or east_m is None:
             raise ParameterError(
                 f"{key}: got 'go_to' with vehicle.recovery_north_m, recovery_east_m = {north_m}, {east_m}; expected a "
-                "recovery place (m)"
+                "recovery position (m)"
             )
-        return Stop(action=STOPS[name], place_m=(north_m, east_m))
+        return Stop(action=STOPS[name], position_m=(north_m, east_m))

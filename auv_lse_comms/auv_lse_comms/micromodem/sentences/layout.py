@@ -84,7 +84,7 @@ class Message:
     def columns(cls) -> dict[str, tuple[int, _Column]]:
         """Index and column of each field, by the field's name."""
         found = [(f.name, f.metadata["column"]) for f in dataclasses.fields(cls) if "column" in f.metadata]
-        return {name: (place if c.at is None else c.at, c) for place, (name, c) in enumerate(found)}
+        return {name: (position if c.at is None else c.at, c) for position, (name, c) in enumerate(found)}
 
     @classmethod
     def read_columns(cls, fields: Sequence[str]) -> dict[str, Any]:

@@ -127,17 +127,17 @@ def _features(export: Export, vehicle: VehicleRun) -> list[dict[str, Any]]:
     assert export.reference.origin is not None
     soundings = vehicle.soundings
     latitude, longitude = geodetic_from_local(soundings.north_m, soundings.east_m, *export.reference.origin)
-    stds = vehicle.place_std_at(soundings.stamp_s)
+    stds = vehicle.position_std_at(soundings.stamp_s)
     noise = export.team.settings.gp.noise_std_m
     tvu = sounding_uncertainty(export.team.run, vehicle, export.survey, noise).tvu_m
     features = []
     for i, sounding in enumerate(soundings):
         properties: dict[str, Any] = {"depth": round(sounding.depth_m, 3), "time": _utc(sounding.stamp_s)}
         uncertainty = [float(value) for value in (stds[i, 1], stds[i, 0], tvu[i] / SIGMAS_95)]
-        if all(value == value for value in uncertainty):  # not NaN: the place's uncertainty is known
+        if all(value == value for value in uncertainty):  # not NaN: the location's uncertainty is known
             properties["uncertainty"] = [round(value, 3) for value in uncertainty]
-        place = [round(float(longitude[i]), _DECIMALS), round(float(latitude[i]), _DECIMALS)]
-        geometry = {"type": "Point", "coordinates": place}
+        location = [round(float(longitude[i]), _DECIMALS), round(float(latitude[i]), _DECIMALS)]
+        geometry = {"type": "Point", "coordinates": location}
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return features
 

@@ -88,5 +88,5 @@ def _line(folder: Element, name: str, style: str, line_m: Array, origin: Sequenc
     line = SubElement(placemark, "LineString")
     SubElement(line, "tessellate").text = "1"
     latitude, longitude = geodetic_from_local(line_m[:, 0], line_m[:, 1], *origin)
-    places = (f"{x:.{_DECIMALS}f},{y:.{_DECIMALS}f}" for x, y in zip(longitude, latitude, strict=True))
-    SubElement(line, "coordinates").text = " ".join(places)
+    locations = (f"{x:.{_DECIMALS}f},{y:.{_DECIMALS}f}" for x, y in zip(longitude, latitude, strict=True))
+    SubElement(line, "coordinates").text = " ".join(locations)

@@ -26,20 +26,20 @@ _SPEED_MPS = 1.5
 
 
 def write(export: Export) -> str:
-    """Writes waypoints, the area and the no-go areas as geofence, and the recovery places as rally points."""
+    """Writes waypoints, the area and the no-go areas as geofence, and the recovery positions as rally points."""
     path, origin, team = export.folder / "isobath.plan", export.reference.origin, export.team
     if origin is None:
         path.unlink(missing_ok=True)
         return "isobath.plan: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
 
-    def geodetic(places_m: Array) -> list[list[float]]:
-        latitude, longitude = geodetic_from_local(places_m[:, 0], places_m[:, 1], *origin)
+    def geodetic(locations_m: Array) -> list[list[float]]:
+        latitude, longitude = geodetic_from_local(locations_m[:, 0], locations_m[:, 1], *origin)
         return [[float(lat), float(lon)] for lat, lon in zip(latitude.round(7), longitude.round(7), strict=True)]
 
     waypoints = geodetic(_waypoints(team))
     fences = [{"inclusion": True, "polygon": geodetic(team.area.polygon), "version": 1}]
     fences += [{"inclusion": False, "polygon": geodetic(ring), "version": 1} for ring in team.area.no_go.values()]
-    rally = [[*place, 0.0] for place in geodetic(_recoveries(team))]
+    rally = [[*location, 0.0] for location in geodetic(_recoveries(team))]
     plan = {
         "fileType": "Plan",
         "groundStation": "QGroundControl",
@@ -52,7 +52,7 @@ def write(export: Export) -> str:
             "cruiseSpeed": _SPEED_MPS,
             "hoverSpeed": _SPEED_MPS,
             "plannedHomePosition": [*(rally or waypoints or geodetic(team.area.polygon))[0][:2], 0.0],
-            "items": [_item(number, *place) for number, place in enumerate(waypoints, 1)],
+            "items": [_item(number, *location) for number, location in enumerate(waypoints, 1)],
         },
         "geoFence": {"version": 2, "circles": [], "polygons": fences},
         "rallyPoints": {"version": 2, "points": rally},
@@ -70,7 +70,7 @@ def _waypoints(team: TeamMap) -> Array:
 
 
 def _recoveries(team: TeamMap) -> Array:
-    """The different recovery places (n, 2): north, east (m)."""
+    """The different recovery positions (n, 2): north, east (m)."""
     vehicles = max((v.vehicle for v in team.run.vehicles), default=0)
     own = [settings.vehicle for settings in mission_settings(team.run.parameters, vehicles)]
     known = {(v.recovery_north_m, v.recovery_east_m): None for v in own if v.recovery_north_m is not None}

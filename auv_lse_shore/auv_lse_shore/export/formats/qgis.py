@@ -28,7 +28,7 @@ check = geotiff.check  # the project's rasters
 
 
 def write(export: Export) -> str:
-    """Writes the project and the styles: what QGIS needs to find, place and draw each layer. Paths are relative."""
+    """Writes the project and the styles: what QGIS needs to find, location and draw each layer. Paths are relative."""
     layers, reference, grid = _layers(export), export.reference, export.team.field.grid
     for layer in layers:
         (export.folder / f"{layer['name']}.qml").write_text(_render("style.qml", layer=layer), encoding="utf-8")
@@ -77,7 +77,7 @@ def _layers(export: Export) -> list[dict[str, Any]]:
             "color": _rgba("#ffffff"),
             **vector,
         },
-        _raster("risk", "Bayes risk (cost per place)", RISK, 0.0, largest_risk),
+        _raster("risk", "Bayes risk (cost per location)", RISK, 0.0, largest_risk),
         _raster("std", "standard deviation of the depth (m)", RISK, 0.0, float(np.nanmax(field.std_m))),
         _raster("depth", "depth (m)", DEPTH, float(np.nanmin(field.mean_m)), float(np.nanmax(field.mean_m))),
     ]

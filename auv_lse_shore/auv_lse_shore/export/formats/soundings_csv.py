@@ -24,7 +24,7 @@ def write(export: Export) -> str:
     """
     rows = []
     for vehicle in export.team.run.vehicles:
-        stds = vehicle.place_std_at(vehicle.soundings.stamp_s)
+        stds = vehicle.position_std_at(vehicle.soundings.stamp_s)
         noise = export.team.settings.gp.noise_std_m
         total = zip(*sounding_uncertainty(export.team.run, vehicle, export.survey, noise), strict=True)
         for s, (north_std, east_std), (thu, tvu, order) in zip(vehicle.soundings, stds, total, strict=True):
@@ -39,9 +39,9 @@ def write(export: Export) -> str:
     with (export.folder / "soundings.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([*COLUMNS, *(GEODETIC if origin is not None else ())])
-        for (stamp, number, *values, order), place in zip(rows, geodetic, strict=True):
+        for (stamp, number, *values, order), location in zip(rows, geodetic, strict=True):
             cells = ["" if np.isnan(value) else f"{value:.3f}" for value in values]
-            degrees = (f"{value:.8f}" for value in place)
+            degrees = (f"{value:.8f}" for value in location)
             writer.writerow([f"{stamp:.3f}", number, *cells, ORDERS[order].name, *degrees])
     counts = np.bincount([row[-1] for row in rows], minlength=len(ORDERS))
     shares = ", ".join(f"{count} {order.name}" for order, count in zip(ORDERS, counts, strict=True) if count)

@@ -10,7 +10,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from auv_lse_common.inspect.mission_calls_node import CommandCalls
+from auv_lse_run.inspect.mission_calls_node import CommandCalls
 from auv_lse_shore.live.sources.command_desk import MISSION_ENDED, CommandDesk, Order, Outcome
 
 #: Wall clock (s) within which a vehicle has to answer.

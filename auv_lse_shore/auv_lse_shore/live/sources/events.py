@@ -114,7 +114,7 @@ class MissionEvents:
         if not self._is_due(f"pose {vehicle}", stamp_s, _TRACK_S):
             return maps
         self._event_s[f"pose {vehicle}"] = stamp_s
-        north_std_m, east_std_m = odometry.place_std_m
+        north_std_m, east_std_m = odometry.position_std_m
         event = {
             "kind": "pose",
             "vehicle": vehicle,
@@ -194,7 +194,7 @@ class MissionEvents:
     ) -> list[Piece]:
         """The estimated isobath in pieces of one certainty each.
 
-        As the report's, but without place errors, and with the mean variance factor of the map at every place.
+        As the report's, but without position errors, and with the mean variance factor of the map at every position.
         """
         inside = np.isfinite(layers["depth"])
         field = DepthField(
@@ -265,8 +265,8 @@ class MissionEvents:
             return []
         source = int(samples.vehicle[0])
         self._map_of(vehicle).add_samples(samples.points_m, source)
-        places = decimetres(samples.places_m)
-        return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "places": places}]
+        positions = decimetres(samples.locations_m)
+        return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "positions": positions}]
 
     def _slots(self, vehicle: int, stamp_s: float, report: TdmaReport) -> list[Event]:
         event = {

@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_data import origin_of
 from auv_lse_shore.judge.isobath import trace
-from auv_lse_shore.judge.quantity_names import COST_PER_PLACE, EXPECTED_LOSS, MAP_LAYERS
+from auv_lse_shore.judge.quantity_names import COST_PER_LOCATION, EXPECTED_LOSS, MAP_LAYERS
 from auv_lse_shore.live.sources.map_layers import scales_of
 from auv_lse_shore.live.sources.plan_lines import POINTS_PER_LEG, decimetres
 from auv_lse_shore.live.sources.timeline import Event
@@ -61,7 +61,7 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
         "layers": [{"name": key, "low": s.low, "step": s.step, "unit": s.unit} for key, s in scales.items()],
         "names": {
             "expected_loss": EXPECTED_LOSS.capitalize(),
-            "cost_per_place": COST_PER_PLACE,
+            "cost_per_position": COST_PER_LOCATION,
             "layers": {key: name[0].upper() + name[1:] for key, name in MAP_LAYERS.items()},
         },
         "true_isobath": _true_isobath(settings, area) if simulated else [],

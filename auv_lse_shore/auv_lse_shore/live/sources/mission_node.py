@@ -12,8 +12,8 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.node.dive import sender_of
 from auv_lse_common.node.executor import make_executor
-from auv_lse_common.process.dive import sender_of
 from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import find_topic

@@ -80,6 +80,6 @@ def _continued(plan: Plan) -> str:
 
 
 def decimetres(points_m: Array | Sequence[Any]) -> list[int]:
-    """Places (n, 2) as whole decimetres: north, east, north, east, ..."""
+    """Positions (n, 2) as whole decimetres: north, east, north, east, ..."""
     flat: list[int] = np.round(10.0 * np.asarray(points_m)).astype(int).ravel().tolist()
     return flat

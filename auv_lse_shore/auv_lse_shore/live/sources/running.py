@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.domain import busy_domains, dive_on, run_on
 from auv_lse_record.recording import RecordingError
+from auv_lse_run.process.domain import busy_domains, dive_on, run_on
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts

@@ -77,7 +77,7 @@ class StandardMessages:
 
     def first(self, stamp_s: float) -> list[StandardMessage]:
         """Messages that hold for the whole mission: the area and, for a simulated lake, the true isobath."""
-        area = {"points": [{"x": e, "y": n, "z": _Z["area"]} for n, e in _places(self._facts["area"])]}
+        area = {"points": [{"x": e, "y": n, "z": _Z["area"]} for n, e in _positions(self._facts["area"])]}
         lines = [self._line(0, "true isobath", i, line, (0.0, 0.0, 0.0), 2.0) for i, line in enumerate(self._true)]
         messages = [
             self._make("/viz/area", "geometry_msgs/msg/PolygonStamped", stamp_s, polygon=area),
@@ -113,8 +113,8 @@ class StandardMessages:
         track = self._tracks.setdefault(vehicle, [])
         track.append((event["north"], event["east"]))
         x, y, z, w = quaternion_from_heading(event["heading"])
-        place = {"x": event["east"], "y": event["north"], "z": _Z["vehicle"]}
-        turned = {"position": place, "orientation": {"x": x, "y": y, "z": z, "w": w}}
+        position = {"x": event["east"], "y": event["north"], "z": _Z["vehicle"]}
+        turned = {"position": position, "orientation": {"x": x, "y": y, "z": z, "w": w}}
         yield self._make(f"/viz/auv{vehicle}/pose", "geometry_msgs/msg/PoseStamped", t, pose=turned)
         if self._origin_deg:
             at = Odometry(stamp_s=t, heading_rad=event["heading"], north_m=event["north"], east_m=event["east"])
@@ -123,7 +123,7 @@ class StandardMessages:
         color = _color(vehicle)
         size = {"scale": {"x": 24.0, "y": 8.0, "z": 4.0}}
         arrow = self._marker(t, "vehicles", 2 * vehicle, _ARROW, color, pose=turned, **size)
-        name = {"position": {**place, "y": place["y"] + 14.0}, "orientation": {"w": 1.0}}
+        name = {"position": {**position, "y": position["y"] + 14.0}, "orientation": {"w": 1.0}}
         text = self._marker(
             t, "vehicles", 2 * vehicle + 1, _TEXT, color, pose=name, scale={"z": 16.0}, text=f"auv{vehicle}"
         )
@@ -173,9 +173,9 @@ class StandardMessages:
     def _plan_from(self, vehicle: int, t: float, step: int) -> Iterator[StandardMessage]:
         """The plan's two parts, from a mission step on."""
         plan, per = self._plans[vehicle], self._facts["points_per_leg"]
-        places = list(_places(plan["line"]))
+        positions = list(_positions(plan["line"]))
         gone, own = max(0, step - plan["step"]), plan["own"]
-        parts = {"actions": places[gone * per : own * per + 1], "continuation": places[max(gone, own) * per :]}
+        parts = {"actions": positions[gone * per : own * per + 1], "continuation": positions[max(gone, own) * per :]}
         for name, part in parts.items():
             yield self._path(f"/viz/auv{vehicle}/plan/{name}", t, part, _Z["plan"])
 
@@ -209,7 +209,7 @@ class StandardMessages:
         self, t: float, name: str, number: int, vehicle: int, line: list[tuple[float, float]]
     ) -> StandardMessage:
         slot_s = self._facts["tdma"]["slot_s"]
-        flat = [10.0 * value for place in line for value in place]
+        flat = [10.0 * value for position in line for value in position]
         marker = self._line(t, name, number, flat, _color(vehicle), 3.0, "packet")
         marker["lifetime"] = time_fields(slot_s)
         return self._make("/viz/packets", "visualization_msgs/msg/MarkerArray", t, markers=[marker])
@@ -232,11 +232,11 @@ class StandardMessages:
         )
         return StandardMessage(topic, "std_msgs/msg/Float64", t, bytes(data))
 
-    def _path(self, topic: str, t: float, places: list[tuple[float, float]], z: float) -> StandardMessage:
+    def _path(self, topic: str, t: float, positions: list[tuple[float, float]], z: float) -> StandardMessage:
         header = header_fields(t)
         poses = [
             {"header": header, "pose": {"position": {"x": e, "y": n, "z": z}, "orientation": {"w": 1.0}}}
-            for n, e in places
+            for n, e in positions
         ]
         return self._make(topic, "nav_msgs/msg/Path", t, poses=poses)
 
@@ -255,7 +255,7 @@ class StandardMessages:
         width: float,
         level: str = "isobath",
     ) -> dict[str, Any]:
-        points = [{"x": e, "y": n, "z": _Z[level]} for n, e in _places(line)]
+        points = [{"x": e, "y": n, "z": _Z[level]} for n, e in _positions(line)]
         return self._marker(t, space, number, _LINE_STRIP, color, points=points, scale={"x": width})
 
     def _marker(
@@ -279,7 +279,7 @@ class StandardMessages:
         return StandardMessage(topic, kind, t, bytes(self._store.serialize_cdr(message, kind)))
 
 
-def _places(line: Any) -> Iterator[tuple[float, float]]:
+def _positions(line: Any) -> Iterator[tuple[float, float]]:
     """North, east (m) of a line in decimetres."""
     for i in range(0, len(line), 2):
         yield 0.1 * line[i], 0.1 * line[i + 1]

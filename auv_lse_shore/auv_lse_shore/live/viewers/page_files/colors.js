@@ -32,7 +32,7 @@ const CIVIDIS = table("cividis"), VIRIDIS_R = table("viridis_r"), PUOR = table("
 
 // The map layers: name, key, title and color table. Their labels come with the mission's facts.
 export const LAYERS = [
-  { name: "risk", key: "r", title: "Expected cost of calling a place deep enough or not", colors: CIVIDIS },
+  { name: "risk", key: "r", title: "Expected cost of calling a location deep enough or not", colors: CIVIDIS },
   { name: "p_safe", key: "p", title: "Probability that it is at least as deep as the isobath",
     colors: PUOR },
   { name: "depth", key: "d", title: "Estimated depth of water (m)", colors: VIRIDIS_R },

@@ -45,7 +45,7 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-// WGS84 latitude and longitude (deg) of a place (m north and east of the origin, a pair in deg). Terms of third order
+// WGS84 latitude and longitude (deg) of a position (m north and east of the origin, a pair in deg). Terms of third order
 // in the distance are left out: within 10 km the error is below 0.2 m at latitudes up to 65 deg.
 export function toGeodetic(north, east, [lat0, lon0]) {
   const a = 6378137, e2 = 0.00669437999014, radian = Math.PI / 180, phi = lat0 * radian;
@@ -57,13 +57,13 @@ export function toGeodetic(north, east, [lat0, lon0]) {
 
 // The inverse of `toGeodetic`, to 1 mm, by correcting a flat guess.
 export function fromGeodetic(lat, lon, origin) {
-  const metre = 180 / (Math.PI * 6378137), shrink = Math.cos((origin[0] * Math.PI) / 180), place = { north: 0, east: 0 };
+  const metre = 180 / (Math.PI * 6378137), shrink = Math.cos((origin[0] * Math.PI) / 180), position = { north: 0, east: 0 };
   for (let i = 0; i < 6; i++) {
-    const [ownLat, ownLon] = toGeodetic(place.north, place.east, origin);
-    place.north += (lat - ownLat) / metre;
-    place.east += ((lon - ownLon) * shrink) / metre;
+    const [ownLat, ownLon] = toGeodetic(position.north, position.east, origin);
+    position.north += (lat - ownLat) / metre;
+    position.east += ((lon - ownLon) * shrink) / metre;
   }
-  return place;
+  return position;
 }
 
 // `toGeodetic` as a text.

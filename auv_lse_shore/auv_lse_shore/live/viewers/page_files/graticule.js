@@ -8,7 +8,7 @@ const SPACING_PX = 150, POINTS = 5;
 // Draws the lines in a frame (canvas pixels), with labels at its upper and left edge.
 export function drawGraticule(c, p, { left, right, top, bottom }, origin) {
   const corners = [[left, top], [right, top], [left, bottom], [right, bottom]].map(([x, y]) => {
-    const { north, east } = p.place(x, y);
+    const { north, east } = p.position(x, y);
     return toGeodetic(north, east, origin);
   });
   const range = (i) => [Math.min(...corners.map((q) => q[i])), Math.max(...corners.map((q) => q[i]))];
@@ -20,8 +20,8 @@ export function drawGraticule(c, p, { left, right, top, bottom }, origin) {
   const along = (low, high, point) => {
     c.beginPath();
     for (let i = 0; i < POINTS; i++) {
-      const place = fromGeodetic(...point(low + ((high - low) * i) / (POINTS - 1)), origin);
-      c.lineTo(p.x(place.east), p.y(place.north));
+      const position = fromGeodetic(...point(low + ((high - low) * i) / (POINTS - 1)), origin);
+      c.lineTo(p.x(position.east), p.y(position.north));
     }
     c.strokeStyle = "rgba(0, 0, 0, .3)";
     c.lineWidth = 2;

@@ -120,7 +120,7 @@ function describeMission() {
   document.title = `${facts.name} · live view`;
   for (const button of $("layers").children) setText(button, facts.names.layers[button.dataset.layer]);
   setText($("risk-name"), facts.names.expected_loss);
-  setText($("risk-unit"), facts.names.cost_per_place);
+  setText($("risk-unit"), facts.names.cost_per_position);
   const status = store.at("status", "", player.t);
   const speed = status && source.growing ? ` · ${number(status.speed, status.speed < 10 ? 1 : 0)} × real time` : "";
   setText($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
@@ -185,7 +185,7 @@ function drawLegend() {
     c.fillRect(i, 0, 1, 12);
   }
   const scale = facts.layers.find((l) => l.name === layer.name);
-  const ends = { risk: ["0", `${number(facts.largest_risk, 1)} (${facts.names.cost_per_place})`], p_safe: ["0", "1"], std: ["0", "largest here (m)"],
+  const ends = { risk: ["0", `${number(facts.largest_risk, 1)} (${facts.names.cost_per_position})`], p_safe: ["0", "1"], std: ["0", "largest here (m)"],
     depth: [`${number(scale.low)} m`, `${number(scale.low + 254 * scale.step)} m`] }[layer.name];
   const words = (text) => element("span", {}, text);
   root.append(element("span", { title: layer.title }, words(facts.names.layers[layer.name]), words(ends[0]), bar, words(ends[1])));

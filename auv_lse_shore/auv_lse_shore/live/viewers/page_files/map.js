@@ -20,7 +20,7 @@ export class MapView {
     this.shown = { band: true, plans: true, truth: false, samples: true, true_isobath: true, graticule: true };
     this.raster = { key: "" };
     this.pointers = new Map();
-    this.probe = null; // place of the readout (canvas pixels)
+    this.probe = null; // position of the readout (canvas pixels)
     this.fit();
     this.listen();
   }
@@ -48,7 +48,7 @@ export class MapView {
     return { north: (north + south) / 2, east: (east + west) / 2, scale };
   }
 
-  // Converts places (north, east in metres) to canvas pixels, and back.
+  // Converts positions (north, east in metres) to canvas pixels, and back.
   projection() {
     const { width, height } = this.size(), view = this.currentView();
     const x0 = (MARGIN.left + width - MARGIN.right) / 2, y0 = (MARGIN.top + height - MARGIN.bottom) / 2;
@@ -56,12 +56,12 @@ export class MapView {
       scale: view.scale,
       x: (east) => x0 + (east - view.east) * view.scale,
       y: (north) => y0 - (north - view.north) * view.scale,
-      place: (x, y) => ({ north: view.north + (y0 - y) / view.scale, east: view.east + (x - x0) / view.scale }),
+      position: (x, y) => ({ north: view.north + (y0 - y) / view.scale, east: view.east + (x - x0) / view.scale }),
     };
   }
 
   zoom(factor, x, y) {
-    const { width, height } = this.size(), about = this.projection().place(x ?? width / 2, y ?? height / 2);
+    const { width, height } = this.size(), about = this.projection().position(x ?? width / 2, y ?? height / 2);
     const view = this.currentView(), scale = Math.min(200, Math.max(0.005, view.scale * factor)), ratio = view.scale / scale;
     this.view = {
       scale,
@@ -99,7 +99,7 @@ export class MapView {
     const end = (e) => this.pointers.delete(e.pointerId);
     canvas.addEventListener("pointerup", (e) => {
       end(e);
-      if (this.measure.active && this.store.facts && this.moved < 5) this.measure.add(this.projection().place(e.offsetX, e.offsetY));
+      if (this.measure.active && this.store.facts && this.moved < 5) this.measure.add(this.projection().position(e.offsetX, e.offsetY));
     });
     canvas.addEventListener("pointercancel", end);
     canvas.addEventListener("pointerleave", () => (this.probe = null));
@@ -115,9 +115,9 @@ export class MapView {
     const step = 40, moves = { ArrowLeft: [step, 0], ArrowRight: [-step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] };
     const focused = document.activeElement === this.canvas;
     if (moves[event.key] && focused) {
-      this.probe = null; // the place described is then the center
+      this.probe = null; // the position described is then the center
       this.move(...moves[event.key]);
-    } else if (event.key === "Enter" && focused && this.measure.active) this.measure.add(this.describedPlace());
+    } else if (event.key === "Enter" && focused && this.measure.active) this.measure.add(this.describedPosition());
     else if (event.key === "m") this.toggleMeasure();
     else if (event.key === "Escape" && this.measure.active) this.measure.stop();
     else if (event.key === "+" || event.key === "=") this.zoom(1.25);
@@ -133,10 +133,10 @@ export class MapView {
     this.canvas.focus();
   }
 
-  // The place under the pointer, else the center.
-  describedPlace() {
+  // The position under the pointer, else the center.
+  describedPosition() {
     const { width, height } = this.size(), { x, y } = this.probe ?? { x: width / 2, y: height / 2 };
-    return this.projection().place(x, y);
+    return this.projection().position(x, y);
   }
 
   // ------------------------------------------------------------------ drawing
@@ -167,7 +167,7 @@ export class MapView {
     if (this.shown.plans) for (const { number } of facts.vehicles) this.drawPlan(c, p, number, t);
     this.drawPackets(c, p, t);
     for (const { number } of facts.vehicles) this.drawVehicle(c, p, number, t);
-    this.measure.draw(c, p, this.probe || this.isKeyed() ? this.describedPlace() : null);
+    this.measure.draw(c, p, this.probe || this.isKeyed() ? this.describedPosition() : null);
     c.restore();
     this.drawAxes(c, p, width, height, theme);
     this.drawScale(c, p, width, height);
@@ -238,14 +238,14 @@ export class MapView {
   drawSamples(c, p, t) {
     const radius = Math.min(2.6, Math.max(1.2, 4 * p.scale)), small = radius < 2;
     const dots = new Map(), taken = new Set(), { width, height } = this.size();
-    for (const { t: stamp, source, places } of this.store.list("samples", this.vehicle)) {
+    for (const { t: stamp, source, positions } of this.store.list("samples", this.vehicle)) {
       if (stamp > t) break;
       if (!dots.has(source)) dots.set(source, new Path2D());
       const path = dots.get(source);
-      for (let i = 0; i < places.length; i += 2) {
-        const x = p.x(places[i + 1] * DM), y = p.y(places[i] * DM), place = ((x >> 1) * 8192 + (y >> 1)) * 32 + source;
-        if (x < 0 || y < 0 || x > width || y > height || taken.has(place)) continue;
-        taken.add(place);
+      for (let i = 0; i < positions.length; i += 2) {
+        const x = p.x(positions[i + 1] * DM), y = p.y(positions[i] * DM), position = ((x >> 1) * 8192 + (y >> 1)) * 32 + source;
+        if (x < 0 || y < 0 || x > width || y > height || taken.has(position)) continue;
+        taken.add(position);
         if (small) path.rect(x - radius, y - radius, 2 * radius, 2 * radius);
         else {
           path.moveTo(x + radius, y);
@@ -268,9 +268,9 @@ export class MapView {
     const line = (list, last) => {
       const pen = new Pen(c);
       c.beginPath();
-      for (const place of list) {
-        if (place.t > t) break;
-        pen.to(p.x(place.east), p.y(place.north));
+      for (const position of list) {
+        if (position.t > t) break;
+        pen.to(p.x(position.east), p.y(position.north));
       }
       if (last) pen.to(p.x(last.east), p.y(last.north));
       pen.end();
@@ -405,7 +405,7 @@ export class MapView {
     c.fillStyle = theme.soft;
     c.strokeStyle = theme.soft;
     c.font = "12px system-ui, sans-serif";
-    const corner = p.place(MARGIN.left, bottom), far = p.place(right, MARGIN.top);
+    const corner = p.position(MARGIN.left, bottom), far = p.position(right, MARGIN.top);
     const step = tickStep((right - MARGIN.left) / p.scale, (right - MARGIN.left) / 90), digits = tickDigits(step);
     c.textAlign = "center";
     c.textBaseline = "top";
@@ -444,7 +444,7 @@ export class MapView {
     return this.canvas.matches(":focus-visible");
   }
 
-  // Describes the place under the pointer, or the center while the map has keyboard focus.
+  // Describes the position under the pointer, or the center while the map has keyboard focus.
   describeProbe(c, p, map, width, height, theme) {
     const at = this.probe ?? (this.isKeyed() ? { x: width / 2, y: height / 2 } : null);
     if (!at) {
@@ -456,7 +456,7 @@ export class MapView {
       c.lineWidth = 1;
       c.strokeRect(at.x - 5, at.y - 5, 10, 10);
     }
-    const { north, east } = p.place(at.x, at.y), parts = [`north ${number(north)} m, east ${number(east)} m`];
+    const { north, east } = p.position(at.x, at.y), parts = [`north ${number(north)} m, east ${number(east)} m`];
     if (this.store.facts.origin_deg) parts.push(geodetic(north, east, this.store.facts.origin_deg));
     const row = map ? Math.round((north - map.south) / map.cell) : -1, column = map ? Math.round((east - map.west) / map.cell) : -1;
     if (map && row >= 0 && row < map.rows && column >= 0 && column < map.columns) {

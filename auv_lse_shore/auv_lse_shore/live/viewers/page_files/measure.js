@@ -1,4 +1,4 @@
-// The measuring tool: distances and bearings between places that the user chooses on the map.
+// The measuring tool: distances and bearings between positions that the user chooses on the map.
 
 import { label, strokeWithCasing } from "./canvas.js";
 import { number } from "./format.js";
@@ -21,23 +21,23 @@ export class Measure {
     this.describe();
   }
 
-  add(place) {
-    this.points.push(place);
+  add(position) {
+    this.points.push(position);
     this.describe();
   }
 
   describe() {
     const { points } = this, legs = points.slice(1).map((to, i) => leg(points[i], to)), last = legs[legs.length - 1];
     const total = legs.length > 1 ? `, ${number(legs.reduce((sum, { m }) => sum + m, 0))} m in all` : "";
-    const hint = points.length ? "next place" : "first place";
+    const hint = points.length ? "next position" : "first place";
     this.output.textContent = this.active ? `${last ? `${words(last)}${total}. ` : ""}Click the ${hint} (keys: Enter); Escape ends.` : "";
     this.button.setAttribute("aria-pressed", String(this.active));
   }
 
-  // Draws the legs, and the one to the place under the pointer.
-  draw(c, p, place) {
+  // Draws the legs, and the one to the position under the pointer.
+  draw(c, p, position) {
     if (!this.active) return;
-    const all = place ? [...this.points, place] : this.points, at = ({ north, east }) => [p.x(east), p.y(north)];
+    const all = position ? [...this.points, position] : this.points, at = ({ north, east }) => [p.x(east), p.y(north)];
     if (!this.points.length) return;
     c.beginPath();
     for (const point of all) c.lineTo(...at(point));
@@ -56,7 +56,7 @@ export class Measure {
   }
 }
 
-// Distance (m) and bearing (deg, clockwise from north, 0 to 359) from one place to another.
+// Distance (m) and bearing (deg, clockwise from north, 0 to 359) from one position to another.
 export function leg(from, to) {
   const north = to.north - from.north, east = to.east - from.east;
   return { m: Math.hypot(north, east), deg: Math.round((Math.atan2(east, north) * 180) / Math.PI + 360) % 360 };

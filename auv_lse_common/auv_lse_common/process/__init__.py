@@ -1,1 +1,0 @@
-"""Processes and ROS domains: started, watched, ended."""

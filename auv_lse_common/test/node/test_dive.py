@@ -1,0 +1,120 @@
+"""The id of a dive: made once, carried in frames, read back."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from auv_lse_common.node.dive import (
+    DIVE_VARIABLE,
+    Strangers,
+    dive_of,
+    is_foreign,
+    is_simulation,
+    new_dive,
+    own_dive,
+    sender_of,
+    tagged,
+    tagged_frame,
+    vehicle_of,
+)
+from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
+
+DIVE, OTHER, SIM, SIM_2 = (f"{kind}-1123-184534-{k}f2a" for k, kind in enumerate(("auv1", "auv1", "sim", "sim")))
+
+
+def message(sender, frame="map"):
+    return SimpleNamespace(header=SimpleNamespace(frame_id=tagged_frame(sender, frame)))
+
+
+@pytest.mark.parametrize("kind", ["sim", "auv2", "auv255"])
+def test_an_id_survives_in_a_frame(kind):
+    dive = new_dive(kind)
+    assert dive.startswith(f"{kind}-")
+    assert dive_of(tagged_frame(dive, "auv2/dvl")) == dive
+    assert is_simulation(dive) == (kind == "sim")
+    assert vehicle_of(dive) == ("" if kind == "sim" else kind)
+
+
+def test_a_message_names_its_sender():
+    assert sender_of(message(SIM, "auv1/dvl")) == SIM
+    assert sender_of(message("")) == ""
+    assert sender_of(SimpleNamespace(dive=SIM)) == SIM
+    assert sender_of(object()) == ""
+
+
+def test_ids_of_one_second_differ():
+    assert len({new_dive("sim") for _ in range(20)}) > 1
+
+
+@pytest.mark.parametrize("frame", ["", "map", "auv1/dvl", "sim/map", "sim-1/map", "robot-1123-184534-3f2a/map"])
+def test_other_frames_have_no_id(frame):
+    assert dive_of(frame) == ""
+    assert tagged_frame("", frame) == frame
+
+
+def test_the_environment_names_the_dive(monkeypatch):
+    monkeypatch.setenv(DIVE_VARIABLE, "auv1-1123-184534-3f2a")
+    assert own_dive() == "auv1-1123-184534-3f2a"
+    monkeypatch.delenv(DIVE_VARIABLE)
+    assert own_dive() == ""
+
+
+@pytest.mark.parametrize("name", [row.name for row in VEHICLE_TOPICS.values()])
+def test_no_topic_takes_a_message_of_another_dive(name):
+    topic = VEHICLE_TOPICS[name]
+    for own in ("", DIVE, SIM):
+        for sender in {DIVE, OTHER, SIM, SIM_2} - {own}:
+            assert is_foreign(topic, sender, own)
+        assert not is_foreign(topic, own, own)
+    assert not is_foreign(topic, "", "")
+
+
+def test_messages_without_an_id_come_from_operators_and_own_drivers():
+    def taken(own):
+        return {row.name for row in VEHICLE_TOPICS.values() if not is_foreign(row, "", own)}
+
+    measured = {"sounding", "odometry", "dead_reckoning", "fix", "navsat", "altitude", "pressure", "autopilot"}
+    assert taken(DIVE) == {"mission/command", "diagnostics", "modem/rx", "modem/sent", "modem/failed"} | measured
+    assert taken(SIM) == {"mission/command", "diagnostics"}
+    assert not is_foreign(MISSION_TOPICS["/mission/command"], "", SIM)
+
+
+def test_a_frame_is_tagged_where_nodes_read_it():
+    frames = {
+        row.name: tagged(message(""), row, SIM).header.frame_id for row in VEHICLE_TOPICS.values() if not row.lockstep
+    }
+    assert {name for name, frame in frames.items() if frame == "map"} == {"risk_map", "isobath", "path", "navsat"}
+    assert set(frames.values()) == {"map", f"{SIM}/map"}
+    clock = object()
+    assert tagged(clock, MISSION_TOPICS["/clock"], SIM) is clock
+
+
+def test_strangers_are_counted_and_forgotten_after_a_minute():
+    strangers = Strangers(DIVE)
+    odometry, waypoint = VEHICLE_TOPICS["odometry"], VEHICLE_TOPICS["waypoint"]
+    assert not strangers.ignores(odometry, DIVE, 0.0)
+    assert strangers.problems(0.0) == {}
+    for t in range(3):
+        assert strangers.ignores(odometry, OTHER, float(t))
+    assert strangers.ignores(waypoint, "", 2.0)
+    assert strangers.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(SimpleNamespace(dive=SIM)), 2.0)
+    found = strangers.problems(3.0)
+    assert set(found) == {OTHER, "", SIM}
+    assert found[OTHER].startswith(f"{OTHER} publishes in this ROS domain, too: 3 messages ignored (odometry).")
+    assert strangers.problems(70.0) == {}
+    assert strangers.ignores(odometry, OTHER, 100.0)
+    assert ": 1 messages" in strangers.problems(100.0)[OTHER]
+
+
+def test_a_flood_of_ids_is_counted_together():
+    strangers, odometry = Strangers(DIVE), VEHICLE_TOPICS["odometry"]
+    for number in range(1000):
+        assert strangers.ignores(odometry, f"auv2-1123-184534-{number:04x}", 1.0)
+    assert strangers.ignores(odometry, "x" * 1000, 1.0)
+    found = strangers.problems(1.0)
+    assert len(found) == 9
+    assert found["one of several further dives"].startswith(
+        "one of several further dives publishes in this ROS domain, too: 993 "
+    )
+    assert strangers.ignores(odometry, "x" * 1000, 100.0)
+    assert list(strangers.problems(100.0)) == ["x" * 40], "the others are gone"

@@ -1,0 +1,94 @@
+"""The ROS domain of an inspection command, and its error handling."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from auv_lse_common.support.confinement import confine
+from auv_lse_run.inspect.message_text import FieldError
+from auv_lse_run.process.domain import (
+    DomainError,
+    busy_domains,
+    domain_number,
+    run_on,
+)
+
+
+def add_graph_options(p: argparse.ArgumentParser) -> None:
+    """Adds the options of every inspection command."""
+    p.add_argument(
+        "--domain",
+        metavar="N",
+        help="ROS domain (default: ROS_DOMAIN_ID, else that of the mission on this machine, else 0)",
+    )
+    p.add_argument(
+        "--spin-time",
+        type=float,
+        metavar="S",
+        help="seconds to discover nodes (default: until no new one appears, up to 4.2 s)",
+    )
+
+
+def add_commands(p: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
+    """Adds subcommands, whose help repeats the exit codes in the parser's epilog; returns them for `add_parser`."""
+    of_command: Any = functools.partial(argparse.ArgumentParser, epilog=p.epilog)
+    return p.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=of_command)
+
+
+def join(wanted: str | None) -> int:
+    """Sets this process's environment for the chosen domain; returns the domain.
+
+    Raises:
+        DomainError: if it is invalid, or several missions run on this machine and no domain is given.
+    """
+    text = wanted or os.environ.get("ROS_DOMAIN_ID")
+    busy = busy_domains()
+    if text:
+        domain = domain_number(text)
+    elif len(busy) > 1:
+        named = [f"{domain} ({run})" if (run := run_on(domain)) else str(domain) for domain in busy]
+        raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N to choose one")
+    elif busy:
+        domain = busy[0]
+        print(f"ROS domain {domain}, in use on this machine", file=sys.stderr)
+    else:
+        domain = 0
+        print("ROS domain 0: no mission of scripts/mission runs on this machine", file=sys.stderr)
+    confine(domain)
+    return domain
+
+
+def _wanted(options: argparse.Namespace) -> str:
+    """Full name of the one node or topic that a command is about, "" if it is about all."""
+    name = getattr(options, "node", None) or getattr(options, "topic", None) or ""
+    return f"/{name.lstrip('/')}" if name else ""
+
+
+def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespace, Any], int]) -> int:
+    """Runs a command on the graph of the chosen domain; returns its exit code, 1 for an error, 130 after Ctrl-C."""
+    try:
+        join(options.domain)
+        from auv_lse_run.inspect.graph_node import Graph, GraphError  # after the environment is set
+    except DomainError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    try:
+        with Graph(options.spin_time, _wanted(options), getattr(options, "at_once", False)) as graph:
+            if graph.missing:
+                print(f"warning: still waiting for {graph.missing}; --spin-time 10 waits longer", file=sys.stderr)
+            return command(options, graph)
+    except (GraphError, FieldError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # its reader, such as `head`, has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130

@@ -1,0 +1,110 @@
+"""scripts/run: sends go, hold, surface, abort or reset to vehicles, and shows the state of their missions."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from auv_lse_common.vocabulary.mission_run import Command, RunState
+from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
+
+_COMMANDS = {
+    "go": (Command.GO, "start the mission, or continue after a hold"),
+    "hold": (Command.HOLD, "hold the position until go"),
+    "surface": (Command.SURFACE, "hold at the surface until go"),
+    "abort": (Command.ABORT, "end the mission; safety.abort sets what the vehicle does then"),
+    "reset": (Command.RESET, "clear tripped limits and an abort; the mission then holds until go"),
+}
+#: Time (s) to wait for the states of missions.
+_LISTEN_S = 1.0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/run."""
+    p = argparse.ArgumentParser(
+        prog="scripts/run",
+        description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or "
+        "shows their states. The table of states: docs/guide/during-the-dive.md.",
+        epilog="Exit codes: 0 every vehicle has accepted the command; 1 a vehicle has refused it or does not answer; 2 "
+        "wrong command line; 130 Ctrl-C.",
+    )
+    commands = add_commands(p)
+    for name, (command, text) in _COMMANDS.items():
+        c = commands.add_parser(name, help=text, description=text)
+        add_graph_options(c)
+        c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all`")
+        if command is Command.ABORT:
+            c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
+        c.set_defaults(run=run_tell, what=command, at_once=True)
+    c = commands.add_parser("state", help="show the state of each vehicle's mission")
+    add_graph_options(c)
+    c.set_defaults(run=run_state)
+    return p
+
+
+def run_tell(options: argparse.Namespace, graph: Any) -> int:
+    """`run go` and the other commands: sends to each vehicle as soon as it is found, then reports who has answered."""
+    from auv_lse_run.inspect.graph_node import GraphError
+    from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles
+
+    names = None if "all" in options.vehicles else list(dict.fromkeys(options.vehicles))
+    valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
+    failed = []
+
+    def report(name: str, answer: Any) -> None:
+        if answer.accepted:
+            print(f"{name}: {answer.message}", flush=True)
+        else:
+            print(f"{name}: refused: {answer.message}", file=sys.stderr)
+            failed.append(name)
+
+    calls = CommandCalls(graph, valid, options.what, getattr(options, "team", False), report)
+    graph.discover(options.spin_time, calls.step)
+    calls.finish()
+    answered, there = calls.acknowledged, vehicles(graph.nodes())
+    for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
+        failed.append(name)
+        is_there = name in there or name in calls.silent
+        why = "no answer (is it busy?)" if is_there else f"not found; running: {', '.join(there) or 'no vehicle'}"
+        print(f"{name}: error: {why}", file=sys.stderr)
+    if not answered and not failed:
+        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
+    if names is None or len(names) > 1:
+        print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
+    return int(bool(failed))
+
+
+def run_state(options: argparse.Namespace, graph: Any) -> int:
+    """`run state`."""
+    from auv_lse_run.inspect.graph_node import GraphError
+    from auv_lse_run.inspect.mission_calls_node import states, vehicles
+
+    there = vehicles(graph.nodes())
+    if not there:
+        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
+    heard = states(graph, there, _LISTEN_S)
+    for name in there:
+        if name not in heard:
+            print(f"{name}: no state received")
+            continue
+        message = heard[name]
+        text = f"{name}: {RunState(message.state).name}"
+        print(f"{text}: {message.reason}" if message.reason else text)
+        for limit in message.limits:
+            print(f"    tripped: {limit}")
+        for warning in message.warnings:
+            print(f"    warning: {warning}")
+    return int(len(heard) < len(there))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Commands vehicles. Returns the exit code (see --help)."""
+    options = parser().parse_args(arguments)
+    return run_command(options, options.run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""Runs a mission: starts its processes, follows it to its end, and ends every process."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_run.mission.display import Display, progress_of
+from auv_lse_run.mission.watch_node import MissionWatch
+from auv_lse_run.process.interrupt import Interrupt
+from auv_lse_run.process.keeper import ProcessKeeper, node_task
+from auv_lse_run.process.processes import Process, last_lines
+
+_START_S = 90.0
+
+
+class MissionError(RuntimeError):
+    """A mission that failed: what happened, and where to look."""
+
+
+def conduct(
+    settings: Settings,
+    folder: Path,
+    environment: dict[str, str],
+    console: Console,
+    interrupt: Interrupt,
+    processes: Sequence[Process],
+    start_s: float | None = None,
+    when_running: Callable[[], None] | None = None,
+) -> dict[str, float]:
+    """Starts every process, follows the mission to its end, and ends every process.
+
+    Args:
+        settings: The mission, as written to mission.yaml in `folder`.
+        folder: The run folder.
+        environment: The processes' environment (`domain.node_environment`).
+        console: Where the progress is shown.
+        interrupt: Ends the mission early.
+        processes: What to start (`mission_processes`); other nodes of the mission are started elsewhere.
+        start_s: Longest time (s) for the loaded nodes to discover each other; None: enough for a team of that size.
+        when_running: Called once after the first tick.
+
+    Returns:
+        Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
+
+    Raises:
+        MissionError: if a node ends or the simulator fails. Every process is ended then, too.
+        LaunchError: if a process is not installed.
+    """
+    start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
+    keeper = _keeper(settings, folder, environment, console, processes)
+    progress = progress_of(settings)
+    marks = {"began": time.monotonic()}
+    started_s: dict[str, float] = {}
+    with contextlib.ExitStack() as stack:
+        stack.callback(keeper.stop)
+        keeper.tick(marks["began"])
+        watch = stack.enter_context(MissionWatch(progress, environment))
+        display = stack.enter_context(Display(progress, console))
+        while not interrupt.came and progress.phase != "finished":
+            state, message = watch.wait(0.1)
+            progress.started_s = time.monotonic() - marks["began"]
+            died = keeper.tick(time.monotonic())
+            _check(state, message, died, keeper, folder / "logs", keeper.loaded_for_s > start_s)
+            if state in ("running", "finished"):
+                progress.phase = state
+                if "running" not in marks:
+                    marks["running"], started_s = time.monotonic(), keeper.cpu_s()
+                    if when_running is not None:
+                        when_running()
+            display.refresh()
+        marks["ended"] = time.monotonic()
+        processor_s = keeper.cpu_s()
+    return write_times(folder, marks, processor_s, started_s)
+
+
+def _keeper(
+    settings: Settings, folder: Path, environment: dict[str, str], console: Console, processes: Sequence[Process]
+) -> ProcessKeeper:
+    # Every clock but the simulator's own follows /clock.
+    clock = {process: () if process.executable == "sim_node" else ("-p", "use_sim_time:=true") for process in processes}
+    tasks = [node_task(process, folder / "mission.yaml", *clock[process]) for process in processes]
+    logs, in_turn = folder / "logs", settings.sim.lockstep
+    return ProcessKeeper(tasks, logs, environment, console.print, restart=False, in_turn=in_turn)
+
+
+def write_times(
+    folder: Path, marks: dict[str, float], processor_s: dict[str, float], started_s: dict[str, float]
+) -> dict[str, float]:
+    """Writes logs/times.json; returns the wall-clock seconds of the phases.
+
+    Args:
+        folder: The run folder.
+        marks: Times (s) at which it "began", was "running" (left out if it never was) and "ended".
+        processor_s: Processor time of each process.
+        started_s: Its part before the first tick.
+    """
+    phases = {"ending": time.monotonic() - marks["ended"]}
+    if "running" in marks:
+        phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
+    times = {"wall_s": phases, "processor_s": processor_s, "processor_start_s": started_s}
+    (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
+    return phases
+
+
+def _check(
+    state: str, message: str, died: Sequence[tuple[str, int]], keeper: ProcessKeeper, logs: Path, late: bool
+) -> None:
+    """Checks that the mission can go on.
+
+    Raises:
+        MissionError: if a process has ended, the simulator has failed, or the nodes do not discover each other.
+    """
+    for name, code in died:
+        log = keeper.log(name)
+        raise MissionError(f"{name} ended unexpectedly (exit code {code}); the end of {log}:\n{last_lines(log)}")
+    if state == "failed":
+        raise MissionError(f"the simulator stopped the mission: {message}; logs: {logs}")
+    if state == "waiting" and late:
+        raise MissionError(f"discovery timed out: {message}; logs: {logs}")

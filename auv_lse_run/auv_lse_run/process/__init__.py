@@ -1,0 +1,1 @@
+"""Starting, confining, watching and ending processes."""

@@ -1,0 +1,323 @@
+"""ROS domains of this machine, reserved for missions and vehicles, and the environment of their nodes.
+
+An entry point locks a file for its domain; the lock ends with the process. Commands that watch a mission join its
+domain without a lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import re
+import socket
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+from auv_lse_common.node.dive import SIMULATION, new_dive
+from auv_lse_common.support.confinement import confined
+
+#: Domains of simulations and replays, and those recommended for vehicles: 80 plus the vehicle's number. The UDP ports
+#: of both stay below Linux's ephemeral range. Vehicles may use any other domain, too, also ROS's default 0.
+SIMULATOR_DOMAINS = range(1, 81)
+VEHICLE_DOMAINS = range(81, 102)
+_MOST = 232
+#: UDP ports of RTPS (DDSI-RTPS 9.6.1): the first one, that of the next domain, that of its first and next participant.
+_FIRST_PORT, _DOMAIN_GAIN, _PARTICIPANT, _PARTICIPANT_GAIN = 7400, 250, 10, 2
+_PARTICIPANTS = 40
+#: Environment of a process whose linear algebra runs on one thread: a mission is many processes on few cores.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+class DomainError(RuntimeError):
+    """No ROS domain is free, or an invalid domain."""
+
+
+def lock_file(domain: int, vehicle: int = 0) -> Path:
+    """The file that is locked while `domain` is in use.
+
+    Args:
+        domain: ROS domain.
+        vehicle: Number of the vehicle whose nodes use it: vehicles may share a domain; 0: a simulation or a replay.
+    """
+    of_vehicle = f"_auv{vehicle}" if vehicle else ""
+    return Path(tempfile.gettempdir()) / f"auv_lse_domain_{domain}{of_vehicle}.lock"
+
+
+@contextlib.contextmanager
+def own_domain(domains: Sequence[int] = SIMULATOR_DOMAINS) -> Iterator[int]:
+    """A ROS domain that nothing else on this machine uses, for as long as the context lasts.
+
+    Args:
+        domains: The domains to choose from.
+
+    Raises:
+        DomainError: if all are in use.
+    """
+    start = os.getpid() % len(domains)
+    for offset in range(len(domains)):
+        domain = domains[(start + offset) % len(domains)]
+        with contextlib.ExitStack() as stack:
+            if stack.enter_context(_locked(lock_file(domain))) and not has_participants(domain):
+                yield domain
+                return
+    raise DomainError(f"all ROS domains {domains[0]}..{domains[-1]} are in use on this machine")
+
+
+@contextlib.contextmanager
+def simulation_domain(wanted: str | None, run: Path) -> Iterator[int]:
+    """The ROS domain of a simulation, reserved for as long as the context lasts, with a note of its folder and new id.
+
+    Args:
+        wanted: As `simulator_domain` takes it.
+        run: The run folder.
+
+    Raises:
+        DomainError: as `simulator_domain`.
+    """
+    with simulator_domain(wanted) as domain:
+        note_run(domain, run, new_dive(SIMULATION))
+        yield domain
+
+
+@contextlib.contextmanager
+def simulator_domain(wanted: str | None) -> Iterator[int]:
+    """The ROS domain of a simulation or a replay, reserved for as long as the context lasts.
+
+    Args:
+        wanted: The domain; None: a free one.
+
+    Raises:
+        DomainError: if it is invalid, a vehicle's, or in use.
+    """
+    if wanted is None:
+        with own_domain() as domain:
+            yield domain
+        return
+    domain = domain_number(wanted)
+    if domain not in SIMULATOR_DOMAINS:
+        raise DomainError(
+            f"ROS domain got {domain}; expected {_shown(SIMULATOR_DOMAINS)} for a simulation or a replay: the others "
+            "are for vehicles. Leave it out to use a free one"
+        )
+    with _locked(lock_file(domain)) as mine:
+        if not mine:
+            raise DomainError(f"ROS domain got {domain}, which {_user(domain)} uses; expected a free one. {_CHOOSE}")
+        if has_participants(domain):
+            raise DomainError(
+                f"ROS domain got {domain}, where other nodes run on this machine; expected a free one. End them (list "
+                f"them with: scripts/nodes list --domain {domain}). {_CHOOSE}"
+            )
+        yield domain
+
+
+_CHOOSE = "Leave the domain out to use a free one"
+
+
+@contextlib.contextmanager
+def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
+    """The ROS domain of a vehicle's nodes, reserved for as long as the context lasts.
+
+    Several vehicles may share a domain, but not two with one number. A simulated vehicle joins its simulator.
+
+    Args:
+        domain: ROS domain.
+        vehicle: The vehicle's number.
+        simulated: Whether the nodes follow a simulator.
+
+    Raises:
+        DomainError: if the domain is a simulator's and the vehicle is not, or the other way round, or if another
+            vehicle of that number uses it.
+    """
+    if domain in SIMULATOR_DOMAINS and not simulated:
+        raise DomainError(
+            f"ROS domain got {domain}; expected {_shown(VEHICLE_DOMAINS)} or 0 for a vehicle: those from "
+            f"{_shown(SIMULATOR_DOMAINS)} are for simulations. {_free(vehicle)}"
+        )
+    if simulated and dive_on(domain) is None:
+        raise DomainError(
+            f"ROS domain got {domain}, where no simulator of this machine runs; expected that of scripts/sim. Start it "
+            "first, and use the commands that it prints"
+        )
+    with _locked(lock_file(domain, vehicle)) as mine:
+        if not mine:
+            raise DomainError(
+                f"ROS domain got {domain}, where the nodes of auv{vehicle} run already ({_user(domain, vehicle)}); "
+                "expected a vehicle that does not run yet. End them, or use another domain"
+            )
+        yield domain
+
+
+def _free(vehicle: int) -> str:
+    """Which domain a vehicle may use on this machine, if possible 80 plus its number."""
+    wanted = VEHICLE_DOMAINS[0] - 1 + vehicle
+    choice = (wanted, *VEHICLE_DOMAINS) if wanted in VEHICLE_DOMAINS else VEHICLE_DOMAINS
+    free = [domain for domain in choice if not has_participants(domain)]
+    return f"{free[0]} is free: --domain {free[0]}" if free else "None of them is free now"
+
+
+def _shown(domains: range) -> str:
+    return f"{domains[0]} to {domains[-1]}"
+
+
+def _user(domain: int, vehicle: int = 0) -> str:
+    """What uses a domain, as far as it is noted."""
+    run, dive = _notes(domain, vehicle)
+    return " ".join(filter(None, (dive, f"in {run}" if run else ""))) or "another mission"
+
+
+def has_participants(domain: int) -> bool:
+    """Whether nodes use `domain` on this machine, even unreserved: whether one of its UDP ports is in use."""
+    first = _FIRST_PORT + _DOMAIN_GAIN * domain
+    return any(
+        _is_bound(port)
+        for port in (first, *(first + _PARTICIPANT + _PARTICIPANT_GAIN * k for k in range(_PARTICIPANTS)))
+    )
+
+
+def domains_with_participants() -> list[int]:
+    """The domains up to 101 that nodes on this machine use now, reserved or not.
+
+    Ports of higher domains are in Linux's ephemeral range: any program may have them.
+    """
+    return [domain for domain in range(VEHICLE_DOMAINS[-1] + 1) if has_participants(domain)]
+
+
+def _is_bound(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError as error:
+            return error.errno == errno.EADDRINUSE
+    return False
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[bool]:
+    """Tries to lock a file until the context ends; the value is whether that succeeded."""
+    try:
+        file = path.open("a")
+    except PermissionError:  # another user's
+        yield False
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+            return
+        if not _is_still(path, file):  # the last owner has removed the file; another mission may have a new one
+            yield False
+            return
+        try:
+            yield True
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _is_still(path: Path, file: IO[str]) -> bool:
+    """Whether an open file is still the one at `path`."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+def busy_domains() -> list[int]:
+    """The domains that missions and vehicles on this machine use now."""
+    paths = lock_file(0).parent.glob(lock_file(0).name.replace("_0.", "_*."))
+    found = ((re.search(r"_(\d+)(?:_auv\d+)?\.lock$", path.name), path) for path in paths)
+    return sorted({int(match[1]) for match, path in found if match is not None and _is_held(path)})
+
+
+def _is_held(path: Path) -> bool:
+    try:
+        with path.open("r") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:  # locked, or another user's
+        return True
+    return False
+
+
+def note_run(domain: int, run: Path, dive: str, vehicle: int = 0) -> None:
+    """Notes who uses `domain`, for other commands.
+
+    Args:
+        domain: ROS domain.
+        run: The run folder of a simulation, or that of a vehicle's logs.
+        dive: Id of the dive or simulation.
+        vehicle: As `lock_file` takes it.
+    """
+    lock_file(domain, vehicle).write_text(f"{run}\n{dive}\n")
+
+
+def _notes(domain: int, vehicle: int = 0) -> tuple[str, str]:
+    try:
+        run, dive, *_ = [*lock_file(domain, vehicle).read_text().splitlines(), "", ""]
+    except OSError:
+        return "", ""
+    return run, dive
+
+
+def run_on(domain: int) -> Path | None:
+    """The noted run folder of the simulation on `domain`; None if there is none."""
+    run, _ = _notes(domain)
+    return Path(run) if run else None
+
+
+def dive_on(domain: int) -> str | None:
+    """The id of the simulation that runs on `domain` now; None if none runs."""
+    return _notes(domain)[1] if _is_held(lock_file(domain)) else None
+
+
+def domain_number(text: str) -> int:
+    """A ROS domain from text, as in ROS_DOMAIN_ID.
+
+    Raises:
+        DomainError: if it is invalid.
+    """
+    if not text.strip().isdecimal() or int(text) > _MOST:
+        raise DomainError(
+            f"ROS domain: got {text!r}; expected a whole number from 0 to {_MOST} ({_shown(SIMULATOR_DOMAINS)} for "
+            f"simulations, {_shown(VEHICLE_DOMAINS)} or 0 for vehicles)"
+        )
+    return int(text)
+
+
+def wanted_domain(option: str | None) -> str | None:
+    """The ROS domain that a user asks for, by a command line, else by ROS_DOMAIN_ID; None if by neither.
+
+    A shell's ROS_DOMAIN_ID of 0 is ROS's default, and no wish.
+    """
+    return option or (os.environ.get("ROS_DOMAIN_ID") or "0").strip().lstrip("0") or None
+
+
+def simulator_of(run: Path) -> str | None:
+    """The domain of the simulator whose run folder is `run`, as a command line names it; None if none runs."""
+    return next((str(domain) for domain in busy_domains() if run_on(domain) == run), None)
+
+
+@contextlib.contextmanager
+def temporary_environment(environment: Mapping[str, str]) -> Iterator[None]:
+    """Sets this process's environment variables for as long as the context lasts; DDS reads them when it starts."""
+    before = dict(os.environ)
+    os.environ.update(environment)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def node_environment(domain: int | None = None) -> dict[str, str]:
+    """The environment of a node whose output goes to a file: `confined`, without colours, on one thread.
+
+    Args:
+        domain: ROS domain; None: that of the environment.
+    """
+    return confined(domain) | {"RCUTILS_COLORIZED_OUTPUT": "0", "PYTHONUNBUFFERED": "1"} | ONE_THREAD

@@ -1,0 +1,1 @@
+"""One vehicle's nodes and its dives."""

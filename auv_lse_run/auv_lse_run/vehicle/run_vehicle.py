@@ -1,0 +1,322 @@
+"""scripts/vehicle: runs the nodes of one vehicle, and restarts them, until SIGTERM or Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, merge, section
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.mission_file.sections.table import check_sections
+from auv_lse_common.node.dive import DIVE_VARIABLE, new_dive
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
+from auv_lse_run.process.domain import (
+    DomainError,
+    dive_on,
+    domain_number,
+    node_environment,
+    note_run,
+    simulator_of,
+    vehicle_domain,
+    wanted_domain,
+)
+from auv_lse_run.process.interrupt import Interrupt
+from auv_lse_run.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
+from auv_lse_run.process.processes import RECORDER, LaunchError, Process
+from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
+
+_TICK_S = 0.2
+#: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
+#: help.
+_FIRST_START_S = 30.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crew:
+    """The processes of one vehicle.
+
+    Attributes:
+        recording: Folder for the recording; None: no recorder.
+        simulated: Whether the nodes follow a simulator's clock.
+        lockstep: Whether a simulator drives the nodes tick by tick.
+    """
+
+    vehicle: int
+    file: Path
+    processes: tuple[Process, ...]
+    recording: Path | None
+    simulated: bool
+    lockstep: bool
+
+    def tasks(self) -> list[Task]:
+        """The processes as tasks of a process keeper.
+
+        Raises:
+            LaunchError: if one is not installed.
+        """
+        clock = ("-p", "use_sim_time:=true") if self.simulated else ()
+        tasks = [node_task(process, self.file, *clock) for process in self.processes]
+        if self.recording is not None:
+            tasks.insert(0, self._recorder(self.recording))
+        return tasks
+
+    def _recorder(self, folder: Path) -> Task:
+        once = node_task(RECORDER, self.file)
+
+        def command(start_number: int) -> Sequence[str]:
+            return [*once.command(0), "-p", f"record.folder:={unused_folder(folder)}"]
+
+        return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True, node=once.node)
+
+
+def vehicle_number(name: str) -> int:
+    """The number of a vehicle from its name, "auv2" or "2".
+
+    Raises:
+        ParameterError: if it is not a vehicle's name.
+    """
+    match = re.fullmatch(r"(?:/?auv)?([1-9]\d{0,2})", name)
+    if match is None or int(match[1]) > 255:
+        raise ParameterError(f"vehicle: got {name!r}; expected a name from auv1 to auv255")
+    return int(match[1])
+
+
+def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> Crew:
+    """The processes of the vehicle `name` ("auv2"), according to the mission file.
+
+    Args:
+        simulated: Whether to follow a simulator even if the file has no section `sim`.
+        record: Whether to record; None: only if the file sets record.folder and no simulator records.
+
+    Raises:
+        ParameterError: naming the error in the file, or a vehicle that the mission does not have.
+    """
+    vehicle = vehicle_number(name)
+    patterns = read_parameter_file(file)
+    own = parameters_for(patterns, f"/auv{vehicle}/settings")
+    check_sections(own, str(file), ignore=("use_sim_time",))
+    names = ("mission", "sim", "modem", "link", "record")
+    mission, sim, modem, link, recorder = (_section(own, name, file) for name in names)
+    count = mission.get("vehicles")
+    if isinstance(count, int) and vehicle > count:
+        raise ParameterError(f"{file}: mission.vehicles: got {count}; expected at least {vehicle} for auv{vehicle}")
+    simulated = simulated or "sim" in own
+    lockstep = simulated and bool(sim.get("lockstep", True))
+    nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
+    if record is None:
+        record = bool(recorder.get("folder")) and not simulated
+    if lockstep and not sim.get("lockstep", False):
+        # Nodes read lockstep from their own parameters, where its default is false.
+        patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
+    if patterns != parse_parameters(file.read_text(), str(file)):  # lockstep, or positions in degrees
+        file = _written(patterns, out / "mission.yaml")
+    processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
+    return Crew(
+        vehicle=vehicle,
+        file=file,
+        processes=processes,
+        recording=out / "bag" if record else None,
+        simulated=simulated,
+        lockstep=lockstep,
+    )
+
+
+def unused_folder(folder: Path) -> Path:
+    """`folder`, or the first of `folder`-2, -3, ... that does not exist: each start of a recorder needs its own."""
+    number, unused = 1, folder
+    while unused.exists():
+        number += 1
+        unused = folder.with_name(f"{folder.name}-{number}")
+    return unused
+
+
+def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: bool) -> tuple[DiveRecord, Path]:
+    """The record of the dive that this start begins or continues, and its folder for logs and recording.
+
+    Args:
+        name: The vehicle, "auv2".
+        file: The mission's parameter file.
+        out: The folder for logs and recording; None: a new one in `dives`, or that of the dive to continue.
+        dives: The folder of all dives.
+        simulated: As `crew_of` takes it. Without `out`, each start of a simulated vehicle begins a new dive.
+
+    Raises:
+        ParameterError: as `crew_of`, or if `out` has a recording of another dive.
+    """
+    vehicle = vehicle_number(name)
+    patterns = read_parameter_file(file)
+    own = parameters_for(patterns, f"/auv{vehicle}/settings")
+    new = (out or dives / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{vehicle}").resolve()
+    simulated = simulated or "sim" in own
+    folder = new if out or simulated else dives.resolve()
+    seconds = second_folders(section(SafetyConfig, own, "safety", str(file)).state_copies)
+    record = DiveRecord(folder, vehicle, file.resolve(), patterns, seconds=seconds, simulated=simulated)
+    if record.continued is None and not record.doubt and os.path.lexists(new / "bag"):
+        raise ParameterError(f"--out {new}: contains a recording, {new / 'bag'}; expected a folder without one")
+    return record, new if out else record.continued or new
+
+
+@contextmanager
+def begun_dive(
+    crew: Crew, wanted: str | None, file: Path, out: Path, record: DiveRecord
+) -> Iterator[tuple[int, dict[str, str]]]:
+    """Reserves the ROS domain of a vehicle's dive for as long as the context lasts.
+
+    Args:
+        crew: The vehicle's processes.
+        wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
+        file: The mission file; a simulator's is in its run folder.
+        out: The folder for logs and recording.
+        record: The record of the dive, which is ended with the context.
+
+    Returns:
+        The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
+
+    Raises:
+        DomainError: if the domain is invalid or in use.
+        StateFolderError: if the nodes' state could not be kept.
+    """
+    simulator = simulator_of(file.resolve().parent) if crew.simulated else None
+    domain = domain_number(wanted_domain(wanted) or simulator or "0")
+    with vehicle_domain(domain, crew.vehicle, crew.simulated):
+        dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
+        variables = record.begin(out, dive)
+        with suppress(OSError):  # a full disk must not keep a vehicle from continuing
+            note_run(domain, out, variables[DIVE_VARIABLE], crew.vehicle)
+        try:
+            yield domain, variables
+        finally:
+            record.end()
+
+
+def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
+    found = parameters.get(name, {})
+    if not isinstance(found, dict):
+        raise ParameterError(f"{file}: {name}: got {found!r}; expected a mapping of parameters")
+    return found
+
+
+def _written(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
+    """Writes the parameters, unless the file has them already: a disk may be full when a dive continues."""
+    text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
+    if not path.is_file() or path.read_text() != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return path
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/vehicle."""
+    p = argparse.ArgumentParser(
+        prog="scripts/vehicle",
+        description="Runs the nodes of one vehicle: gp, safety, planner and modem, and, if the mission file asks for "
+        "them, micromodem, vehicle link and recorder. Restarts a node that dies or hangs. SIGTERM or Ctrl-C ends all "
+        "nodes, the recorder last.",
+        epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
+        "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
+    )
+    p.add_argument("name", metavar="VEHICLE", help="the vehicle, such as auv2")
+    p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
+    p.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
+    )
+    p.add_argument(
+        "--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0; with a simulator, the simulator's)"
+    )
+    p.add_argument(
+        "--simulated",
+        action="store_true",
+        help="follow the simulator that scripts/sim starts on this machine; the default if the file has a section sim",
+    )
+    p.add_argument(
+        "--record",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="whether to record (default: if record.folder is set; with a simulator, scripts/sim records)",
+    )
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a vehicle. Returns the exit code (see --help)."""
+    options = parser().parse_args(arguments)
+    root = project_folder()
+    stack = ExitStack()
+    try:
+        number, out = vehicle_number(options.name), options.out
+        record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
+        crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
+        tasks = crew.tasks()
+        (out / "logs").mkdir(parents=True, exist_ok=True)
+        domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out, record))
+    except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"error: --out {out}: cannot be created: {error.strerror or error}", file=sys.stderr)
+        return 2
+    with stack:
+        follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
+        dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
+        for text in filter(None, (record.doubt and f"holds until RESET: {record.doubt}", record.copies_problem)):
+            _say(f"auv{number}: {text}")
+        _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
+        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables)
+
+
+def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
+    """Keeps the tasks running until a signal, a fatal death or the simulated mission's end; returns the exit code."""
+    interrupt = Interrupt()
+    # In lockstep a node may take any time for a tick, and none can be restarted.
+    silent_s = math.inf if crew.lockstep else SILENT_S
+    keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
+    with ExitStack() as stack:
+        stack.callback(_say, f"auv{crew.vehicle}: all nodes have ended")
+        stack.callback(keeper.stop)
+        mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
+        while not interrupt.came:
+            for name, code in keeper.tick(time.monotonic()):
+                early = keeper.loaded_for_s < _FIRST_START_S
+                if code == REFUSED and early and keeper.starts[name] == 1:
+                    _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
+                    return 2
+                if crew.lockstep:
+                    _say(f"error: {name} died; a lockstep mission cannot continue")
+                    return 1
+            if (ended := mission_end()) is not None:
+                _say(f"auv{crew.vehicle}: the simulated mission has {ended}")
+                return 0 if ended == "finished" else 1
+            time.sleep(_TICK_S)
+    return 130 if interrupt.signal == signal.SIGINT else 0
+
+
+def _mission_end(environment: dict[str, str]) -> Any:
+    """A context that provides a function: it returns how the simulated mission has ended, None until then."""
+    from auv_lse_run.mission.sim_status_node import (
+        SimStatusWatch,  # imports ROS, which a real vehicle does not need here
+    )
+
+    return SimStatusWatch(environment)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""ros2 launch auv_lse_run vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
+
+The same nodes that scripts/vehicle keeps running (auv_lse_run.vehicle.run_vehicle). A node that dies is restarted
+after two seconds. The vehicle's ROS domain is that of ROS_DOMAIN_ID, else 0.
+"""
+
+import atexit
+from contextlib import ExitStack
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from auv_lse_common.support.confinement import confined
+from auv_lse_run.process.processes import LAST_STOP_S, RECORDER
+from auv_lse_run.vehicle.run_vehicle import begun_dive, crew_of, open_dive, unused_folder
+
+#: The reserved ROS domain, until the launch ends.
+_RESERVED = ExitStack()
+atexit.register(_RESERVED.close)
+
+
+def _nodes(context):
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    if not value("name") or not value("params_file"):
+        raise ValueError("expected name:=auv2 params_file:=vehicles.yaml (ros2 launch ... --show-args lists them)")
+    file, simulated = Path(value("params_file")).resolve(), _truth("simulated", value("simulated"))
+    wanted_out = Path(value("out")) if value("out") else None
+    record, out = open_dive(value("name"), file, wanted_out, Path("dives"), simulated)
+    recorded = None if not value("record") else _truth("record", value("record"))
+    crew = crew_of(value("name"), file, out, simulated, recorded)
+    common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
+    domain, dive = _RESERVED.enter_context(begun_dive(crew, None, file, out, record))
+    dive = confined(domain) | dive
+    nodes = [
+        Node(
+            package=process.package,
+            executable=process.executable,
+            namespace=process.namespace,
+            parameters=[str(crew.file), {"use_sim_time": crew.simulated}],
+            additional_env=dive,
+            **common,
+        )
+        for process in crew.processes
+    ]
+    if crew.recording is not None:
+        # Not restarted, because its folder exists then. scripts/vehicle gives each start a new folder.
+        out.mkdir(parents=True, exist_ok=True)
+        folder = {"record.folder": str(unused_folder(crew.recording))}
+        recorder = {"package": RECORDER.package, "executable": RECORDER.executable, "output": "screen"}
+        files = [str(crew.file), folder]
+        nodes.insert(0, Node(**recorder, parameters=files, additional_env=dive, sigterm_timeout=str(LAST_STOP_S)))
+    return nodes
+
+
+def _truth(name, text):
+    if text.lower() not in ("true", "false"):
+        raise ValueError(f"{name}:={text}: expected true or false")
+    return text.lower() == "true"
+
+
+def generate_launch_description():
+    """The launch description."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("name", default_value="", description="the vehicle, such as auv2"),
+            DeclareLaunchArgument("params_file", default_value="", description="the mission's parameter file"),
+            DeclareLaunchArgument(
+                "out", default_value="", description="folder of the recording; empty: dives/DATE-TIME-NAME"
+            ),
+            DeclareLaunchArgument(
+                "record",
+                default_value="",
+                description="true or false; empty: if the file sets record.folder and no simulator records",
+            ),
+            DeclareLaunchArgument(
+                "simulated", default_value="false", description="true: follow a simulator even without a section sim"
+            ),
+            OpaqueFunction(function=_nodes),
+        ]
+    )

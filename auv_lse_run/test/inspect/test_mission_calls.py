@@ -1,0 +1,106 @@
+"""When scripts/run sends a command, and to whom, with a simulated clock and simulated vehicles."""
+
+from __future__ import annotations
+
+import importlib.util
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_run.inspect import graph_node, mission_calls_node
+from auv_lse_run.inspect import run as mission
+
+pytestmark = pytest.mark.ros
+
+
+class _Vehicle:
+    """Its service is matched after `from_s`, its node's name is known 2 s later; it ignores the first `deaf` calls."""
+
+    def __init__(self, graph: _Graph, from_s: float, deaf: int) -> None:
+        self._graph, self.from_s, self._deaf = graph, from_s, deaf
+        self.calls_s: list[float] = []
+
+    def service_is_ready(self) -> bool:
+        return self._graph.now_s >= self.from_s
+
+    def call_async(self, request: Any) -> Any:
+        self.calls_s.append(self._graph.now_s)
+        is_heard = len(self.calls_s) > self._deaf
+        answer = SimpleNamespace(accepted=True, message="ABORTED: ABORT by me")
+        return SimpleNamespace(done=lambda: is_heard, result=lambda: answer)
+
+
+class _Graph(graph_node.Graph):
+    """A graph with vehicles: {name: (time of its appearance in s, number of calls that it ignores)}."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, vehicles: dict[str, tuple[float, int]]) -> None:
+        super().__init__(at_once=True)
+        self.now_s, self.node = 0.0, self
+        self.vehicles = {name: _Vehicle(self, *fate) for name, fate in vehicles.items()}
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(graph_node, "time", clock)
+        monkeypatch.setattr(mission_calls_node, "time", clock)
+
+    def spin(self, seconds: float) -> None:
+        self.now_s += seconds
+
+    def nodes(self, hidden: bool = False) -> list[str]:
+        return [f"/{name}/safety_node" for name, v in self.vehicles.items() if self.now_s >= v.from_s + 2.0]
+
+    def services(self) -> list[str]:
+        return [f"/{name}/mission/run" for name, v in self.vehicles.items() if self.now_s >= v.from_s]
+
+    def topics(self, hidden: bool = False) -> dict[str, tuple[str, ...]]:
+        return {}
+
+    def create_client(self, kind: type, service: str) -> Any:
+        return self.vehicles.get(service.split("/")[1], _Vehicle(self, 1e9, 0))
+
+    def destroy_client(self, client: Any) -> None:
+        pass
+
+    def run(self, *words: str) -> int:
+        options = mission.parser().parse_args(["abort", *words])
+        assert options.at_once, "the command line does not discover first"
+        return mission.run_tell(options, self)
+
+
+def test_a_command_goes_out_as_soon_as_each_vehicle_is_matched(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.5, 0), "auv3": (2.9, 0)})
+    assert graph.run("all") == 0
+    for name, vehicle in graph.vehicles.items():
+        assert vehicle.calls_s == [pytest.approx(vehicle.from_s, abs=0.06)], name
+    assert capsys.readouterr().out.splitlines()[-1] == "acknowledged by 3: auv1, auv2, auv3"
+
+
+def test_a_command_to_named_vehicles_ends_with_the_last_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.5, 0)})
+    assert graph.run("auv1", "auv2") == 0
+    assert graph.now_s == pytest.approx(0.6, abs=0.11)
+    assert [len(v.calls_s) for v in graph.vehicles.values()] == [1, 1]
+
+
+def test_a_command_without_an_answer_is_repeated_and_a_silent_vehicle_reported(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 2), "auv2": (0.1, 99)})
+    assert graph.run("auv1", "auv2", "auv7", "..") == 1
+    assert graph.vehicles["auv1"].calls_s == pytest.approx([0.1, 1.1, 2.1], abs=0.16)
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == ["auv1: ABORTED: ABORT by me", "acknowledged by 1: auv1"]
+    assert printed.err.splitlines() == [
+        "..: error: not found; running: auv1, auv2",
+        "auv2: error: no answer (is it busy?)",
+        "auv7: error: not found; running: auv1, auv2",
+    ]
+
+
+def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(graph_node.GraphError, match="no vehicle found"):
+        _Graph(monkeypatch, {}).run("all")

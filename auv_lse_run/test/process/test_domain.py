@@ -1,0 +1,139 @@
+"""ROS domains of this machine."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auv_lse_common.support.confinement import is_confined
+from auv_lse_run.process import domain
+from auv_lse_run.process.domain import (
+    SIMULATOR_DOMAINS,
+    DomainError,
+    busy_domains,
+    dive_on,
+    domain_number,
+    domains_with_participants,
+    has_participants,
+    lock_file,
+    node_environment,
+    note_run,
+    own_domain,
+    run_on,
+    simulator_domain,
+    simulator_of,
+    vehicle_domain,
+    wanted_domain,
+)
+
+
+@pytest.fixture(autouse=True)
+def _locks_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(domain.tempfile, "gettempdir", lambda: str(tmp_path))
+
+
+def test_no_two_missions_get_the_same_domain_and_busy_ones_are_found(tmp_path: Path) -> None:
+    assert busy_domains() == []
+    with own_domain() as first, own_domain() as second:
+        assert first != second
+        assert {first, second} <= set(SIMULATOR_DOMAINS)
+        assert busy_domains() == sorted((first, second))
+        note_run(first, tmp_path / "a run", "sim-1123-184534-3f2a")
+        used = rf"ROS domain got {first}, which sim-1123-184534-3f2a in {tmp_path}/a run uses; expected a free one"
+        with pytest.raises(DomainError, match=used), simulator_domain(str(first)):
+            pass
+        assert (run_on(first), dive_on(first)) == (tmp_path / "a run", "sim-1123-184534-3f2a")
+        assert simulator_of(tmp_path / "a run") == str(first)
+        assert simulator_of(tmp_path) is None
+    assert busy_domains() == []
+    assert dive_on(first) is None
+
+
+@pytest.mark.parametrize("number", [0, 81, 101, 150])
+def test_a_simulation_keeps_off_the_domains_of_vehicles(number: int) -> None:
+    with pytest.raises(DomainError, match=rf"got {number}; expected 1 to 80 for a simulation"):
+        simulator_domain(str(number)).__enter__()
+
+
+@pytest.mark.parametrize("number", [1, 80])
+def test_a_vehicle_keeps_off_the_domains_of_simulations(number: int) -> None:
+    refused = rf"got {number}; expected 81 to 101 or 0 for a vehicle: .* 1 to 80 are for simul.*: --domain (8|9|10)\d"
+    with pytest.raises(DomainError, match=refused), vehicle_domain(number, 3, simulated=False):
+        pass
+
+
+def test_vehicles_share_a_domain_but_not_a_name(tmp_path: Path) -> None:
+    with vehicle_domain(90, 1, simulated=False), vehicle_domain(90, 2, simulated=False):
+        note_run(90, tmp_path, "auv2-1123-184534-3f2a", vehicle=2)
+        assert busy_domains() == [90]
+        assert run_on(90) is None, "the live page looks for simulations there"
+        running = r"nodes of auv2 run already \(auv2-1123-184534-3f2a in "
+        with pytest.raises(DomainError, match=running), vehicle_domain(90, 2, simulated=False):
+            pass
+    assert busy_domains() == []
+    assert list(tmp_path.glob("*.lock")) == []
+
+
+def test_a_simulated_vehicle_joins_its_simulator_alone(tmp_path: Path) -> None:
+    with own_domain() as domain:
+        note_run(domain, tmp_path, "sim-1123-184534-3f2a")
+        with vehicle_domain(domain, 1, simulated=True) as joined:
+            assert joined == domain
+    with pytest.raises(DomainError, match="where no simulator of this machine runs"):
+        vehicle_domain(domain, 1, simulated=True).__enter__()
+
+
+def test_a_domain_with_nodes_that_reserved_nothing_is_not_taken() -> None:
+    """A participant's first UDP port is bound, as by a node that was started by hand."""
+    with own_domain() as free, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
+        stray.bind(("127.0.0.1", 7400 + 250 * free + 10))
+        assert has_participants(free)
+        assert free in domains_with_participants()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
+        stray.bind(("127.0.0.1", 7400 + 250 * free + 12))  # the second participant; the first has ended
+        with pytest.raises(DomainError, match="where other nodes run on this machine"), simulator_domain(str(free)):
+            pass
+        with pytest.raises(DomainError, match="are in use"), own_domain([free]):
+            pass
+    assert not has_participants(free)
+
+
+def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    lock, removed = domain.fcntl.flock, []
+
+    def slow(file: Any, how: int) -> None:
+        if not removed:  # the mission before ends between opening and locking: its file goes, and others make a new one
+            removed.append(True)
+            lock_file(97).unlink()
+        lock(file, how)
+
+    monkeypatch.setattr(domain.fcntl, "flock", slow)
+    with pytest.raises(DomainError, match=r"97\.\.97 are in use"), own_domain([97]):
+        pass
+    with own_domain([97]):
+        assert busy_domains() == [97]
+
+
+def test_a_wish_is_an_option_or_a_variable_other_than_ros_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value, wanted in (("", None), ("0", None), ("7", "7"), ("x", "x")):
+        monkeypatch.setenv("ROS_DOMAIN_ID", value)
+        assert wanted_domain(None) == wanted
+    assert wanted_domain("0") == "0"
+
+
+@pytest.mark.parametrize("text", ["", "-1", "233", "1.5", "x"])
+def test_a_domain_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(DomainError, match="expected a whole number from 0 to 232"):
+        domain_number(text)
+    assert domain_number("17") == 17
+
+
+def test_the_environment_of_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "3")
+    assert node_environment()["ROS_DOMAIN_ID"] == "3"
+    of_node = node_environment(5)
+    assert (of_node["ROS_DOMAIN_ID"], of_node["OMP_NUM_THREADS"]) == ("5", "1")
+    assert is_confined(of_node)

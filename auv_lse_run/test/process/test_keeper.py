@@ -1,0 +1,185 @@
+"""Processes that die are started again, ever more slowly, and all of them end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auv_lse_run.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, ProcessKeeper, Task
+
+
+class Desk:
+    """A keeper with a clock of its own, and what it has said."""
+
+    def __init__(self, folder: Path, restart: bool = True, **commands: str) -> None:
+        self.now_s, self.said = 100.0, []
+        tasks = [
+            Task(
+                name=name, command=lambda n, text=text: ["sh", "-c", text.replace("START", str(n))], last=name == "last"
+            )
+            for name, text in commands.items()
+        ]
+        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append, restart=restart)
+
+    def after(self, seconds: float) -> list[tuple[str, int]]:
+        self.now_s += seconds
+        return self.keeper.tick(self.now_s)
+
+    def death(self) -> tuple[str, int]:
+        """Waits for the next process to end by itself; the keeper's clock stands still."""
+        until = time.monotonic() + 10.0
+        while not (died := self.after(0.0)):
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        return died[0]
+
+
+#: A program that says all the time that it lives.
+ALIVE = """import os, socket, time
+socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+address = chr(0) + os.environ['NOTIFY_SOCKET'][1:]
+while True:
+    socket.sendto(b'WATCHDOG=1', address)
+    time.sleep(0.01)"""
+
+
+def alive_for(desk: Desk, seconds: float) -> None:
+    """So many seconds by the keeper's clock, with time in between in which a process can say that it lives."""
+    for _ in range(round(seconds)):
+        time.sleep(0.03)
+        assert desk.after(1.0) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="as below")
+@pytest.mark.parametrize("restart", [True, False])
+def test_what_a_process_reports_is_shown_at_once(tmp_path: Path, restart: bool) -> None:
+    report = "import os; from auv_lse_common.node.heartbeat import Heartbeat as H; H(os.environ).report('é: hears')"
+    desk = Desk(tmp_path, restart=restart, node=f'{sys.executable} -c "{report}"; exec sleep 60')
+    until = time.monotonic() + 20.0
+    while "é: hears" not in desk.said:
+        assert time.monotonic() < until, desk.said
+        desk.after(0.0)
+        time.sleep(0.05)
+    desk.keeper.stop()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
+def test_hanging_process_is_killed_and_restarted(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
+    desk.after(0.0)
+    time.sleep(0.5)
+    alive_for(desk, 2.0 * SILENT_S)
+    pid = desk.keeper.running["node"]
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.1)
+    desk.after(1.0)  # takes what it has still said
+    desk.after(3600.0)  # the keeper stood still itself: that is no silence
+    alive_for(desk, SILENT_S - 3.0)
+    assert desk.keeper.running["node"] == pid
+    said = len(desk.said)
+    while len(desk.said) == said:
+        desk.after(1.0)
+    assert desk.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
+    assert desk.death() == ("node", -9)
+    desk.after(FIRST_WAIT_S)
+    assert desk.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
+    desk.keeper.stop()
+
+
+def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="echo start START; exit 3")
+    desk.after(0.0)
+    waits = []
+    for deaths in range(1, 8):
+        assert desk.death() == ("node", 3)
+        assert desk.keeper.starts == {"node": deaths}
+        waited = 0.0
+        while desk.keeper.starts == {"node": deaths}:
+            desk.after(0.5)
+            waited += 0.5
+        waits.append(waited)
+    assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
+    assert desk.said[1].startswith("node died (exit code 3) after 0 s; restarting in 0.5 s")
+    assert "start 0" in desk.said[1], "with its last words"
+    assert "node restarted (start 2)" in desk.said[2]
+    assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
+    desk.keeper.stop()
+
+
+def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="sleep 60")
+    desk.after(0.0)
+    for _ in range(3):
+        desk.after(STEADY_S)
+        os.kill(desk.keeper.running["node"], signal.SIGKILL)
+        assert desk.death() == ("node", -9)
+        assert f"node died (SIGKILL) after {STEADY_S:.0f} s; restarting in 0.5 s" in desk.said[-1]
+        desk.after(FIRST_WAIT_S)
+    assert desk.keeper.running
+    desk.keeper.stop()
+    assert not desk.keeper.running
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")
+def test_unnamed_signal_is_reported_by_its_number(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="kill -40 $$")
+    desk.after(0.0)
+    assert desk.death() == ("node", -40)
+    assert "node died (signal 40) after 0 s" in desk.said[-1]
+    desk.keeper.stop()
+
+
+def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
+    said: list[str] = []
+    keeper = ProcessKeeper([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
+    assert keeper.tick(0.0) == []
+    assert said == [
+        "x cannot be started (/no/such): [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"
+    ]
+    keeper.tick(0.4)
+    assert len(said) == 1
+    keeper.tick(1.0)
+    assert said[1].endswith("trying again in 1 s")
+    keeper.stop()
+
+
+@pytest.fixture
+def _started_in_the_background():
+    """As `scripts/vehicle ... &` in a script: shells let such processes ignore SIGINT."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_started_in_the_background")
+@pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
+def test_recorder_is_ended_last(tmp_path: Path) -> None:
+    trap = f"trap 'echo NAME >> {tmp_path}/order; exit 0' INT; touch {tmp_path}/NAME; while true; do sleep 0.05; done"
+    desk = Desk(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
+    desk.after(0.0)
+    until = time.monotonic() + 20.0
+    while not all((tmp_path / name).exists() for name in ("first", "last")):  # until both have set their trap
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    desk.keeper.stop()
+    assert (tmp_path / "order").read_text().split() == ["first", "last"]
+
+
+def test_recorder_has_time_to_close_its_file(tmp_path: Path) -> None:
+    closing = "import pathlib,signal,time; signal.signal(15, signal.SIG_IGN); signal.signal(2, lambda *_: 1/0)\n"
+    closing += "print('up', flush=True)\ntry: time.sleep(60)\n"
+    closing += f"except ZeroDivisionError: time.sleep(5); pathlib.Path({str(tmp_path / 'closed')!r}).touch()"
+    tasks = [Task(name="recorder", command=lambda n: [sys.executable, "-c", closing], last=True)]
+    keeper = ProcessKeeper(tasks, tmp_path, os.environ, lambda text: None)
+    keeper.tick(0.0)
+    until = time.monotonic() + 10.0
+    while "up" not in (tmp_path / "recorder.log").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    keeper.stop()
+    assert (tmp_path / "closed").exists(), "killed while it closed its file"

@@ -1,0 +1,175 @@
+"""Which starts of a vehicle continue its dive, and which begin a new one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auv_lse_common.node.dive import DIVE_VARIABLE
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import DOUBT_VARIABLE, NODES, SECOND_VARIABLE, START_VARIABLE, StateFile, open_state
+from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_run.vehicle import dive_record
+from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    file = tmp_path / "vehicles.yaml"
+    file.write_text("mission")
+    return file
+
+
+def opened(environment: dict[str, str], node: str) -> StateFile:
+    """The state file of a node, as the node opens it."""
+    return open_state(Path(environment[FOLDER_VARIABLE]) / f"auv2.{node}.state", {"node": node}, environment)
+
+
+def begun(folder: Path, mission: Path, state: RunState | None = None, under_water: bool = False) -> Any:
+    """A dive that has begun, with the last state of its safety node; returns record and environment."""
+    record = DiveRecord(folder, 2, mission)
+    environment = record.begin(folder / "dive", "auv2-1123-184534-3f2a")
+    if state is not None:
+        file = opened(environment, "safety_node")
+        assert not file.lost
+        file.write({"run": {"state": int(state)}, "under_water": under_water})
+    return record, environment
+
+
+def test_a_dive_under_water_is_continued_with_a_start_of_its_own(tmp_path: Path, mission: Path) -> None:
+    _, first = begun(tmp_path, mission, RunState.RUNNING, True)
+    again = DiveRecord(tmp_path, 2, mission)
+    assert again.continued == tmp_path / "dive"
+    second = again.begin(tmp_path / "other", "auv2-1123-999999-3f2a")
+    assert {k for k in first if first[k] != second[k]} == {START_VARIABLE}
+    assert second[DIVE_VARIABLE] == "auv2-1123-184534-3f2a"
+
+
+@pytest.mark.parametrize(
+    ("state", "under_water", "continued"),
+    [
+        (None, False, False),
+        (RunState.WAITING, False, False),
+        (RunState.WAITING, True, True),
+        (RunState.RUNNING, False, True),
+        (RunState.HOLDING, False, True),
+        (RunState.ABORTED, False, True),
+        (RunState.ENDED, False, False),
+        (RunState.ENDED, True, True),
+    ],
+)
+@pytest.mark.parametrize("ended", [False, True])
+def test_what_continues(
+    tmp_path: Path, mission: Path, state: RunState | None, under_water: bool, continued: bool, ended: bool
+) -> None:
+    record, _ = begun(tmp_path, mission, state, under_water)
+    if ended:  # by SIGTERM, as when the operator or the computer stops it
+        record.end()
+        continued = under_water
+    assert (DiveRecord(tmp_path, 2, mission).continued is not None) is continued
+
+
+def test_another_mission_file_or_vehicle_is_a_new_dive(tmp_path: Path, mission: Path) -> None:
+    begun(tmp_path, mission, RunState.RUNNING, True)
+    assert DiveRecord(tmp_path, 3, mission).continued is None
+    mission.write_text("another")
+    assert DiveRecord(tmp_path, 2, mission).continued is None
+
+
+def test_a_dive_whose_safety_state_is_torn_is_continued(tmp_path: Path, mission: Path) -> None:
+    record, environment = begun(tmp_path, mission, RunState.RUNNING, True)
+    path = Path(environment[FOLDER_VARIABLE]) / "auv2.safety_node.state"
+    path.write_bytes(path.read_bytes()[:-1])
+    assert DiveRecord(tmp_path, 2, mission).continued is not None
+    record.end()
+    assert DiveRecord(tmp_path, 2, mission).continued is not None
+
+
+def test_with_a_damaged_record_the_nodes_trust_nothing(tmp_path: Path, mission: Path) -> None:
+    begun(tmp_path, mission, RunState.RUNNING, True)
+    path = tmp_path / "auv2.dive"
+    path.write_bytes(path.read_bytes()[:100])
+    again = DiveRecord(tmp_path, 2, mission)
+    assert again.continued is None
+    environment = again.begin(tmp_path / "new", "auv2-1123-184534-ffff")
+    for node in NODES:
+        assert opened(environment, node).lost
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(28, os.strerror(28))
+
+
+def test_a_simulated_dive_does_not_start_without_room_for_its_state(
+    tmp_path: Path, mission: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dive_record, "begin_state", full)
+    with pytest.raises(StateFolderError, match=r"No space left on device\. No mission starts"):
+        DiveRecord(tmp_path, 2, mission, simulated=True).begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
+
+
+def test_without_room_for_its_state_a_vehicle_holds(
+    tmp_path: Path, mission: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dive_record, "begin_state", full)
+    environment = DiveRecord(tmp_path, 2, mission).begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
+    assert "No space left on device. No mission starts" in environment[DOUBT_VARIABLE]
+    assert all("is missing" in opened(environment, node).lost for node in NODES)
+
+
+def test_a_dive_continues_on_a_full_disk(tmp_path: Path, mission: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun(tmp_path, mission, RunState.RUNNING, True)
+    monkeypatch.setattr(dive_record, "begin_state", full)
+    assert not DiveRecord(tmp_path, 2, mission).begin(tmp_path / "dive", "")[DOUBT_VARIABLE]
+
+
+def test_a_dive_of_another_mission_file_that_was_not_ended_holds_the_next_one(tmp_path: Path, mission: Path) -> None:
+    begun(tmp_path, mission, RunState.RUNNING, True)
+    mission.write_text("another")
+    record = DiveRecord(tmp_path, 2, mission)
+    assert "was not ended" in record.doubt
+    environment = record.begin(tmp_path / "new", "auv2-1123-184534-ffff")
+    assert "was not ended" in opened(environment, "safety_node").lost
+    assert not opened(environment, "planner_node").lost, "RESET and GO begin the new dive"
+
+
+def test_a_second_copy_remembers_a_dive_whose_folder_was_removed(tmp_path: Path, mission: Path) -> None:
+    copies = tmp_path / "copies"
+    folder = tmp_path / "card"
+    record = DiveRecord(folder, 2, mission, seconds=[copies])
+    assert not record.doubt
+    environment = record.begin(folder / "dive", "auv2-1123-184534-3f2a")
+    opened(environment, "safety_node").write({"run": {"state": int(RunState.ABORTED)}, "under_water": False})
+    assert not DiveRecord(folder, 2, mission, seconds=[copies]).doubt
+    shutil.rmtree(folder)
+    again = DiveRecord(folder, 2, mission, seconds=[copies])
+    assert "has dive auv2-1123-184534-3f2a" in again.doubt
+    after = again.begin(folder / "new", "auv2-1123-184534-ffff")
+    opened(after, "safety_node").write({"run": {"state": int(RunState.HOLDING)}, "under_water": False})
+    again.end()
+    assert not DiveRecord(folder, 2, mission, seconds=[copies]).doubt, "an orderly end ends the doubt, too"
+    assert not DiveRecord(tmp_path / "another card", 2, mission, seconds=[copies]).doubt
+
+
+def test_an_unwritable_folder_for_second_copies_is_reported_and_no_reason_to_hold(
+    tmp_path: Path, mission: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    record = DiveRecord(tmp_path, 2, mission, seconds=[tmp_path / "file" / "copies"])
+    environment = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
+    assert "Not a directory" in record.copies_problem
+    assert (environment[SECOND_VARIABLE], environment[DOUBT_VARIABLE]) == ("", "")
+
+
+def test_where_second_copies_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert second_folders("/mnt/copies") == [Path("/mnt/copies")]
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "/home/me")
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/auv_lse:/var/lib/other")
+    assert second_folders("") == [Path("/var/lib/auv_lse"), Path("/home/me/.local/state/auv_lse")]
+    monkeypatch.delenv("HOME")
+    assert len(second_folders("")) == 2, "the home of the user's entry"

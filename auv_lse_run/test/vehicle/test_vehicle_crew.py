@@ -1,0 +1,137 @@
+"""What runs for one vehicle, by its parameter file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.node.state_file import open_state
+from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_run.vehicle.run_vehicle import crew_of, main, open_dive, vehicle_number
+
+FOR_ALL = {
+    "mission": {"vehicles": 3},
+    "modem": {"kind": "micromodem", "port": "/dev/ttyS0"},
+    "link": {"kind": "mavlink"},
+    "record": {"folder": "bag"},
+}
+
+
+def write(folder: Path, own: dict[str, object] | None = None, **sections: object) -> Path:
+    path = folder / "vehicles.yaml"
+    body = {"/**": {"ros__parameters": {**FOR_ALL, **sections}}}
+    if own is not None:
+        body["/auv2/**"] = {"ros__parameters": own}
+    path.write_text(yaml.safe_dump(body))
+    return path
+
+
+def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
+    return crew_of("auv2", file, file.parent / "dive", simulated, record)
+
+
+def test_a_full_disk_keeps_no_vehicle_with_positions_in_degrees_from_continuing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path, area={"polygon_deg": [47.3, 8.5, 47.31, 8.5, 47.31, 8.51]})
+    first = crew(file).file
+    text = first.read_text()
+
+    def full(path: Path, *_: object) -> None:
+        path.open("w").close()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert crew(file).file == first
+    assert first.read_text() == text
+
+
+def test_an_edited_positions_file_begins_a_new_dive(tmp_path: Path) -> None:
+    positions = tmp_path / "lake.geojson"
+    positions.write_text((Path(__file__).parents[3] / "config" / "missions" / "lake.geojson").read_text())
+    file = write(tmp_path, area={"file": "lake.geojson"})
+
+    def opened():
+        return open_dive("auv2", file, None, tmp_path / "dives", False)[0]
+
+    record = opened()
+    environment = record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a")
+    state = open_state(Path(environment[FOLDER_VARIABLE]) / "auv2.safety_node.state", {}, environment)
+    state.write({"run": {"state": int(RunState.RUNNING)}, "under_water": True})
+    assert opened().continued == tmp_path / "dive"
+    text = positions.read_text()
+    positions.write_text(text.replace("6.6065", "6.6066"))
+    assert opened().continued is None
+    positions.write_text(text)
+    assert opened().continued == tmp_path / "dive"
+
+
+def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
+    found = crew(write(tmp_path))
+    names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
+    assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
+    assert found.recording == tmp_path / "dive" / "bag"
+    assert all(task.node is not None for task in found.tasks()), "forked, also the recorder, and watched"
+    assert not found.simulated
+    assert not found.lockstep
+    bare = crew(write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""}))
+    assert [p.executable for p in bare.processes] == names[:4], "this vehicle's own sections count"
+    assert bare.recording is None
+    assert crew(write(tmp_path), record=False).recording is None
+
+
+def test_file_with_section_sim_follows_the_simulator_and_its_recorder(tmp_path: Path) -> None:
+    file = write(tmp_path, sim={"lockstep": True, "tick_s": 1.0})
+    found = crew(file)
+    assert (found.simulated, found.lockstep, found.recording, found.file) == (True, True, None, file)
+    paced = crew(write(tmp_path, sim={"lockstep": False}))
+    assert (paced.simulated, paced.lockstep) == (True, False)
+
+
+def test_file_without_section_sim_can_follow_the_simulator(tmp_path: Path) -> None:
+    found = crew(write(tmp_path), simulated=True)
+    assert (found.simulated, found.lockstep) == (True, True)
+    whole = read_parameter_file(found.file)["/**"]
+    assert whole == {**FOR_ALL, "sim": {"lockstep": True}}, "the nodes' own default is false"
+
+
+@pytest.mark.parametrize("name", ["auv0", "auv256", "auv", "uav2", "auv-1", ""])
+def test_invalid_vehicle_name_is_rejected(name: str) -> None:
+    with pytest.raises(ParameterError, match="expected a name from auv1 to auv255"):
+        vehicle_number(name)
+    assert vehicle_number("auv7") == vehicle_number("/auv7") == vehicle_number("7") == 7
+
+
+def test_a_recording_of_a_dive_that_was_ended_is_not_added_to(tmp_path: Path) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    record, _ = open_dive("auv1", file, out, tmp_path / "dives", False)
+    record.begin(out, "auv1-1123-184534-3f2a")
+    (out / "bag").mkdir()
+    record.end()
+    with pytest.raises(ParameterError, match="contains a recording"):
+        open_dive("auv1", file, out, tmp_path / "dives", False)
+    (out / "auv1.dive").unlink()
+    assert "auv1.dive is missing" in open_dive("auv1", file, out, tmp_path / "dives", False)[0].doubt
+
+
+@pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
+@pytest.mark.parametrize("value", [5, None, [1]])
+def test_unknown_section_is_rejected(name: str, value: object, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: got .*; expected a mapping of parameters"):
+        crew(write(tmp_path, **{name: value}))
+
+
+def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    assert main(["auv4", str(file), "--out", str(out)]) == 2
+    assert "mission.vehicles: got 3; expected at least 4 for auv4" in capsys.readouterr().err
+    assert main(["auv1", str(tmp_path / "none.yaml"), "--out", str(out)]) == 2
+    assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
+    assert main(["auv1", str(write(tmp_path, plannner={})), "--out", str(out)]) == 2
+    assert "plannner: unknown section; did you mean 'planner'?" in capsys.readouterr().err
+    assert not out.exists()
