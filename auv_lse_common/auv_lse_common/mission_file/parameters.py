@@ -16,7 +16,7 @@ import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from auv_lse_common.mission_file.retired import RETIRED, replacement
+from auv_lse_common.mission_file.retired import RENAMED, RETIRED, replacement
 
 T = TypeVar("T")
 
@@ -233,8 +233,11 @@ def _nearest(key: Any, known: Iterable[str]) -> str:
 def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> ParameterError:
     near = _nearest(key, known)
     hint = f"did you mean '{near}'?" if near else f"known: {', '.join(sorted(known))}"
-    if f"{where}.{key}".rpartition(": ")[2] in RETIRED:
+    name = f"{where}.{key}".rpartition(": ")[2]
+    if name in RETIRED:
         hint = "it was removed. Delete it"
+    elif name in RENAMED:
+        hint = f"its name is now {RENAMED[name]}"
     return ParameterError(f"{where}.{key}: unknown parameter (value {value!r}); {hint}")
 
 

@@ -32,6 +32,32 @@ RETIRED = (
     "planner.team_routes",
 )
 
+#: Names of earlier versions, each with the name of today.
+RENAMED: Mapping[str, str] = {
+    "places.place_walk_m_rts": "positions.position_walk_m_rts",
+    **{
+        f"places.{key}": f"positions.{key}"
+        for key in (
+            "clock_drift_std_ppm",
+            "clock_std_s",
+            "correct",
+            "fix_std_m",
+            "harmonic_std_deg",
+            "heading_std_deg",
+            "heading_walk_deg_rth",
+            "interval_s",
+            "knot_s",
+            "moved_m",
+            "range_std_m",
+            "scale_std",
+            "sound_speed_mps",
+            "sound_speed_std",
+            "start_std_m",
+            "terrain",
+        )
+    },
+}
+
 #: Values of earlier versions, by the parameter that took them, each with the value that replaced it.
 RETIRED_VALUES: Mapping[str, Mapping[str, str]] = {
     "motion.straight": {"printed": "growing"},
@@ -52,7 +78,10 @@ def replacement(name: str, value: Any) -> str | None:
 
 
 def without_retired(patterns: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """A recording's mission file as this version reads it: retired parameters left out, retired values replaced."""
+    """A recording's mission file as this version reads it.
+
+    Retired parameters are left out, renamed ones renamed, and retired values replaced.
+    """
     return {pattern: _without_retired(values) for pattern, values in patterns.items()}
 
 
@@ -65,22 +94,40 @@ def notes_on_retired(patterns: Mapping[str, Mapping[str, Any]]) -> list[str]:
         f"Recorded by an earlier version with {name} {value!r}; this version reads it as {replacement(name, value)!r}."
         for name, value in replaced
     ]
+    if renamed := sorted({name for name, _ in found if name in RENAMED}):
+        pairs = ", ".join(f"{name} (now {RENAMED[name]})" for name in renamed)
+        notes.append(f"Recorded by an earlier version with parameters that have new names: {pairs}.")
     if gone:
         notes.append(f"Recorded by an earlier version with parameters that this version leaves out: {', '.join(gone)}.")
     return notes
 
 
 def _without_retired(values: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    """As `without_retired`, for the parameters of one pattern, or of a section with its dot ("planner.")."""
+    """As `without_retired`, for the parameters of one pattern, or of a section with its dot ("planner.").
+
+    A nested section keeps its nesting, also under its new name; dotted names stay dotted.
+    """
     kept: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{section}{key}"
         if isinstance(value, Mapping):
-            kept[key] = _without_retired(value, f"{name}.")
+            for new_name, inner in _sections_of(name, _without_retired(value, f"{name}.")):
+                kept[new_name] = {**kept.get(new_name, {}), **inner}
         elif name not in RETIRED:
             new = replacement(name, value)
-            kept[key] = value if new is None else new
+            kept[RENAMED.get(name, key)] = value if new is None else new
     return kept
+
+
+def _sections_of(name: str, values: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The section `name` with its values; values with a new dotted name go to the section of that name."""
+    moved = {key: value for key, value in values.items() if key in RENAMED.values()}
+    stays = {key: value for key, value in values.items() if key not in moved}
+    if stays or not moved:
+        yield name.rpartition(".")[2], stays
+    for key, value in moved.items():
+        section, _, leaf = key.rpartition(".")
+        yield section, {leaf: value}
 
 
 def _leaves(values: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:

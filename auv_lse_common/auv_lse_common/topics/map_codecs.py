@@ -29,6 +29,11 @@ def encode_centers(report: CentersReport, vehicle: int) -> Fields:
     }
 
 
+def _field(message: Any, name: str, default: Any) -> Any:
+    """A field of a message, also under its name in older recordings ("place_modes"); `default` if it has neither."""
+    return getattr(message, name, getattr(message, name.replace("position", "place"), default))
+
+
 def decode_centers(message: Any) -> CentersReport:
     """Kernel centers; older recordings have no effects of position errors.
 
@@ -36,8 +41,8 @@ def decode_centers(message: Any) -> CentersReport:
         ValueError: if the message's fields differ in length.
     """
     north, east, depth, noise = columns_of(message, "KernelCenters", ("north_m", "east_m", "depth_m", "noise_std_m"))
-    modes = int(getattr(message, "position_modes", 0))
-    effect = np.asarray(getattr(message, "position_effect_m", ()), dtype=float)
+    modes = int(_field(message, "position_modes", 0))
+    effect = np.asarray(_field(message, "position_effect_m", ()), dtype=float)
     if len(effect) != modes * len(north):
         raise ValueError(
             f"KernelCenters: position_effect_m has {len(effect)} values; expected position_modes = {modes} for each of "

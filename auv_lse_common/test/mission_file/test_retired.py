@@ -10,8 +10,8 @@ from typing import get_type_hints
 import pytest
 
 from auv_lse_common.mission_file.parameters import ParameterError, describe, from_mapping
-from auv_lse_common.mission_file.retired import RETIRED, RETIRED_VALUES, notes_on_retired, without_retired
-from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_common.mission_file.retired import RENAMED, RETIRED, RETIRED_VALUES, notes_on_retired, without_retired
+from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
 #: Every parameter that a mission file could ever set, one dotted name a line. Names are added and never removed.
 SO_FAR = Path(__file__).with_name("parameters_so_far.txt").read_text().split()
@@ -42,7 +42,7 @@ def test_a_new_parameter_is_listed() -> None:
 
 
 def test_a_removed_parameter_is_retired() -> None:
-    gone = sorted(set(SO_FAR) - set(PRESENT) - set(RETIRED))
+    gone = sorted(set(SO_FAR) - set(PRESENT) - set(RETIRED) - set(RENAMED))
     assert not gone, f"add to RETIRED in retired.py, so that older recordings remain readable: {gone}"
 
 
@@ -101,3 +101,19 @@ def test_a_file_of_this_version_stays_as_it_is() -> None:
 def test_a_retired_parameter_is_named_as_removed_in_a_mission_file() -> None:
     with pytest.raises(ParameterError, match=r"planner\.floor: unknown parameter .*; it was removed\. Delete it"):
         from_mapping(SECTIONS["planner"], {"floor": "lanes"}, "my.yaml: planner")
+
+
+def test_a_renamed_parameter_is_translated_in_recordings_and_refused_in_mission_files() -> None:
+    assert set(RENAMED) <= set(SO_FAR)
+    assert not set(RENAMED) & set(PRESENT)
+    assert set(RENAMED.values()) <= set(PRESENT)
+    nested = {"places": {"correct": False, "place_walk_m_rts": 0.1}, "planner": {"method": "plain"}}
+    assert without_retired({"/**": nested}) == {
+        "/**": {"positions": {"correct": False, "position_walk_m_rts": 0.1}, "planner": {"method": "plain"}}
+    }
+    assert without_retired({"/**": {"places.correct": True}}) == {"/**": {"positions.correct": True}}
+    assert notes_on_retired({"/**": {"places.correct": True}}) == [
+        "Recorded by an earlier version with parameters that have new names: places.correct (now positions.correct)."
+    ]
+    with pytest.raises(ParameterError, match="the section places is now called positions; rename it"):
+        check_sections({"places": {"correct": True}}, "my.yaml")

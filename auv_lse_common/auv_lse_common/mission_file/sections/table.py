@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.retired import RENAMED
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -69,6 +70,9 @@ def check_sections(parameters: Mapping[str, Any], where: str, ignore: Sequence[s
     """
     for name in parameters:
         if name not in SECTIONS and name not in ignore:
+            renamed = {old.partition(".")[0]: new.partition(".")[0] for old, new in RENAMED.items()}
+            if name in renamed:
+                raise ParameterError(f"{where}: the section {name} is now called {renamed[name]}; rename it")
             near = difflib.get_close_matches(str(name), SECTIONS, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(SECTIONS)}"
             raise ParameterError(f"{where}: {name}: unknown section; {hint}")
