@@ -127,9 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         result = measure(SimConfig(), dives, duration_s=duration_s, every_s=duration_s / 6.0, side_m=side_m, told=told)
         low, high = result.bounds(3)
         low2, high2 = result.bounds(2)
-        print(
-            f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, position {low2:.2f} to {high2:.2f}"
-        )
+        print(f"{name}, {dives} dives: NEES {low:.2f} to {high:.2f} (3 states), position {low2:.2f} to {high2:.2f}")
         print("   time s  NEES  position  rms error m  filter's std m  travelled m")
         for i, time in enumerate(result.times_s):
             rms = np.sqrt((result.error_m[:, i] ** 2).mean())

@@ -122,7 +122,7 @@ _ROWS = (
         encode=codecs.encode_odometry, decode=codecs.decode_odometry,
     ),
     Topic(
-        name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the dead-reckoned position: dead-reckoned, without fixes",
+        name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the position by dead reckoning, without fixes",
         writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
         tick_count="dead_reckonings", awaited_by=("modem", "gp"),
         encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,

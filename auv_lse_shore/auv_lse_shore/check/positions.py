@@ -47,6 +47,6 @@ def _notes(file: Path, positions: Positions) -> list[str]:
         names = [repr(name) for name in positions.ignored[:_MAX_LISTED]]
         more = f" and {len(positions.ignored) - _MAX_LISTED} more" if len(positions.ignored) > _MAX_LISTED else ""
         notes.append(
-            f"{file.name}: ignored {', '.join(names)}{more}; only polygons, shores, starts and recovery positions are used"
+            f"{file.name}: ignored {', '.join(names)}{more}; it uses polygons, shores, starts and recovery positions"
         )
     return notes

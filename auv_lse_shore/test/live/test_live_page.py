@@ -194,7 +194,8 @@ def test_dots_on_one_another_are_drawn_once(browser):
     at(browser, 200.0)
     added = browser.ask(
         """(() => {
-          const { store, map } = liveView, list = store.list("samples", map.vehicle), positions = Array(20000).fill(500);
+          const { store, map } = liveView, list = store.list("samples", map.vehicle);
+          const positions = Array(20000).fill(500);
           const event = { kind: "samples", vehicle: map.vehicle, source: 2, t: 150, positions };
           map.draw(200);
           const before = map.dotCount;

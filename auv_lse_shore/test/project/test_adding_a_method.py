@@ -27,7 +27,8 @@ settings = Settings.load(None, {"planner.method": "cma_es", "planner.horizon": 4
 fleet = Fleet(settings, ground_of(settings))
 run = fleet.run()
 planner = fleet.cores[0].planner
-positions = [planner.rollout.follow(d.plan).from_step(d.step).states[:2, 1:].tolist() for d in run.vehicles[0].decisions]
+paths = [planner.rollout.follow(d.plan).from_step(d.step) for d in run.vehicles[0].decisions]
+positions = [path.states[:2, 1:].tolist() for path in paths]
 print(json.dumps({
     "file": own.__file__,
     "family": type(planner._method).__name__,

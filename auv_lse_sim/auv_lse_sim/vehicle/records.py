@@ -60,7 +60,7 @@ STATE = _record(
     "east_at_gps",
     "raw_north_at_gps",  # the dead-reckoned position at that time
     "raw_east_at_gps",
-    "fix_information",  # mean of this surfacing's readings minus the dead-reckoned position: inverse variance (1/m^2) ...
+    "fix_information",  # this surfacing's mean reading minus the dead-reckoned position: inverse variance (1/m^2) ...
     "fix_north",  # ... and weighted sums
     "fix_east",
     "fix_step",  # sub-step, from 1, in which a fix was complete; 0: none
