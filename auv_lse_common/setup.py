@@ -32,4 +32,5 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
     license="Apache-2.0",
+    entry_points={},
 )
