@@ -20,6 +20,7 @@ from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_sim.ground.ground import Ground
+from auv_lse_sim.vehicle.piloted import Pilot
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 from auv_lse_sim.water.channel import Arrival, Channel, land_between
@@ -176,6 +177,10 @@ class World:
     def obey(self, vehicle: int, stop: Stop | None) -> None:
         """Makes a vehicle stop, or continue (None)."""
         self.vehicles[vehicle].obey(stop)
+
+    def pilot(self, vehicle: int, pilot: Pilot) -> None:
+        """Hands a vehicle over to an autopilot with a trajectory of its own."""
+        self.vehicles[vehicle].pilot(pilot)
 
     def dive(self, vehicle: int, depth_m: float) -> None:
         """Sets the depth (m) at which a vehicle travels."""

@@ -23,7 +23,9 @@ class Report:
         north_m: North of the mission's origin.
         east_m: East of it.
         depth_m: Below the surface, positive down.
-        speed_mps: Over ground, along the heading.
+        speed_mps: Over ground.
+        drift_rad: Direction of travel minus the heading, positive to starboard.
+        climb_mps: Rate of ascent.
         yaw_rate_radps: Positive to starboard.
         altitude_m: Height over ground; NaN: no ground seen.
         pressure_pa: Absolute pressure of the water.
@@ -36,6 +38,8 @@ class Report:
     east_m: float
     depth_m: float
     speed_mps: float = 0.0
+    drift_rad: float = 0.0
+    climb_mps: float = 0.0
     yaw_rate_radps: float = 0.0
     altitude_m: float = math.nan
     pressure_pa: float = AIR_PA
@@ -79,6 +83,7 @@ def report_of(output: VehicleOutput, gps_std_m: float, pressure_pa: float) -> Re
         east_m=estimate.east_m,
         depth_m=output.pressure_depth_m,
         speed_mps=estimate.speed_mps,
+        drift_rad=estimate.drift_rad,
         altitude_m=output.altitude_m,
         pressure_pa=pressure_pa,
         gps_m=output.gps_m,

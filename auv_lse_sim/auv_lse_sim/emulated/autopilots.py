@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.missing_packages import missing
@@ -14,55 +15,92 @@ try:
     from auv_lse_mavlink.messages.datum import Origin
 except ImportError as error:
     raise missing(error, "simulated autopilots") from error
+from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
+from auv_lse_sim.emulated.ardupilot.personality import ROVER, SUB
+from auv_lse_sim.emulated.ardupilot.setup import Setup, as_the_guide_says
 from auv_lse_sim.emulated.autopilot_report import autopilot_of
 from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS
-from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
+from auv_lse_sim.emulated.mavlink_dock import Autopilot, MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import SURFACE_M, AutopilotSetup, MavlinkVehicle
+from auv_lse_sim.vehicle.piloted import Pilot
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 
 
-def dock_of(
-    settings: Settings,
-    numbers: Sequence[int],
-    follow: Callable[[int, Leg], None],
-    obey: Callable[[int, Stop | None], None],
-    dive: Callable[[int, float], None],
-) -> MavlinkDock:
-    """Opens the ports of the autopilots of the vehicles `numbers`; see `EmulatedLinks` for the rest.
+class Body(Protocol):
+    """What an autopilot moves: the vehicles of a `World`."""
+
+    def command(self, vehicle: int, leg: Leg) -> None:
+        """Gives a vehicle its next leg."""
+
+    def obey(self, vehicle: int, stop: Stop | None) -> None:
+        """Makes a vehicle stop, or continue (None)."""
+
+    def dive(self, vehicle: int, depth_m: float) -> None:
+        """Sets the depth (m) at which a vehicle travels."""
+
+    def pilot(self, vehicle: int, pilot: Pilot) -> None:
+        """Hands a vehicle over to an autopilot with a trajectory of its own."""
+
+
+def dock_of(settings: Settings, numbers: Sequence[int], body: Body) -> MavlinkDock:
+    """Opens the ports of the autopilots of the vehicles `numbers`, which move `body`.
 
     Raises:
         OSError: if a port cannot be opened.
         AddressError: if `link.endpoint` is no UDP port of this machine.
     """
-    autopilots = {k: _autopilot(settings, k, follow, obey, dive) for k in numbers}
+    origin = Origin.of(settings.area)
+    autopilots = {k: autopilot_for(settings, k, origin, body) for k in numbers}
     return MavlinkDock(autopilots, {k: _endpoint(settings.vehicle(k).link.endpoint) for k in numbers})
 
 
-def _autopilot(
-    settings: Settings,
-    k: int,
-    follow: Callable[[int, Leg], None],
-    obey: Callable[[int, Stop | None], None],
-    dive: Callable[[int, float], None],
-) -> MavlinkVehicle:
+def autopilot_for(settings: Settings, k: int, origin: Origin | None, body: Body) -> Autopilot:
+    """The autopilot of vehicle `k`, as `sim.autopilot.firmware` selects it; `origin` is the mission's and its own."""
+    if settings.sim.autopilot.firmware == "generic":
+        return _generic(settings, k, origin, body)
+    return _ardupilot(settings, k, origin, body)
+
+
+def _height_m(settings: Settings, k: int) -> float:
+    return autopilot_of(settings.sim).origin_height_m if settings.vehicle(k).link.pressure != "none" else 0.0
+
+
+def _start(settings: Settings, k: int) -> tuple[float, float, float]:
     vehicle = settings.vehicle(k).vehicle
-    link = settings.vehicle(k).link
-    height_m = autopilot_of(settings.sim).origin_height_m if link.pressure != "none" else 0.0
+    return vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m
+
+
+def _generic(settings: Settings, k: int, origin: Origin | None, body: Body) -> MavlinkVehicle:
+    vehicle, link = settings.vehicle(k).vehicle, settings.vehicle(k).link
     return MavlinkVehicle(
         link.autopilot_system_id or k,
-        (vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m),
+        _start(settings, k),
         settings.motion.turn_radius_m,
-        Origin.of(settings.area),
-        lambda leg: follow(k, leg),
-        obey=lambda stop: obey(k, stop),
+        origin,
+        lambda leg: body.command(k, leg),
+        obey=lambda stop: body.obey(k, stop),
         tightest_m=tightest_radius_m(vehicle, settings.sim),
         setup=AutopilotSetup(
-            origin_height_m=height_m,
+            origin_height_m=_height_m(settings, k),
             pressure=link.pressure,
-            dive=lambda depth_m: dive(k, depth_m),
+            dive=lambda depth_m: body.dive(k, depth_m),
             is_boat=vehicle.depth_m <= SURFACE_M,
         ),
     )
+
+
+def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) -> ArduPilot:
+    link = settings.vehicle(k).link
+    personality = ROVER if settings.vehicle(k).vehicle.depth_m <= SURFACE_M else SUB
+    setup = Setup(
+        personality=personality,
+        parameters=as_the_guide_says(personality, link.system_id),
+        origin_height_m=_height_m(settings, k),
+        operator_mode=personality.auto if link.mode == "mission" else personality.guided,
+        patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),
+    )
+    system, radius_m = link.autopilot_system_id or k, settings.motion.turn_radius_m
+    return ArduPilot(system, _start(settings, k), radius_m, origin, lambda pilot: body.pilot(k, pilot), setup)
 
 
 def _endpoint(endpoint: str) -> str:

@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.transport import AddressError, read_address
 from auv_lse_sim.emulated.autopilot_report import autopilot_of, measured_pressure_pa, report_of
 from auv_lse_sim.emulated.host_ports import LOCAL_HOSTS, HostPort, PtyPort, TcpServerPort
@@ -25,6 +23,7 @@ from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 
 if TYPE_CHECKING:
+    from auv_lse_sim.emulated.autopilots import Body
     from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 
 
@@ -42,18 +41,14 @@ class EmulatedLinks:
         self,
         settings: Settings,
         transmit: Callable[[int, float, bytes], float],
-        follow: Callable[[int, Leg], None],
-        obey: Callable[[int, Stop | None], None],
-        dive: Callable[[int, float], None],
+        body: Body,
     ) -> None:
         """Opens the ports.
 
         Args:
             settings: The mission.
             transmit: Sends (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
-            follow: Takes (vehicle, leg); the leg follows the earlier ones.
-            obey: Takes (vehicle, stop); None: the vehicle continues.
-            dive: Takes (vehicle, depth (m)).
+            body: The vehicles that autopilots move.
 
         Raises:
             ParameterError: if a port cannot be opened; names it and the reason.
@@ -72,7 +67,7 @@ class EmulatedLinks:
             if self.autopilots:
                 from auv_lse_sim.emulated.autopilots import dock_of  # needs pymavlink
 
-                self.dock = dock_of(settings, self.autopilots, follow, obey, dive)
+                self.dock = dock_of(settings, self.autopilots, body)
         except (OSError, AddressError) as error:
             self.close()
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error

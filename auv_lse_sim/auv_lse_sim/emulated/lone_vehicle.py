@@ -12,9 +12,8 @@ from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import Event
 from auv_lse_sim.emulated.autopilot_report import Report, autopilot_of, measured_pressure_pa, report_of
-from auv_lse_sim.emulated.mavlink_vehicle import AutopilotSetup, MavlinkVehicle
+from auv_lse_sim.emulated.autopilots import autopilot_for
 from auv_lse_sim.ground.ground import Ground
-from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 from auv_lse_sim.world import VehicleOutput, World
 
 
@@ -43,20 +42,7 @@ class LoneVehicle:
         self._end = (own.vehicle.start_heading_rad, own.vehicle.start_north_m, own.vehicle.start_east_m)
         self._latitude_deg = origin.lat_deg
         self._instruments = autopilot_of(sim)
-        self.vehicle = MavlinkVehicle(
-            1,
-            self._end,
-            self.settings.motion.turn_radius_m,
-            origin,
-            lambda leg: self.world.command(1, leg),
-            obey=lambda stop: self.world.obey(1, stop),
-            tightest_m=tightest_radius_m(own.vehicle, sim),
-            setup=AutopilotSetup(
-                origin_height_m=self._instruments.origin_height_m,
-                pressure=own.link.pressure,
-                dive=lambda depth_m: self.world.dive(1, depth_m),
-            ),
-        )
+        self.vehicle: Any = autopilot_for(self.settings, 1, origin, self.world)
         self.link = VehicleLink(own.link, 1, origin)
         self.now_s = 0.0
         self.told: list[Event] = []

@@ -22,7 +22,6 @@ Rules for targets:
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import Counter, deque
 from collections.abc import Callable
@@ -34,7 +33,9 @@ from auv_lse_mavlink.messages.conversion import Target, target_of_item, target_o
 from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_sim.emulated.autopilot_report import AIR_PA, Report
+from auv_lse_sim.emulated.fault import Fault
 from auv_lse_sim.emulated.mavlink_telemetry import depth_telemetry, heartbeat, telemetry
+from auv_lse_sim.emulated.mission_protocol import MissionProtocol
 from auv_lse_sim.vehicle.target_leg import leg_to
 
 #: A target within this distance (m) of an earlier one repeats it; allows for the rounding of mission items.
@@ -55,20 +56,6 @@ REMEMBERED = 8
 REPEATED = 3
 #: Number of pressures that are sent on deck, at once.
 ON_DECK = 8
-#: Maximum number of items of a mission.
-MAX_ITEMS = 512
-#: Time (s) after which a missing item is requested again, and the number of such requests.
-ITEM_TIMEOUT_S = 1.0
-ITEM_REPEATS = 5
-
-
-class Fault(enum.Enum):
-    """How a simulated autopilot fails to do as it is sent."""
-
-    NONE = "none"
-    REFUSES = "refuses every mission and command, and follows no position target"
-    IGNORES = "accepts everything and follows nothing new"
-    NEVER_STOPS = "follows its targets, except for stops"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,18 +134,16 @@ class MavlinkVehicle:
         self._out: list[bytes] = []
         self._now_s = 0.0
         self._beat_s = -math.inf
-        self._incoming: list[Message] = []
-        self._wanted = 0
-        self._uploader = (0, 0)
-        self._requested_s = 0.0
-        self._repeats = 0
+        self._upload = MissionProtocol(self._send, self._accept)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Takes bytes from a companion or ground station."""
         self._now_s = now_s
         for message in self._codec.decode(data):
+            if not self._is_for_us(message) or self._upload.handle(now_s, message, self.fault is Fault.REFUSES):
+                continue
             handler = HANDLERS.get(message.get_type())
-            if handler is not None and self._is_for_us(message):
+            if handler is not None:
                 handler(self, message)
 
     def report(self, now_s: float, report: Report) -> None:
@@ -175,8 +160,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_system_time_message(round(now_s * 1e6), self._boot_ms))
         for message in telemetry(self._boot_ms, report, self.datum, *self._own_depth):
             self._send(message)
-        if self._wanted and now_s - self._requested_s >= ITEM_TIMEOUT_S:
-            self._request_again()
+        self._upload.poll(now_s)
 
     def send_on_deck(self, now_s: float, pressure_pa: float = AIR_PA) -> None:
         """Sends what the other side needs before the mission: heartbeats, and the pressure (Pa) on deck, disarmed."""
@@ -276,62 +260,13 @@ class MavlinkVehicle:
             return
         self._go(target, REPEATED, REPLACED_M)
 
-    # ------------------------------------------------------------------ mission protocol, as the vehicle
+    # ------------------------------------------------------------------ missions
 
-    def _on_mission_count(self, message: Message) -> None:
-        self._uploader = (message.get_srcSystem(), message.get_srcComponent())
-        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
-            self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type)
-            return
-        if self.fault is Fault.REFUSES:
-            self._acknowledge(mavlink.MAV_MISSION_DENIED)
-            return
-        if message.count > MAX_ITEMS:
-            self._acknowledge(mavlink.MAV_MISSION_NO_SPACE)
-            return
-        self._incoming = []
-        self._wanted = message.count
-        self._repeats = 0
-        if self._wanted == 0:
-            self._accept()
-        else:
-            self._request_item()
-
-    def _request_item(self) -> None:
-        self._requested_s = self._now_s
-        self._send(
-            mavlink.MAVLink_mission_request_int_message(
-                *self._uploader, len(self._incoming), mavlink.MAV_MISSION_TYPE_MISSION
-            )
-        )
-
-    def _request_again(self) -> None:
-        self._repeats += 1
-        if self._repeats > ITEM_REPEATS:
-            self._wanted = 0
-            self._acknowledge(mavlink.MAV_MISSION_OPERATION_CANCELLED)
-        else:
-            self._request_item()
-
-    def _on_mission_item(self, message: Message) -> None:
-        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
-            return
-        if not self._wanted:
-            if self.mission and message.seq == len(self.mission) - 1:
-                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # repeated because the acknowledgement was lost
-            return
-        if message.seq != len(self._incoming):
-            self._request_item()  # repeated or out of order
-            return
-        self._incoming.append(message)
-        self._repeats = 0
-        if len(self._incoming) < self._wanted:
-            self._request_item()
-        else:
-            self._accept()
-
-    def _accept(self) -> None:
-        items, self._incoming, self._wanted = tuple(self._incoming), [], 0
+    def _accept(self, items: tuple[Message, ...]) -> int:
+        """Takes a complete mission; returns MAV_MISSION_RESULT."""
+        if not items:
+            self.mission, self.current = (), 0
+            return int(mavlink.MAV_MISSION_ACCEPTED)
         for item in items:
             if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
                 continue  # for a camera or gimbal
@@ -340,12 +275,11 @@ class MavlinkVehicle:
             except ValueError as error:
                 self.counts["refused"] += 1
                 self._send_text(mavlink.MAV_SEVERITY_WARNING, f"item {item.seq}: {error}")
-                self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
-                return
+                return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
         self.mission = items
         self.counts["missions"] += 1
-        self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)
         self._travel_mission()
+        return int(mavlink.MAV_MISSION_ACCEPTED)
 
     def _travel_mission(self) -> None:
         """Goes to the current item and the following ones."""
@@ -361,27 +295,6 @@ class MavlinkVehicle:
             self._travel_mission()
         else:
             self._send_text(mavlink.MAV_SEVERITY_WARNING, f"no item {message.seq}: mission has {len(self.mission)}")
-
-    def _acknowledge(self, result: int, mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> None:
-        self._send(mavlink.MAVLink_mission_ack_message(*self._uploader, result, mission_type))
-
-    def _on_mission_list(self, message: Message) -> None:
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        count = len(self.mission) if message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION else 0
-        self._send(mavlink.MAVLink_mission_count_message(*sender, count, message.mission_type))
-
-    def _on_mission_request(self, message: Message) -> None:
-        if not 0 <= message.seq < len(self.mission):
-            return
-        item = self.mission[message.seq]
-        fields = {name: getattr(item, name) for name in item.fieldnames}
-        fields["target_system"], fields["target_component"] = message.get_srcSystem(), message.get_srcComponent()
-        self._send(mavlink.MAVLink_mission_item_int_message(**fields))
-
-    def _on_mission_clear(self, message: Message) -> None:
-        self.mission, self.current = (), 0
-        self._uploader = (message.get_srcSystem(), message.get_srcComponent())
-        self._acknowledge(mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
 
     # ------------------------------------------------------------------ commands, origin, time
 
@@ -444,12 +357,7 @@ MESSAGES_ON_REQUEST: dict[int, Callable[[MavlinkVehicle], bool]] = {
 #: Handler of each message; others are ignored.
 HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": MavlinkVehicle._on_position_target,
-    "MISSION_COUNT": MavlinkVehicle._on_mission_count,
-    "MISSION_ITEM_INT": MavlinkVehicle._on_mission_item,
     "MISSION_SET_CURRENT": MavlinkVehicle._on_mission_set_current,
-    "MISSION_REQUEST_LIST": MavlinkVehicle._on_mission_list,
-    "MISSION_REQUEST_INT": MavlinkVehicle._on_mission_request,
-    "MISSION_CLEAR_ALL": MavlinkVehicle._on_mission_clear,
     "COMMAND_LONG": MavlinkVehicle._on_command,
     "SET_GPS_GLOBAL_ORIGIN": MavlinkVehicle._on_set_origin,
     "TIMESYNC": MavlinkVehicle._on_timesync,

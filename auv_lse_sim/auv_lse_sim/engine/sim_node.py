@@ -47,7 +47,8 @@ class SimNode(BaseNode):
         settings = Settings.load(parameter_file(sys.argv))
         self._settings = settings
         self._sim = Simulation(settings, ground_of(settings), self.lockstep, bool(self.recorded))
-        self._waiting_since_s = time.monotonic()
+        self._waiting_since_s = self._ticked_s = time.monotonic()
+        self._factor = settings.sim.real_time_factor or 1.0
         self._speed = Speed()
         self._readers: dict[Publisher, int] = {}
         self._nodes = [name for k in self._sim.vehicles for name in self._sim.nodes(k)]
@@ -106,8 +107,7 @@ class SimNode(BaseNode):
         self.get_logger().info(f"all nodes are ready; ground: {self._sim.world.ground.describe()}")
         self._sim.begin()
         if not self.lockstep:
-            factor = self._settings.sim.real_time_factor or 1.0
-            self.create_timer(self._settings.sim.tick_s / factor, self._run_tick)
+            self.create_timer(self._settings.sim.tick_s / self._factor, self._run_tick)
         self._advance()
 
     def _advance(self) -> None:
@@ -119,6 +119,7 @@ class SimNode(BaseNode):
         """Runs one tick: advances the world, publishes its output and, in lockstep, announces it."""
         sim = self._sim
         outputs = sim.advance()
+        self._ticked_s = time.monotonic()
         for problem in sim.take_problems():
             self.get_logger().error(problem)
         if sim.state is MissionState.FINISHED and self._settings.sim.shutdown_at_end:
@@ -194,7 +195,8 @@ class SimNode(BaseNode):
         self._advance()
 
     def _on_bytes(self) -> None:
-        self._sim.serve()
+        passed_s = 0.0 if self.lockstep else (time.monotonic() - self._ticked_s) * self._factor
+        self._sim.serve(passed_s)
         for watcher in self._watchers:
             watcher.handled()
         self._advance()

@@ -79,7 +79,7 @@ class Simulation:
         self.world = World.of(settings, ground)
         self.vehicles = range(1, settings.mission.vehicles + 1)
         world = self.world
-        self.links = EmulatedLinks(settings, self._on_emulated_packet, world.command, world.obey, world.dive)
+        self.links = EmulatedLinks(settings, self._on_emulated_packet, world)
         self.state = MissionState.WAITING
         self.message = "for the mission's nodes"
         self.tick = 0
@@ -286,9 +286,14 @@ class Simulation:
         if self.tick == 0:
             self.links.send_on_deck(self.now_s)
 
-    def serve(self) -> None:
-        """Reads and answers the drivers' bytes; never blocks."""
-        self.links.serve(self.now_s)
+    def serve(self, passed_s: float = 0.0) -> None:
+        """Reads and answers the drivers' bytes; never blocks.
+
+        Args:
+            passed_s: Simulated time since the last tick, if it passes between ticks.
+        """
+        passed_s = min(passed_s, self._settings.sim.tick_s) if self.tick else 0.0
+        self.links.serve(self.now_s + passed_s)
         for k in self.links.autopilots:
             targets, missions = self.links.accepted(k)
             accepted = missions if self._settings.vehicle(k).link.mode == "mission" else targets

@@ -54,7 +54,7 @@ SETTING_OUT_RATE = 0.3**2
 PATIENCE = 8.0
 
 # -- modes
-WAITING, ON_RAILS, STEERED = 0.0, 1.0, 2.0
+WAITING, ON_RAILS, STEERED, PILOTED = 0.0, 1.0, 2.0, 3.0
 
 
 @compiled
@@ -357,6 +357,21 @@ def _write(model: Model, ping: bool, row: Any) -> None:
 
 
 @compiled
+def sense(model: Model, draws: Draws, in_reach: bool, out: Any, i: int) -> None:
+    """Instruments and filters at the end of sub-step `i`; arguments as for `advance`."""
+    m, x, params = model.state, model.estimate.x, model.params
+    ping = _can_ping(m, params, draws.uniforms[i]) and in_reach
+    if params.ideal_navigation > 0.0:
+        x[NORTH], x[EAST], x[HEADING] = m.north, m.east, m.heading
+        x[SURGE], x[SWAY] = m.surge, m.sway
+    else:
+        ping = _navigate(model, draws.normals[i], draws.uniforms[i], ping)
+        if m.fix_information > 0.0 and m.fix_step == 0.0 and m.depth > params.gps_depth:
+            m.fix_step = i + 1.0
+    _write(model, ping, out[i])
+
+
+@compiled
 def advance(model: Model, leg: Any, draws: Draws, in_reach: bool, limit: float, out: Any, first: int, last: int) -> int:
     """Sub-steps `first` to `last` of a tick, or until the leg is done.
 
@@ -385,15 +400,7 @@ def advance(model: Model, leg: Any, draws: Draws, in_reach: bool, limit: float, 
         else:  # held at the surface until it sets out
             m.yaw_rate, m.speed, m.surge, m.sway = 0.0, 0.0, 0.0, 0.0
         _keep_depth(m, params, draws.normals[i].wobble)
-        ping = _can_ping(m, params, draws.uniforms[i]) and in_reach
-        if params.ideal_navigation > 0.0:
-            x[NORTH], x[EAST], x[HEADING] = m.north, m.east, m.heading
-            x[SURGE], x[SWAY] = m.surge, m.sway
-        else:
-            ping = _navigate(model, draws.normals[i], draws.uniforms[i], ping)
-            if m.fix_information > 0.0 and m.fix_step == 0.0 and m.depth > params.gps_depth:
-                m.fix_step = i + 1.0
-        _write(model, ping, out[i])
+        sense(model, draws, in_reach, out, i)
         if m.mode != WAITING and m.along >= limit - 1e-9:
             return i + 1
     return last

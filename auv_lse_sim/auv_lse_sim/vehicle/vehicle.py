@@ -28,6 +28,7 @@ from auv_lse_sim.vehicle.navigation import (
     SWAY,
     wrap,
 )
+from auv_lse_sim.vehicle.piloted import Pilot, advance_piloted
 from auv_lse_sim.vehicle.records import LEG, NORMALS, RESULT, UNIFORMS, Draws, as_records, new_record
 from auv_lse_sim.vehicle.target_leg import leg_to
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
@@ -120,6 +121,7 @@ class SimVehicle:
         self._interrupted: _Interrupted | None = None
         self._loitering = False
         self._surface_after = False
+        self._pilot: Pilot | None = None
         self._rows = as_records(np.empty((0, len(RESULT.names or ()))), RESULT)
         self._stamps = np.empty(0)
         #: Fixes completed in the last `move`.
@@ -193,6 +195,11 @@ class SimVehicle:
             then: The stop after the mission's last leg; None: it circles.
         """
         self._take(_Order(leg, self.config.speed_mps if speed_mps is None else speed_mps, then))
+
+    def pilot(self, pilot: Pilot) -> None:
+        """Hands the vehicle over to an autopilot with a trajectory of its own; legs and stops have no effect then."""
+        self._pilot = pilot
+        self._m.mode = mm.PILOTED
 
     def dive(self, depth_m: float) -> None:
         """Sets the travel depth (m); a change below `DEPTH_BAND_M` is ignored."""
@@ -350,6 +357,9 @@ class SimVehicle:
         dt = self._params.dt
         start_s = float(stamps_s[0]) - dt if n else 0.0
         i = 0
+        if self._pilot is not None:
+            advance_piloted(self._model, self._pilot.poses(stamps_s), draws, self._sounder.in_reach, rows)
+            i = n
         while i < n:
             last, limit = n, math.inf
             if m.mode == mm.WAITING:
@@ -450,6 +460,7 @@ class SimVehicle:
             east_m=float(x[EAST]),
             speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])) / (1.0 + float(x[DVL_SCALE])),
             covariance=self._p[_ODOMETRY],
+            drift_rad=math.atan2(float(x[SWAY]), float(x[SURGE])) if self._pilot is not None else 0.0,
         )
 
     def truth(self, now_s: float) -> Truth:
@@ -464,7 +475,7 @@ class SimVehicle:
             speed_mps=math.hypot(float(m.surge), float(m.sway)),
             travelled_m=float(m.travelled),
             water_m=self._sounder.water_m,
-            step=self._step,
+            step=self._step if self._pilot is None else self._pilot.step,
             along_m=float(m.along),
-            loitering=self._loitering and self._interrupted is None,
+            loitering=self._loitering and self._interrupted is None if self._pilot is None else self._pilot.has_arrived,
         )

@@ -20,6 +20,7 @@ class NavigationEstimate:
         north_m: Estimated north.
         east_m: Estimated east.
         speed_mps: Speed over ground.
+        drift_rad: Direction of travel minus the heading, positive to starboard.
         covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
     """
 
@@ -29,6 +30,7 @@ class NavigationEstimate:
     east_m: float
     speed_mps: float
     covariance: Array
+    drift_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,6 +37,19 @@ def free_udp_port() -> int:
         return probe.getsockname()[1]
 
 
+class Follower:
+    """Vehicles that hand on their legs."""
+
+    def __init__(self, command):
+        self.command = command
+
+    def obey(self, k, stop):
+        pass
+
+    def dive(self, k, depth_m):
+        pass
+
+
 class Sea:
     """A world with emulated hardware, and the drivers of the vehicles; one tick is a second."""
 
@@ -45,7 +58,7 @@ class Sea:
         self.world = World.of(settings, GROUND)
         self.pending = []
         self.legs = []
-        self.links = EmulatedLinks(settings, self.transmit, self.follow, lambda k, stop: None, lambda k, depth_m: None)
+        self.links = EmulatedLinks(settings, self.transmit, Follower(self.follow))
         self.ports = {k: ModemPort(settings.vehicle(k).modem, k) for k in self.links.modems}
         self.ears = {}
         self.autopilots = {}
@@ -220,7 +233,7 @@ def test_a_target_inside_the_turning_circle_is_turned_to_as_tightly_as_the_vehic
 
 
 def test_without_hardware_there_is_nothing_to_open():
-    links = EmulatedLinks(settings_with(), lambda *a: 0.0, *[lambda *a: None] * 3)
+    links = EmulatedLinks(settings_with(), lambda *a: 0.0, Follower(lambda *a: None))
     assert links.modems == links.autopilots == ()
     links.serve(0.0)
     links.poll(0.0)
@@ -241,4 +254,4 @@ def test_without_hardware_there_is_nothing_to_open():
 )
 def test_invalid_ports_are_named(overrides, words):
     with pytest.raises(ParameterError, match=words):
-        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, *[lambda *a: None] * 3)
+        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, Follower(lambda *a: None))

@@ -161,6 +161,12 @@ class AutopilotConfig:
     """
 
     ideal: bool = parameter(False, help=_IDEAL)
+    firmware: str = parameter(
+        "generic",
+        choices=("ardupilot", "generic"),
+        help="ardupilot: ArduSub, or ArduRover for a vehicle with depth_m 0, as their own simulator shows them; "
+        "generic: one that flies the planner's arcs and follows every message",
+    )
     origin_height_m: float = parameter(
         2.0, low=-100.0, high=100.0, unit="m", help="height of its origin above the surface"
     )

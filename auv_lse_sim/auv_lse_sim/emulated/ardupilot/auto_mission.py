@@ -1,0 +1,88 @@
+"""AUTO as ArduPilot flies it: item 0 is the home, and a complete mission stays complete.
+
+state (MISSION_CURRENT.mission_state)   event                                      next
+1 no mission                            an upload                                  2
+2 not started                           AUTO is entered                            3
+3 active                                the last item is reached                   5
+3 active                                MISSION_SET_CURRENT, or another mission    3, at that item
+5 complete                              MISSION_SET_CURRENT                        2, and nothing moves
+2, 5                                    DO_SET_MISSION_CURRENT with a reset        3 in AUTO, else 2
+any                                     the mission is cleared                     1
+"""
+
+from __future__ import annotations
+
+from auv_lse_mavlink.messages.wire import Message
+
+NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 1, 2, 3, 4, 5
+
+
+class AutoMission:
+    """The mission of one autopilot.
+
+    Attributes:
+        items: Its items, the home first.
+        current: Index of the current item.
+        state: MISSION_STATE.
+    """
+
+    def __init__(self) -> None:
+        """Starts without a mission."""
+        self.items: tuple[Message, ...] = ()
+        self.current = 0
+        self.state = NO_MISSION
+
+    @property
+    def item(self) -> Message | None:
+        """The item to fly to; None: the mission is not active."""
+        return self.items[self.current] if self.state == ACTIVE else None
+
+    @property
+    def total(self) -> int:
+        """Number of items without the home."""
+        return max(len(self.items) - 1, 0)
+
+    def load(self, items: tuple[Message, ...]) -> None:
+        """Takes another mission; the index stays."""
+        self.items = items
+        if not self.total:
+            self.state, self.current = NO_MISSION, 0
+            return
+        self.current = min(self.current, self.total)
+        if self.state == NO_MISSION:
+            self.state = NOT_STARTED
+        if self.state == ACTIVE:
+            self.current = max(self.current, 1)
+
+    def select(self, number: int) -> bool:
+        """Makes an item the current one; returns whether there is one of that number."""
+        if not 0 <= number < len(self.items):
+            return False
+        self.current = max(number, 1)
+        if self.state == COMPLETE:
+            self.state = NOT_STARTED
+        return True
+
+    def enter(self) -> None:
+        """AUTO is entered: the mission starts or continues, unless it is complete."""
+        if self.state == NOT_STARTED:
+            self.state, self.current = ACTIVE, max(self.current, 1)
+
+    def leave(self) -> None:
+        """AUTO is left."""
+        if self.state == ACTIVE:
+            self.state = NOT_STARTED
+
+    def restart(self, number: int, in_auto: bool) -> bool:
+        """Resets the mission and selects an item; returns whether there is one of that number."""
+        if not self.select(number):
+            return False
+        self.state = ACTIVE if in_auto else NOT_STARTED
+        return True
+
+    def reach(self) -> None:
+        """The current item is reached: the next one follows, if there is one."""
+        if self.current >= self.total:
+            self.state = COMPLETE
+        else:
+            self.current += 1

@@ -1,0 +1,87 @@
+"""When a simulated ArduPilot's estimator knows where it is: its origin, its clock since boot, its position."""
+
+from __future__ import annotations
+
+import math
+
+from auv_lse_mavlink.messages.datum import Datum, Origin
+from auv_lse_mavlink.messages.wire import Message, mavlink
+from auv_lse_sim.emulated.ardupilot.setup import Setup
+
+#: Times (s): an autopilot that was switched on before the simulation has run for so long; one that boots with GPS has
+#: its origin after this, and uses GPS after that.
+RUNNING_S, GPS_ORIGIN_S, GPS_USED_S = 120.0, 19.0, 40.0
+
+
+class Estimator:
+    """The estimator of one autopilot.
+
+    Attributes:
+        datum: The mission's origin and its own.
+        height_m: Height of its own above the surface.
+    """
+
+    def __init__(self, setup: Setup, mission: Origin | None) -> None:
+        """Starts as installed; `mission` is the mission's origin."""
+        self.datum = Datum(mission, (setup.origin or mission) if setup.has_origin else None)
+        self.height_m = setup.origin_height_m
+        self._setup = setup
+        self._has_origin = setup.has_origin
+        self._now_s = 0.0
+        self._boot_s: float | None = None
+
+    def tick(self, now_s: float) -> None:
+        """Takes the time."""
+        self._now_s = now_s
+        if self._boot_s is None:
+            self._boot_s = now_s - RUNNING_S
+
+    def boot(self) -> None:
+        """Forgets the origin."""
+        self._boot_s, self._has_origin = self._now_s, False
+        self.datum = Datum(self.datum.mission)
+
+    @property
+    def up_s(self) -> float:
+        """Time since boot (s)."""
+        return 0.0 if self._boot_s is None else self._now_s - self._boot_s
+
+    @property
+    def uses_gps(self) -> bool:
+        """Whether there is a GPS receiver."""
+        return self._setup.aiding == "gps"
+
+    @property
+    def has_origin(self) -> bool:
+        """Whether there is an origin."""
+        return self._has_origin
+
+    @property
+    def has_position(self) -> bool:
+        """Whether there is a position: from GPS, from velocities, or from an origin that was set."""
+        if self.uses_gps:
+            return self._has_origin and self.up_s >= GPS_USED_S
+        return self._setup.aiding == "dvl" or self._has_origin
+
+    def origin_messages(self) -> list[Message]:
+        """GPS_GLOBAL_ORIGIN and HOME_POSITION; none without an origin."""
+        origin = self.datum.autopilot
+        if origin is None:
+            return []
+        place = round(origin.lat_deg * 1e7), round(origin.lon_deg * 1e7)
+        home = (*place, 0, 0.0, 0.0, 0.0, [math.nan] * 4, 0.0, 0.0, 0.0)
+        return [
+            mavlink.MAVLink_gps_global_origin_message(*place, 0, round(self.up_s * 1e6)),
+            mavlink.MAVLink_home_position_message(*home),
+        ]
+
+    def settle(self, has_fix: bool) -> bool:
+        """With GPS it sets its origin itself, some time after it has booted; returns whether it does now."""
+        if self._has_origin or not (self.uses_gps and has_fix) or self.up_s < GPS_ORIGIN_S:
+            return False
+        self.take(self._setup.origin or self.datum.mission)
+        return True
+
+    def take(self, origin: Origin | None) -> None:
+        """Takes an origin."""
+        self.datum, self._has_origin = Datum(self.datum.mission, origin), True

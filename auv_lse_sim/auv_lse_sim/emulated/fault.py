@@ -1,0 +1,14 @@
+"""How a simulated autopilot misbehaves."""
+
+from __future__ import annotations
+
+import enum
+
+
+class Fault(enum.Enum):
+    """How a simulated autopilot fails to do as it is sent."""
+
+    NONE = "none"
+    REFUSES = "refuses every mission and command, and follows no position target"
+    IGNORES = "accepts everything and follows nothing new"
+    NEVER_STOPS = "follows its targets, except for stops"
