@@ -132,9 +132,9 @@ def test_after_a_lost_ground_station_the_sub_surfaces_and_stays_in_alt_hold():
     sub.target(0.0, 0.0, 4.0)
     sub.pass_s(30.0)
     sub.beats, lost_s = False, sub.now_s
-    sub.pass_s(2.0)
-    assert sub.beat == (217, 4, 4)
     sub.pass_s(1.5)
+    assert sub.beat == (217, 4, 4)
+    sub.pass_s(1.25)
     assert sub.beat == (209, 9, 5)
     assert (4, "MYGCS: 245, heartbeat lost") in sub.texts(lost_s)
     depth_m = sub.depth_m
