@@ -250,7 +250,7 @@ class AutopilotCheck:
         found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; expected at least 1 Hz")]
         problem = gauge.problem(self._now_s)
         if problem:
-            return [*found, Finding(ok=None if self.link.armed else False, text=problem)]
+            return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]
         zero = f"depth is zeroed at {gauge.zero_pa / 100.0:.1f} hPa"
         agrees = f"the autopilot's own depth is {gauge.offset_m:+.2f} m off pressure depth; targets are shifted by it"
         return [*found, Finding(ok=True, text=f"{zero}; {agrees}")]

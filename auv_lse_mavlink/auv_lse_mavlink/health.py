@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_mavlink.link import VehicleLink
-from auv_lse_mavlink.obedience import IGNORED_S
+from auv_lse_mavlink.targets.obedience import IGNORED_S
 
 
 def link_health(link: VehicleLink, port_problem: str) -> Health:
     """The state of the link and what the autopilot does with its targets; `port_problem`: why it is not heard."""
-    values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts, **link.gauge.values}
+    values = {"mode": link.status.mode, "targets waiting": len(link.targets), **link.counts, **link.gauge.values}
     values |= {f"wire {name}": count for name, count in link.wire.items()}
     report = link.report
     if not report.heard:
         unproven = "signed messages arrive, but no answer to TIMESYNC: a replay, or the autopilot hears nothing"
         text = port_problem or ("no autopilot heard" if not link.wire["unproven"] else unproven)
         return Health(level=Level.ERROR, text=text, values=values)
-    found: list[tuple[Level, str]] = [(Level.OK, "armed" if link.armed else "not armed")]
+    found: list[tuple[Level, str]] = [(Level.OK, "armed" if link.status.armed else "not armed")]
     if not report.mode_obeys:
-        found.append((Level.OK, f"mode {link.custom_mode}, expected one of {list(link.obeying_modes)} (link.modes)"))
+        found.append((Level.OK, f"mode {link.status.mode}, expected one of {list(link.obeying_modes)} (link.modes)"))
     if report.problem and link.under_way:
         found.append((Level.WARN, "it follows no targets"))
     if link.refused_speed:

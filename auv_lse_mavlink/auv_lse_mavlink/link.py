@@ -20,7 +20,7 @@ Until the autopilot's origin is known, and after one that was refused, places ar
 odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the link is
 lost) may have another origin and clock: both are requested again.
 
-Waypoints arrive as ends of legs (`targets.py`). While the link is down, targets are kept and the autopilot's own
+Waypoints arrive as ends of legs (`targets/sender.py`). While the link is down, targets are kept and the autopilot's own
 failsafe acts. When it is up again, the current target, or the mission, is sent again.
 """
 
@@ -50,13 +50,11 @@ from auv_lse_mavlink.messages.events import (
 )
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.origin import OriginExchange
+from auv_lse_mavlink.messages.status import ORIGIN_REFUSED, AutopilotStatus
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_mavlink.raw_track import RawTrack
-from auv_lse_mavlink.targets import TargetLimits, TargetSender
-
-#: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
-#: safety watch keeps the limit tripped until RESET.
-LEAK_REPORTED_S = 50.0
+from auv_lse_mavlink.targets.limits import TargetLimits
+from auv_lse_mavlink.targets.sender import TargetSender
 
 #: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
 EXAMINED_BYTES = 16384
@@ -74,8 +72,7 @@ class VehicleLink:
 
     Attributes:
         state: Whether the autopilot is heard.
-        armed: Whether it reports to be armed.
-        custom_mode: Number of its flight mode, in its own numbering; -1 while unknown.
+        status: What the autopilot reports about itself.
         gauge: Depth of the vehicle.
         counts: Event counts by name.
     """
@@ -109,8 +106,7 @@ class VehicleLink:
                 "because mission items are geodetic"
             )
         self.state = LinkState.DOWN
-        self.armed = False
-        self.custom_mode = -1
+        self.status = AutopilotStatus()
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
@@ -126,9 +122,6 @@ class VehicleLink:
         latitude_deg = None if origin is None else origin.lat_deg
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
-        self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
-        self._battery, self._battery_v = math.nan, math.nan
-        self._leak_s = -math.inf  # when the autopilot last reported a leak
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
         self._examined_bytes = 0
         self._attitude: Message | None = None
@@ -233,7 +226,7 @@ class VehicleLink:
     @property
     def obeying_modes(self) -> tuple[int, ...]:
         """The flight modes in which the autopilot follows targets; empty: unknown, any may be right."""
-        return self._config.modes or obeying_modes(*self._kind, self._config.mode == "mission")
+        return self._config.modes or obeying_modes(*self.status.kind, self._config.mode == "mission")
 
     @property
     def report(self) -> AutopilotReport:
@@ -241,12 +234,12 @@ class VehicleLink:
         modes = self.obeying_modes
         return AutopilotReport(
             heard=self.state is LinkState.UP,
-            armed=self.armed,
-            mode=self.custom_mode,
-            mode_obeys=not modes or self.custom_mode in modes,
-            battery=self._battery,
-            leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
-            disobeys=self._problem[1] if self._problem[0] else "",
+            armed=self.status.armed,
+            mode=self.status.mode,
+            mode_obeys=not modes or self.status.mode in modes,
+            battery=self.status.battery,
+            leak=1 if self.status.leaks(self._now_s) else -1,
+            disobeys=self._origin.contradiction or (self._problem[1] if self._problem[0] else ""),
             depth_problem=self.gauge.problem(self._now_s),
         )
 
@@ -279,7 +272,7 @@ class VehicleLink:
             self._beat_s = min(self._beat_s, now_s)
             self._attitude_s = min(self._attitude_s, now_s)
             self._placed_s = min(self._placed_s, now_s)
-            self._leak_s = min(self._leak_s, now_s)
+            self.status.host_stepped(now_s)
             self._fix_s = min(self._fix_s, now_s)
             self.gauge.host_stepped(now_s)
             self._targets.host_stepped(now_s)
@@ -314,9 +307,8 @@ class VehicleLink:
     def _advance(self) -> None:
         self._targets.pass_reached(self._now_s, self._place)
         if self.state is LinkState.UP and self.placed and not self.gauge.settling(self._now_s):
-            ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             boot_ms = self._clock.boot_ms_at(self._now_s)
-            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.own_target_m, ardupilot)
+            self._targets.send(self._now_s, boot_ms, self.datum, self.gauge.own_target_m)
 
     def _judge(self) -> None:
         """Judges whether the autopilot carries out its targets; reports it when that changes."""
@@ -332,7 +324,7 @@ class VehicleLink:
             self._events.append(self._autopilot_state())
 
     def _autopilot_state(self) -> AutopilotState:
-        return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self._battery_v)
+        return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self.status.battery_v)
 
     def _examine(self, datagram: bytes) -> bool:
         self._examined_bytes += len(datagram)
@@ -345,14 +337,14 @@ class VehicleLink:
 
     def _on_heartbeat(self, message: Message) -> None:
         self._heard_s = self._now_s
-        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.custom_mode = int(message.custom_mode)
-        self._kind = (message.autopilot, message.type)
+        self.status.heartbeat(message)
         if self.state is LinkState.DOWN:
             self.state = LinkState.UP
             self.counts["up"] += 1
             self._events.append(LinkUp(autopilot=message.autopilot, vehicle_type=message.type))
             self._origin.ask_at_once(self._now_s)
+        report = self.report
+        self._targets.set_state(self.status.is_ardupilot, report.armed, report.mode, report.mode_obeys)
         self._events.append(self._autopilot_state())
 
     def _on_system_time(self, message: Message) -> None:
@@ -388,6 +380,7 @@ class VehicleLink:
         fix = self._raw.move(stamp_s, north_m, east_m, depth_m, float(message.vx), float(message.vy))
         if self._raw.jumps > self.counts["jumps_undone"]:
             self.counts["jumps_undone"] = self._raw.jumps
+            self._targets.doubt(self._now_s)
         self._place = AutopilotEstimate(
             stamp_s=stamp_s,
             heading_rad=float(self._attitude.yaw),
@@ -421,13 +414,16 @@ class VehicleLink:
             self.gauge.own_depth(self._now_s, -message.relative_alt / 1000.0)
         if self._place is not None:
             moved_m = 2.0 * self._config.stale_after_s * self._place.speed_mps
-            self._origin.check(message.lat, message.lon, (self._place.north_m, self._place.east_m), moved_m)
+            self._origin.check(
+                self._now_s, message.lat, message.lon, (self._place.north_m, self._place.east_m), moved_m
+            )
 
     def _on_origin(self, message: Message) -> None:
         datum = self.datum
         self._origin.take(message.latitude, message.longitude)
         if self.datum != datum:
             self.gauge.forget()
+            self._targets.origin_moved()
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
@@ -445,20 +441,23 @@ class VehicleLink:
         if message.get_type() != self._config.pressure:
             return
         has_fix = self._now_s - self._fix_s <= self._config.stale_after_s
-        self.gauge.set_state(not self.armed or (has_fix and self._targets.stopped), has_fix)
+        self.gauge.set_state(not self.status.armed or (has_fix and self._targets.stopped), has_fix)
         self.gauge.pressure(self._now_s, pressure_pa(message))
         stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
         self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
 
     def _on_system_status(self, message: Message) -> None:
-        if 0 <= message.battery_remaining <= 100:
-            self._battery = message.battery_remaining / 100.0
-        if message.voltage_battery != 0xFFFF:
-            self._battery_v = message.voltage_battery / 1000.0
+        self.status.system_status(message)
+
+    def _on_navigation(self, message: Message) -> None:
+        if self._place is not None and not self.report.problem:
+            self._targets.feedback(self._now_s, float(message.wp_dist), self._place)
 
     def _on_command_ack(self, message: Message) -> None:
         if message.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:  # requests for the origin are answered by its message
             self._targets.speed_answered(message.result)
+        elif message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
+            self._targets.restart_answered(self._now_s, message.result)
 
     def _on_mission_request(self, message: Message) -> None:
         self._targets.requested(self._now_s, message.seq)
@@ -468,13 +467,13 @@ class VehicleLink:
             self._targets.acknowledged(self._now_s, message.type)
 
     def _on_mission_current(self, message: Message) -> None:
-        self._targets.now_at_item(message.seq)
+        self._targets.now_at_item(message.seq, message.mission_state)
 
     def _on_text(self, message: Message) -> None:
-        if message.severity <= mavlink.MAV_SEVERITY_WARNING:
-            self._report_problem(f"autopilot: {message.text}")
-        if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
-            self._leak_s = self._now_s
+        if ORIGIN_REFUSED in message.text:
+            self._origin.setting_refused(self._now_s)
+        if text := self.status.text(self._now_s, message):
+            self._report_problem(f"autopilot: {text}")
 
 
 #: Handler of each message of the autopilot; others are ignored.
@@ -491,6 +490,7 @@ HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "SCALED_PRESSURE": VehicleLink._on_pressure,
     "SCALED_PRESSURE2": VehicleLink._on_pressure,
     "SCALED_PRESSURE3": VehicleLink._on_pressure,
+    "NAV_CONTROLLER_OUTPUT": VehicleLink._on_navigation,
     "COMMAND_ACK": VehicleLink._on_command_ack,
     "MISSION_REQUEST_INT": VehicleLink._on_mission_request,
     "MISSION_REQUEST": VehicleLink._on_mission_request,

@@ -16,7 +16,7 @@ from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import Altitude, AutopilotEstimate, Problem
 from auv_lse_mavlink.messages.events import Event as LinkEvent
 from auv_lse_mavlink.sounder import Sounder
-from auv_lse_mavlink.targets import TargetLimits
+from auv_lse_mavlink.targets.limits import TargetLimits
 
 #: Default speed of a serial endpoint.
 BAUD = 115200

@@ -12,7 +12,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.transforms_node import TransformPublisher
 from auv_lse_common.topics.records import GeodeticPosition, RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
-from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_common.vocabulary.mission_run import RunState, Stop
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.packet.key import read_key
@@ -21,8 +21,8 @@ from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import origin_of
 from auv_lse_mavlink.port import AutopilotPort, Event
-from auv_lse_mavlink.targets import target_limits
-from auv_lse_mavlink.waypoints import ends_to_reach, target_of
+from auv_lse_mavlink.targets.limits import target_limits
+from auv_lse_mavlink.targets.waypoints import ends_to_reach, target_of
 
 
 class VehicleLinkNode(DriverNode):
@@ -53,6 +53,7 @@ class VehicleLinkNode(DriverNode):
         self._then: Stop | None = None  # the stop after it
         self._late: list[Waypoint] = []  # received after a restart, not commanded yet
         self._has_state = False  # whether mission/state was received
+        self._had_ended = False  # whether the mission had ended before this node commanded anything: it was restarted
         self._odometry = self.publisher("odometry")
         self._origin_deg = (origin.lat_deg, origin.lon_deg) if origin else None
         self._navsat = self.publisher("navsat") if origin else None
@@ -78,7 +79,10 @@ class VehicleLinkNode(DriverNode):
         decided = step, waypoint.stamp_s
         if decided == self._last:
             return  # planner_node was restarted and has repeated its last waypoint
-        first, self._last, self._then = self._last is None, decided, waypoint.then
+        first, self._last = self._last is None, decided
+        if self._had_ended:
+            return
+        self._then = waypoint.then
         if self._late or (first and (step or decided[1] < self._started_s)):
             self._late.append(waypoint)  # this node was restarted during the mission: wait for place and state
         else:
@@ -86,8 +90,12 @@ class VehicleLinkNode(DriverNode):
         self.answer_again("vehicle_link")  # the answer to this tick did not count the waypoint
 
     def _on_state(self, report: RunReport) -> None:
+        link = self._autopilot.link
+        if report.status.state is RunState.ENDED and not link.counts["targets"]:
+            self._had_ended, self._then = True, None  # nothing moves after the end: its place may be far away now
+            self._late.clear()
         try:
-            self._autopilot.link.stop(self.now_s(), report.status.stop_after(self._then))
+            link.stop(self.now_s(), report.status.stop_after(self._then))
             self._has_state = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")

@@ -27,7 +27,7 @@ from auv_lse_mavlink.messages.datum import Datum, Origin, origin_of
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.wire import MavlinkCodec
-from auv_lse_mavlink.targets import target_limits
+from auv_lse_mavlink.targets.limits import target_limits
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 NOW_S = 1_700_000_000.0
@@ -46,6 +46,7 @@ class Autopilot:
         self.reader = mavlink.MAVLink(None)
         self.now_s = NOW_S
         self.reported = []
+        self.kind = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 
     def say(self, message, mav=None):
         mav = mav or self.mav
@@ -62,7 +63,7 @@ class Autopilot:
 
     def beat(self, armed=True):
         flags = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
-        self.say(mavlink.MAVLink_heartbeat_message(12, 3, flags, 4, mavlink.MAV_STATE_ACTIVE, 3))
+        self.say(mavlink.MAVLink_heartbeat_message(12, self.kind, flags, 4, mavlink.MAV_STATE_ACTIVE, 3))
 
     def up(self):
         self.beat()
@@ -349,7 +350,7 @@ def test_heartbeats_go_out_whether_or_not_anybody_is_heard():
 
 def test_the_link_is_lost_and_found():
     pilot = Autopilot(lost_after_s=5.0).up()
-    assert pilot.link.armed
+    assert pilot.link.status.armed
     pilot.wait(4.9, beat=False)
     assert pilot.link.state is LinkState.UP
     pilot.wait(0.3, beat=False)
@@ -359,7 +360,7 @@ def test_the_link_is_lost_and_found():
     assert len(pilot.of(events.LinkLost)) == 1
     pilot.beat(armed=False)
     assert pilot.link.state is LinkState.UP
-    assert not pilot.link.armed
+    assert not pilot.link.status.armed
     assert len(pilot.of(events.LinkUp)) == 2
 
 
@@ -453,8 +454,11 @@ def targets(pilot):
     return [(m.x, m.y) for m in pilot.heard("SET_POSITION_TARGET_LOCAL_NED")]
 
 
-def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_reached():
-    pilot = Autopilot(acceptance_m=4.0, target_period_s=1.0).up()
+@pytest.mark.parametrize("repeats", [False, True])
+def test_a_target_is_sent_at_once_and_the_next_waits_until_it_is_reached(repeats):
+    pilot = Autopilot(acceptance_m=4.0, target_period_s=1.0)
+    pilot.kind = mavlink.MAV_AUTOPILOT_GENERIC if repeats else pilot.kind
+    pilot.up()
     pilot.at(0.0, 0.0)
     pilot.link.command(pilot.now_s, A)
     assert targets(pilot) == [(20.0, 0.0)]
@@ -462,7 +466,7 @@ def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_re
     pilot.link.command(pilot.now_s, B)
     assert targets(pilot) == []
     pilot.wait(2.3)
-    assert targets(pilot) == [(20.0, 0.0)] * 2
+    assert targets(pilot) == [(20.0, 0.0)] * 2 * repeats
     pilot.at(15.9, 0.0)
     assert targets(pilot) == []
     pilot.at(16.1, 0.0)
@@ -470,7 +474,7 @@ def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_re
     assert [e.target for e in pilot.of(events.TargetSent)] == [A, B]
     pilot.at(39.9, 0.0)
     pilot.wait(1.1)
-    assert targets(pilot) == [(40.0, 0.0)]  # there is no other yet
+    assert targets(pilot) == [(40.0, 0.0)] * repeats  # there is no other yet
     assert pilot.link.targets == (B,)
 
 
@@ -541,8 +545,9 @@ def test_a_leg_that_begins_elsewhere_replaces_all_waiting_targets(mode):
 
 
 def test_setpoints_are_fast_enough_for_px4_offboard():
-    pilot = Autopilot().up()
-    pilot.link.command(pilot.now_s, A)
+    pilot = Autopilot()
+    pilot.kind = mavlink.MAV_AUTOPILOT_PX4
+    pilot.up().link.command(pilot.now_s, A)
     pilot.heard()
     pilot.wait(10.0)
     assert len(targets(pilot)) >= 10.0 * 2.5
@@ -604,16 +609,18 @@ def test_ardupilot_gets_its_home_item_first():
 
 
 def test_after_each_upload_the_first_leg_becomes_the_current_item():
-    pilot = Autopilot(mode="mission").up()  # ArduPilot: item 0 is its home; it keeps its index over uploads
+    pilot = Autopilot(mode="mission")
+    pilot.kind = mavlink.MAV_AUTOPILOT_PX4
+    pilot.up()
     for target in (A, B):
         pilot.link.command(pilot.now_s, target)
         acknowledge(pilot, selects=False)
         pilot.say(mavlink.MAVLink_mission_current_message(5))  # still the old one
         pilot.wait(2.0)  # lost: again
         chosen = pilot.heard("MISSION_SET_CURRENT")
-        assert [(m.seq, m.target_system, m.target_component) for m in chosen] == [(1, 2, 1)] * 2
+        assert [(m.seq, m.target_system, m.target_component) for m in chosen] == [(0, 2, 1)] * 2
         assert not pilot.link.quiet
-        pilot.say(mavlink.MAVLink_mission_current_message(1))
+        pilot.say(mavlink.MAVLink_mission_current_message(0))
         assert pilot.link.quiet
         assert pilot.of(events.TargetSent)[-1].target == target
 
@@ -732,7 +739,7 @@ def test_a_stop_holds_the_vehicle_where_it_was_until_it_is_lifted():
     assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED")) == [(12.0, 1.0, 4.0)]
     pilot.at(21.0, 0.0)  # it has drifted past the end of its leg
     pilot.wait(1.0)
-    assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(12.0, 1.0, 4.0)}
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED")) == [], "it holds the same place"
     pilot.link.stop(pilot.now_s, Stop(action=Action.SURFACE))
     pilot.wait(1.0)
     assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(21.0, 0.0, 0.0)}
@@ -766,7 +773,8 @@ def test_after_the_last_target_the_vehicle_does_what_it_says(then, place):
     assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == (20.0, 0.0, 4.0)
     pilot.at(19.0, 0.0)
     pilot.wait(0.5)
-    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == place
+    last = [(20.0, 0.0, 4.0), *targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))][-1]
+    assert last == place
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
@@ -905,18 +913,18 @@ def test_a_signed_message_is_accepted_once_and_forged_ones_do_not_block_genuine_
     kept = mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, mavlink.MAV_STATE_ACTIVE, 3).pack(pilot.mav)
     assert pilot.link.recognizes(kept)
     pilot.link.receive(pilot.now_s, kept)
-    assert pilot.link.custom_mode == 19
+    assert pilot.link.status.mode == 19
     pilot.beat()
-    assert pilot.link.custom_mode == 4
+    assert pilot.link.status.mode == 4
     pilot.link.receive(pilot.now_s, kept)
-    assert pilot.link.custom_mode == 4, "it came before"
+    assert pilot.link.status.mode == 4, "it came before"
     assert not pilot.link.recognizes(kept), "nor does it make its sender the peer"
     forger = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
     forger.signing.secret_key, forger.signing.sign_outgoing = bytes(32), True
     forger.signing.timestamp = pilot.mav.signing.timestamp + 10**9  # hours ahead
     pilot.link.receive(pilot.now_s, mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, 4, 3).pack(forger))
     pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, 0, 2, mavlink.MAV_STATE_ACTIVE, 3))
-    assert pilot.link.custom_mode == 2
+    assert pilot.link.status.mode == 2
 
 
 def test_a_key_of_another_length_is_refused():

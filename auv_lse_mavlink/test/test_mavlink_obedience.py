@@ -14,7 +14,7 @@ from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import AutopilotState
-from auv_lse_mavlink.targets import TargetLimits
+from auv_lse_mavlink.targets.limits import TargetLimits
 
 HOLD, SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 FAR = Target(north_m=300.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=0)

@@ -85,9 +85,9 @@ def test_a_restarted_link_hears_no_recorded_message_and_its_autopilot_at_once():
     assert sea.link.state is LinkState.DOWN, "the answers in the recording are to other questions"
     assert "no answer to TIMESYNC: a replay" in link_health(sea.link, "").text
     sea.live(2)
-    assert (sea.link.state, sea.link.custom_mode) == (LinkState.UP, 4)
+    assert (sea.link.state, sea.link.status.mode) == (LinkState.UP, 4)
     sea.replay(recorded)
-    assert sea.link.custom_mode == 4
+    assert sea.link.status.mode == 4
     sea.link.poll(sea.now_s + 1.0)
     reader = mavlink.MAVLink(None)
     sent = [m.get_type() for datagram in sea.link.outgoing() for m in reader.parse_buffer(datagram)]
@@ -99,9 +99,9 @@ def test_messages_recorded_on_another_link_of_the_autopilot_are_refused():
     recorded = [autopilot.beat(mode=19)]
     recorded[0] = Autopilot(link_id=3).beat(mode=19)
     sea = Sea(autopilot).live(2)
-    assert sea.replay(recorded).link.custom_mode == 4
+    assert sea.replay(recorded).link.status.mode == 4
     autopilot.mav.signing.link_id = 3  # a second cable
-    assert sea.replay([autopilot.beat(mode=19)]).link.custom_mode == 19
+    assert sea.replay([autopilot.beat(mode=19)]).link.status.mode == 19
 
 
 @pytest.mark.parametrize("ahead_s", [-7200.0, -30.0, 0.0, 30.0, 7200.0])

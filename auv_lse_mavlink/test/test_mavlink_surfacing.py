@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from auv_lse_mavlink.messages.conversion import Target
-from auv_lse_mavlink.surfacing import AT_DEPTH_M, FIX_S, LONGEST_S, SURFACED_M, Stage, Surfacing
+from auv_lse_mavlink.targets.surfacing import AT_DEPTH_M, FIX_S, LONGEST_S, SURFACED_M, Stage, Surfacing
 
 END = Target(north_m=100.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1, surface=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import dataclasses
 import itertools
 import math
 import socket
@@ -30,8 +31,8 @@ from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_comms import driver_node
 from auv_lse_mavlink.messages.events import AutopilotEstimate
+from auv_lse_mavlink.targets.waypoints import ends_to_reach
 from auv_lse_mavlink.vehicle_link_node import VehicleLinkNode
-from auv_lse_mavlink.waypoints import ends_to_reach
 from auv_lse_msgs.msg import Sounding, Waypoint
 
 pytestmark = pytest.mark.ros
@@ -120,6 +121,28 @@ def test_a_restarted_link_sends_no_target_before_it_has_the_missions_state(tmp_p
         s.node._on_state(RunReport(stamp_s=1.0, revision=1, status=held))
         s.node.on_event(here)
         assert [target.step for target in link.targets] == [7], "for when it goes on"
+
+
+@pytest.mark.parametrize("state_first", [True, False])
+def test_a_link_that_is_restarted_after_the_end_sends_the_vehicle_nowhere(tmp_path: Path, state_first: bool) -> None:
+    here = AutopilotEstimate(
+        stamp_s=1.0, heading_rad=0.0, north_m=110.0, east_m=1.0, depth_m=0.0, speed_mps=0.0, yaw_rate_radps=0.0
+    )
+    surface = Stop(action=Action.SURFACE)
+    ended = RunReport(stamp_s=1.0, revision=1, status=RunStatus(state=RunState.ENDED, stop=surface))
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
+        link = s.node._autopilot.link
+        old = dataclasses.replace(
+            decode_waypoint(Waypoint(step=7, straight_m=20.0, turn_radius_m=15.0, end_north_m=20.0)), then=surface
+        )
+        if state_first:
+            s.node._on_state(ended)
+        s.node._on_waypoint(old)
+        for _ in range(2):
+            s.node._on_state(ended)
+            s.node.on_event(here)
+        assert link.targets == ()
+        assert link._targets.stopped, "it stays at the surface, where it is"
 
 
 def test_a_restarted_link_takes_no_short_cut_to_a_newer_waypoint(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from auv_lse_mavlink.messages.wire import Message, mavlink
 ORIGIN_PERIOD_S = 2.0
 #: An autopilot that had an origin before the link was lost is asked for this long (s) before one is set again.
 ASK_AGAIN_S = 30.0
+#: Local and global position may contradict each other for this long (s) after the origin was requested again.
+CONTRADICTS_S = 5.0
 #: Distance from the mission's origin above which the autopilot's origin is reported (m).
 ORIGIN_TOLERANCE_M = 1.0
 #: Distance from the mission's origin above which the autopilot's origin is refused (m).
@@ -24,6 +26,7 @@ class OriginExchange:
 
     Attributes:
         datum: The mission's origin and the autopilot's.
+        contradiction: How local and global position contradict each other; "" if they agree, or for `CONTRADICTS_S`.
     """
 
     def __init__(
@@ -46,6 +49,9 @@ class OriginExchange:
             counts: Counter for "origin_set" and "origins_refused".
         """
         self.datum = Datum(mission)
+        self.contradiction = ""
+        self._contradicts_s = math.nan  # since when they do
+        self._set_from_s = -math.inf  # time from which an origin may be set
         self._autopilot, self._set_origin = autopilot, set_origin
         self._send, self._report, self._counts = send, report, counts
         self._asked_s = -math.inf
@@ -63,13 +69,20 @@ class OriginExchange:
         self._had = not rebooted and (self._had or self.datum.autopilot is not None)
         self._asking_s = -math.inf
         self.datum = Datum(self.datum.mission)
+        self.contradiction, self._contradicts_s = "", math.nan
         self._refused = None
         self._asked_s = -math.inf
+
+    def setting_refused(self, now_s: float) -> None:
+        """The autopilot takes no origin: it has one, or waits for its GPS. It is asked for it, and sets it later."""
+        self._set_from_s = now_s + ASK_AGAIN_S
 
     def host_stepped(self, now_s: float) -> None:
         """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._asked_s = min(self._asked_s, now_s)
         self._asking_s = min(self._asking_s, now_s)
+        self._set_from_s = min(self._set_from_s, now_s + ASK_AGAIN_S)
+        self._contradicts_s = now_s if self._contradicts_s > now_s else self._contradicts_s
 
     def ask_at_once(self, now_s: float) -> None:
         """Requests the origin now if it is unknown: the autopilot has just been found."""
@@ -78,15 +91,17 @@ class OriginExchange:
 
     def poll(self, now_s: float) -> None:
         """Requests the origin if it is time; sets it if the autopilot did not answer before."""
-        if self.datum.autopilot is not None or now_s - self._asked_s < ORIGIN_PERIOD_S:
+        agrees = self.datum.autopilot is not None and math.isnan(self._contradicts_s)
+        if agrees or now_s - self._asked_s < ORIGIN_PERIOD_S:
             return
         first = math.isinf(self._asked_s)
         self._asked_s = now_s
         if math.isinf(self._asking_s):
             self._asking_s = now_s
         mission = self.datum.mission
-        answers_late = self._had and now_s - self._asking_s < ASK_AGAIN_S
-        if not first and self._set_origin and mission is not None and self._refused is None and not answers_late:
+        answers_late = (self._had and now_s - self._asking_s < ASK_AGAIN_S) or now_s < self._set_from_s
+        has_none = self.datum.autopilot is None and self._refused is None
+        if not first and self._set_origin and mission is not None and has_none and not answers_late:
             self._set(mission)
         self._send(
             mavlink.MAVLink_command_long_message(
@@ -133,24 +148,35 @@ class OriginExchange:
                 f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: corrected"
             )
 
-    def check(self, lat_e7: int, lon_e7: int, place_m: tuple[float, float], moved_m: float) -> None:
-        """Counts, and reports once, a global position (1e-7 deg) that contradicts the local one.
+    def check(self, now_s: float, lat_e7: int, lon_e7: int, place_m: tuple[float, float], moved_m: float) -> None:
+        """Compares a global position (1e-7 deg; 0, 0: unknown) with the local one.
+
+        If they contradict each other, the origin has moved unnoticed: it is requested again. If they still do after
+        `CONTRADICTS_S`, `contradiction` says so.
 
         Args:
+            now_s: The host's clock.
             lat_e7: Latitude.
             lon_e7: Longitude.
             place_m: North, east of the local position (m).
             moved_m: How far the vehicle may have moved between both (m).
         """
-        if self.datum.mission is None:
+        if self.datum.mission is None or (lat_e7 == 0 and lon_e7 == 0):
             return
         place = self.datum.from_geodetic(lat_e7, lon_e7)
         apart_m = math.dist(place, place_m)
         if apart_m <= ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(*place):
+            self.contradiction, self._contradicts_s = "", math.nan
             return
         self._counts["datum_mismatch"] += 1
-        if self._counts["datum_mismatch"] == 1:
+        if math.isnan(self._contradicts_s):
+            self._contradicts_s = now_s
             self._report(f"local and global position are {apart_m:.1f} m apart: check the origin (datum {self.datum})")
+        if now_s - self._contradicts_s >= CONTRADICTS_S:
+            self.contradiction = (
+                f"the autopilot's local and global position are {apart_m:.1f} m apart: its origin has moved. Restart "
+                "the autopilot, or set its origin again"
+            )
 
     def _refuse(self, origin: Origin, offset_m: float) -> None:
         """Counts an implausible origin, and reports it once; the autopilot's frame is unknown then."""

@@ -2,17 +2,22 @@
 
 state      what happens                          next
 IDLE       start(items)                          COUNTED    MISSION_COUNT sent
-COUNTED    MISSION_REQUEST_INT 0                 GIVING     item 0 sent
-GIVING     MISSION_REQUEST_INT n                 GIVING     item n sent; a repeated request is answered again
+COUNTED    MISSION_REQUEST or _INT 0             GIVING     item 0 sent
+GIVING     MISSION_REQUEST or _INT n             GIVING     item n sent; a repeated request is answered again
 COUNTED, GIVING
-           MISSION_ACK accepted                  SELECTING  MISSION_SET_CURRENT sent, as autopilots keep their index
+           MISSION_ACK accepted                  SELECTING  the first item made current, as autopilots keep their index
            MISSION_ACK other                     FAILED     with the result
-SELECTING  MISSION_CURRENT of that item          DONE
+SELECTING  command refused                       the same   MISSION_SET_CURRENT sent instead
+SELECTING  MISSION_CURRENT of that item, and     DONE
+           its mission is not stopped
 COUNTED, GIVING, SELECTING
            no answer for `timeout_s`            the same   the last message sent again, `retries` times
            no answer after that                  FAILED     "no answer"
 DONE, FAILED
            start(items)                          COUNTED
+
+MISSION_SET_CURRENT makes an item the current one. ArduPilot does not restart a completed mission with it, although it
+accepts the next one; it needs the command DO_SET_MISSION_CURRENT with a reset. Older ArduPilots lack that command.
 """
 
 from __future__ import annotations
@@ -24,6 +29,8 @@ from auv_lse_mavlink.messages.wire import Message, mavlink
 
 #: MAV_MISSION_RESULT in words.
 RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_MISSION_RESULT"].items()}
+#: MISSION_STATE of a mission that an autopilot does not fly.
+_STOPPED = (mavlink.MISSION_STATE_NO_MISSION, mavlink.MISSION_STATE_NOT_STARTED, mavlink.MISSION_STATE_PAUSED)
 
 
 class UploadState(enum.Enum):
@@ -59,6 +66,7 @@ class MissionUpload:
         self._retries = retries
         self._items: tuple[Message, ...] = ()
         self._first = 0
+        self._restarts = False  # whether the command makes the first item the current one
         self._last: Message | None = None
         self._sent_s = 0.0
         self._repeats = 0
@@ -68,8 +76,10 @@ class MissionUpload:
         """Whether an upload is in progress."""
         return self.state in (UploadState.COUNTED, UploadState.GIVING, UploadState.SELECTING)
 
-    def start(self, now_s: float, items: Sequence[Message], first: int = 0) -> None:
+    def start(self, now_s: float, items: Sequence[Message], first: int = 0, restarts: bool = False) -> None:
         """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0); the vehicle begins with item `first`.
+
+        With `restarts` a command restarts the mission there, as ArduPilot needs it.
 
         Raises:
             ValueError: if there are none.
@@ -79,7 +89,7 @@ class MissionUpload:
             raise ValueError("mission: got no items; expected at least one")
         if self.busy:
             raise RuntimeError("mission upload: started while another is in progress")
-        self._items, self._first = tuple(items), first
+        self._items, self._first, self._restarts = tuple(items), first, restarts
         self.state = UploadState.COUNTED
         self.problem = ""
         self._repeats = 0
@@ -104,15 +114,38 @@ class MissionUpload:
         if result == mavlink.MAV_MISSION_ACCEPTED:
             self.state = UploadState.SELECTING
             self._repeats = 0
-            self._ask(now_s, mavlink.MAVLink_mission_set_current_message(*self._to, self._first))
+            self._select(now_s)
         else:
             self._fail(f"the autopilot refused the mission: {RESULTS.get(result, result)}")
 
-    def current(self, number: int) -> None:
-        """The autopilot reports its current item."""
-        if self.state is UploadState.SELECTING and number == self._first:
+    def restart_answered(self, now_s: float, result: int) -> None:
+        """The autopilot accepts or refuses the command that makes an item the current one (MAV_RESULT)."""
+        accepted = result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
+        if self.state is UploadState.SELECTING and self._restarts and not accepted:
+            self._restarts = False
+            self._select(now_s)
+
+    def current(self, number: int, state: int = 0, flies: bool = False) -> None:
+        """The autopilot reports its current item.
+
+        Args:
+            number: The item.
+            state: State of its mission (MISSION_STATE); 0: unknown.
+            flies: Whether the autopilot is armed, and in the mode in which it flies missions.
+        """
+        stopped = state == mavlink.MISSION_STATE_COMPLETE or (flies and state in _STOPPED)
+        if self.state is UploadState.SELECTING and number == self._first and not (self._restarts and stopped):
             self.state = UploadState.DONE
             self.uploads += 1
+
+    def _select(self, now_s: float) -> None:
+        """Makes the first item the current one."""
+        if self._restarts:
+            item, resets = float(self._first), 1.0
+            command = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
+            self._ask(now_s, mavlink.MAVLink_command_long_message(*self._to, command, 0, item, resets, *(0.0,) * 5))
+        else:
+            self._ask(now_s, mavlink.MAVLink_mission_set_current_message(*self._to, self._first))
 
     def poll(self, now_s: float) -> None:
         """Repeats the last message if it was not answered in time."""

@@ -6,14 +6,18 @@ Targets arrive in order, each before the previous one is reached. A target with 
 and all later ones. A target whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces
 all: the planner has dropped that leg and plans from the vehicle's place. The first target is the current one; the next
 replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one
-is sent at once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first is
-made the current item, because autopilots keep their index.
+is sent at once, and again as the autopilot needs it (`delivery.py`). In mode "mission" all are uploaded whenever one is
+added, and when the autopilot is armed or enters the mode; the first is made the current item, because autopilots keep
+their index.
 
 If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same place is
 sent at the surface, then at its depth, and later targets wait.
 
 A stop replaces all targets until it is lifted: it is a target at the vehicle's place when the stop arrived, the same at
 the surface, or a place to go to. Then the current target, or the mission, is sent again.
+
+A vehicle that holds, surfaces or has ended its mission stays where it is: when the autopilot is armed, changes its
+mode, reboots or returns, the target is the vehicle's place at that time, because somebody may have moved it.
 
 A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
 
@@ -25,90 +29,26 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
-from auv_lse_common.mission_file.parameters import is_given, section
-from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.mission_file.sections.mission import MotionConfig
-from auv_lse_common.mission_file.sections.safety import SafetyConfig
-from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
-from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_mavlink.messages.conversion import Target, mission_item, position_target, speed_command
 from auv_lse_mavlink.messages.datum import Datum
 from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
 from auv_lse_mavlink.messages.wire import Message, mavlink
-from auv_lse_mavlink.obedience import IGNORED_S, Obedience
-from auv_lse_mavlink.surfacing import LONGEST_S, Stage, Surfacing
-from auv_lse_mavlink.upload import MissionUpload, UploadState
+from auv_lse_mavlink.targets.delivery import Delivery
+from auv_lse_mavlink.targets.limits import TargetLimits
+from auv_lse_mavlink.targets.obedience import IGNORED_S, Obedience
+from auv_lse_mavlink.targets.surfacing import LONGEST_S, Stage, Surfacing
+from auv_lse_mavlink.targets.upload import MissionUpload, UploadState
 
-#: Default depth (m) of a vehicle without `vehicle.depth_m`.
-DEFAULT_DEPTH_M = 5.0
 #: MAV_RESULT in words.
 RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
+#: A vehicle that stops keeps its target's depth if it is within this (m) of it, else its own.
+STOPPED_M = 1.0
 #: Largest number of waiting targets, and of the items of an uploaded mission.
 MAX_TARGETS = 64
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class TargetLimits:
-    """Limits of targets.
-
-    Attributes:
-        fence: Where they must lie; None: anywhere.
-        deepest_m: Greatest depth (m).
-        turn_radius_m: Turn radius (m).
-        is_afloat: Whether the vehicle travels at the surface only (`vehicle.depth_m: 0`).
-    """
-
-    fence: Fence | None = None
-    deepest_m: float = math.inf
-    turn_radius_m: float = MotionConfig().turn_radius_m
-    is_afloat: bool = False
-
-    def check(self, target: Target, place: AutopilotEstimate | None) -> None:
-        """Checks a target; one that leads a vehicle outside the fence back towards it passes.
-
-        Raises:
-            ValueError: naming the limit and the value.
-        """
-        if target.depth_m > self.deepest_m:
-            raise ValueError(
-                f"target of step {target.step}: got depth {target.depth_m:.1f} m; expected at most "
-                f"{self.deepest_m:.1f} m (safety.max_depth_m)"
-            )
-        if self.fence is None:
-            return
-        outside_m = self.fence.outside_m(target.north_m, target.east_m)
-        allowed_m = self.fence.margin_m
-        if place is not None:
-            allowed_m = max(allowed_m, self.fence.outside_m(place.north_m, place.east_m))
-        if outside_m > allowed_m:
-            raise ValueError(
-                f"target of step {target.step}: got a place {outside_m:.0f} m outside the area (north "
-                f"{target.north_m:.0f}, east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m "
-                "(safety.fence_margin_m)"
-            )
-
-
-def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
-    """The limits of a vehicle's targets, from the sections `area`, `safety` and `vehicle`; `where` is for messages.
-
-    Raises:
-        ParameterError: if one of these sections cannot be used.
-    """
-    safety = section(SafetyConfig, parameters, "safety", where)
-    area = section(AreaConfig, parameters, "area", where)
-    vehicle = section(VehicleConfig, parameters, "vehicle", where)
-    depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEFAULT_DEPTH_M
-    has_fence = is_given(parameters, "area.polygon_m")
-    fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
-    radius_m = section(MotionConfig, parameters, "motion", where).turn_radius_m
-    return TargetLimits(
-        fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m, is_afloat=depth_m == 0.0
-    )
 
 
 class TargetSender:
@@ -136,7 +76,11 @@ class TargetSender:
         self._surfaced_at: int | None = None  # step of the target at which the vehicle surfaced last
         self._stop: Stop | None = None
         self._stopped_at: Target | None = None
-        self._unsent = False  # whether the current target, or the mission, must be sent
+        self._unsent = False  # whether another target was chosen, or the mission must be sent
+        self._delivery = Delivery(config.target_period_s)
+        self._has_ended = False  # whether the vehicle has reached the mission's last target, or a stop's place to go to
+        self._stays = False  # whether its target is the place where it is found next
+        self._autopilot_state = (False, -1)  # armed, mode
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
         self._speed_mps = math.nan  # the last one sent
@@ -154,13 +98,20 @@ class TargetSender:
     @property
     def settled(self) -> bool:
         """Whether no answer is pending and nothing waits to be sent."""
-        return not self._upload.busy and not self._unsent
+        waits = self._unsent and (self._is_mission or not self._delivery.once or self._delivery.may_follow)
+        return not self._upload.busy and not waits
+
+    @property
+    def _is_mission(self) -> bool:
+        return self._config.mode == "mission"
 
     @property
     def current(self) -> Target | None:
         """The target to go to now; None: there is none, or the place of a stop is unknown yet."""
         if self._stop is not None:
             return self._stopped_at
+        if self._stays:
+            return None
         if self._surfacing is not None:
             return self._surfacing.target
         return self._targets[0] if self._targets else None
@@ -182,7 +133,8 @@ class TargetSender:
     def watch(self, now_s: float, place: AutopilotEstimate | None) -> None:
         """Compares an estimate with the current target; None: it cannot be compared now.
 
-        While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`.
+        While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`, a position target is sent
+        again as `delivery.py` says.
         """
         target = self.current
         if place is None or target is None or not (self.settled or self._obedience.problem):
@@ -191,8 +143,24 @@ class TargetSender:
         stopped = self._stop is not None and self._stop.action is Action.HOLD
         diving = self._stop is None and self._surfacing is not None and not target.at_surface
         self._obedience.update(now_s, target, stopped, diving, place)
-        if self._obedience.problem and now_s - self._target_s >= IGNORED_S:
-            self._unsent = True
+        if self._obedience.problem and self._is_mission:
+            self._unsent = self._unsent or now_s - self._target_s >= IGNORED_S
+        elif self._obedience.problem or self._obedience.slow:
+            self._delivery.doubt(now_s)
+
+    def feedback(self, now_s: float, wp_dist_m: float, place: AutopilotEstimate) -> None:
+        """Takes the distance (m) to its target that the autopilot reports, and an estimate of the same time."""
+        if (target := self.current) is not None and not self._is_mission:
+            apart_m = math.dist((target.north_m, target.east_m), (place.north_m, place.east_m))
+            self._delivery.feedback(now_s, wp_dist_m, apart_m, place.speed_mps)
+
+    def origin_moved(self) -> None:
+        """The autopilot's frame has moved: its target was in the old one."""
+        self._delivery.forget()
+
+    def doubt(self, now_s: float) -> None:
+        """The autopilot's estimate has jumped: it may have lost its target."""
+        self._delivery.doubt(now_s)
 
     def add(self, target: Target, place: AutopilotEstimate | None) -> None:
         """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
@@ -217,7 +185,8 @@ class TargetSender:
             self._report(Problem(text=f"more than {MAX_TARGETS} targets wait: dropped the oldest"))
         self._targets.append(target)
         self._counts["targets"] += 1
-        if self._config.mode == "mission" or len(self._targets) == 1:
+        self._has_ended = self._stays = False
+        if self._is_mission or len(self._targets) == 1:
             self._unsent = True
         if target.then is not None and target.then.action is not Action.HOLD:  # autopilots hold at the last target
             self._targets.append(_follows(target, target.then))
@@ -239,6 +208,7 @@ class TargetSender:
         if stop == self._stop:
             return
         self._stop, self._stopped_at = stop, None
+        self._has_ended = self._has_ended and self._stops_here
         self._unsent = stop is None and bool(self._targets)
 
     def resend(self) -> None:
@@ -246,12 +216,41 @@ class TargetSender:
         self._upload.abandon("link lost, or autopilot rebooted")
         self._watch_upload()
         self._unaccepted_s = math.nan
-        self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
+        self._autopilot_state = (False, -1)
+        self._renew()
+
+    def set_state(self, ardupilot: bool, armed: bool, mode: int, obeys: bool) -> None:
+        """Takes the autopilot's state: it forgets target and speed when it is armed or enters a mode.
+
+        Args:
+            ardupilot: Whether it is ArduPilot.
+            armed: Whether it is armed.
+            mode: Its flight mode.
+            obeys: Whether it follows targets in that mode.
+        """
+        self._delivery.once, self._delivery.may_follow = ardupilot, armed and obeys
+        if self._delivery.may_follow and (armed, mode) != self._autopilot_state:
+            self._renew()
+        self._autopilot_state = (armed, mode)
+
+    def _renew(self) -> None:
+        """Sends target and speed again, or takes the vehicle's place as its target."""
         self._speed_mps, self.refused_speed = math.nan, ""
+        self._delivery.forget()
+        if self._stop is not None and (self._has_ended or self._stop.action is not Action.GO_TO):
+            self._stopped_at = None
+        elif self._stop is None and self._has_ended:
+            self._stays = True
+        self._unsent = self.current is not None
+
+    @property
+    def _stops_here(self) -> bool:
+        return self._stop is None or self._stop.action is not Action.GO_TO
 
     def host_stepped(self, now_s: float) -> None:
         """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._target_s = min(self._target_s, now_s)
+        self._delivery.host_stepped(now_s)
         self._unaccepted_s = now_s if self._unaccepted_s > now_s else self._unaccepted_s
         if self._surfacing is not None:
             self._surfacing.host_stepped(now_s)
@@ -281,9 +280,13 @@ class TargetSender:
             self._counts["speeds_refused"] += 1
             self.refused_speed = RESULTS.get(result, str(result))
 
-    def now_at_item(self, number: int) -> None:
-        """The autopilot reports its current item."""
-        self._upload.current(number)
+    def restart_answered(self, now_s: float, result: int) -> None:
+        """The autopilot accepts or refuses to make an item of the mission the current one (MAV_RESULT)."""
+        self._upload.restart_answered(now_s, result)
+
+    def now_at_item(self, number: int, state: int) -> None:
+        """The autopilot reports its current item, and the mission's state (MISSION_STATE; 0: unknown)."""
+        self._upload.current(number, state, self._delivery.may_follow)
         self._watch_upload()
 
     def gps(self, now_s: float, has_fix: bool) -> None:
@@ -294,10 +297,16 @@ class TargetSender:
     def pass_reached(self, now_s: float, place: AutopilotEstimate | None) -> None:
         """Drops reached targets, begins surfacings, and determines the place of a stop."""
         if self._stop is not None:
-            if self._stopped_at is None and place is not None:
-                self._stopped_at = self._place_of(self._stop, place)
-                self._unsent = True
+            if place is not None:
+                self._stop_at(self._stop, place)
             return
+        if self._stays and place is not None:
+            self._targets[0] = dataclasses.replace(
+                self._targets[0], north_m=place.north_m, east_m=place.east_m, heading_rad=place.heading_rad
+            )
+            if not self._targets[0].at_surface:
+                self._targets[0] = dataclasses.replace(self._targets[0], depth_m=place.depth_m)
+            self._stays, self._unsent = False, True
         if place is None or (self._surfacing is not None and not self._surfaced(now_s, self._surfacing, place)):
             return
         while self._targets and self._reached(self._targets[0], place):
@@ -307,11 +316,21 @@ class TargetSender:
                 self._counts["surfacings"] += 1
                 return
             if len(self._targets) == 1:
+                self._has_ended = self._has_ended or not self.under_way
                 return
             self._targets.popleft()
             self._counts["reached"] += 1
-            if self._config.mode == "position_target":
+            if not self._is_mission:
                 self._unsent = True
+
+    def _stop_at(self, stop: Stop, place: AutopilotEstimate) -> None:
+        """Determines the place of a stop."""
+        if self._stopped_at is None:
+            here = Stop(action=Action.HOLD) if self._has_ended and stop.action is Action.GO_TO else stop
+            self._stopped_at = self._place_of(here, place)
+            self._unsent = True
+        if stop.action is Action.GO_TO:
+            self._has_ended = self._has_ended or self._reached(self._stopped_at, place)
 
     def _surfaced(self, now_s: float, surfacing: Surfacing, place: AutopilotEstimate) -> bool:
         """Advances a surfacing; returns whether it is over."""
@@ -325,9 +344,7 @@ class TargetSender:
         self._unsent = True
         return surfacing.stage is Stage.OVER
 
-    def send(
-        self, now_s: float, boot_ms: int, datum: Datum, own_depth: Callable[[float], float], ardupilot: bool
-    ) -> None:
+    def send(self, now_s: float, boot_ms: int, datum: Datum, own_depth: Callable[[float], float]) -> None:
         """Sends what is due; call it only if the autopilot is heard and its frame is known.
 
         Args:
@@ -335,24 +352,31 @@ class TargetSender:
             boot_ms: The autopilot's time since boot.
             datum: The mission's origin and the autopilot's.
             own_depth: Converts a depth (m) to the autopilot's own.
-            ardupilot: Whether missions begin with a home.
         """
         current = self.current
         if current is None:
             return
-        if self._config.mode == "position_target":
-            self._send_position_target(now_s, boot_ms, datum, current, own_depth)
-        else:
+        if self._is_mission:
             later = self._stop is None and self._surfacing is None
-            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth, ardupilot)
+            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth)
+        else:
+            self._send_position_target(now_s, boot_ms, datum, current, own_depth)
 
     def _send_position_target(
         self, now_s: float, boot_ms: int, datum: Datum, target: Target, own_depth: Callable[[float], float]
     ) -> None:
-        if not self._unsent and now_s - self._target_s < self._config.target_period_s:
+        own = _shifted(target, own_depth)
+        north_m, east_m = datum.to_local_ned(target.north_m, target.east_m)
+        in_its_frame = dataclasses.replace(own, north_m=north_m, east_m=east_m)
+        if not self._delivery.is_due(now_s, in_its_frame, self._unsent):
+            self._unsent = self._unsent and not self._delivery.may_follow
             return
+        if self._delivery.is_doubtful:
+            self._speed_mps = math.nan
+            self._counts["targets_forgotten"] += 1
         self._send_speed(target)
-        self._send(position_target(_shifted(target, own_depth), datum, boot_ms, *self._autopilot))
+        self._send(position_target(own, datum, boot_ms, *self._autopilot))
+        self._delivery.sent(now_s, in_its_frame)
         self._counts["target_messages"] += 1
         if self._unsent:
             self._counts["targets_sent"] += 1
@@ -366,7 +390,6 @@ class TargetSender:
         datum: Datum,
         wanted: tuple[Target, ...],
         own_depth: Callable[[float], float],
-        ardupilot: bool,
     ) -> None:
         if self._upload.busy or not self._unsent:
             return
@@ -377,13 +400,13 @@ class TargetSender:
         if math.isnan(self._unaccepted_s):
             self._unaccepted_s = now_s
         self._uploading, self._furthest = wanted, -1
-        self._send_speed(wanted[0])
+        ardupilot = self._delivery.once
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
             mission_item(_shifted(end, own_depth), datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
         ]
-        self._upload.start(now_s, items, first=int(ardupilot))
+        self._upload.start(now_s, items, first=int(ardupilot), restarts=ardupilot)
 
     def _send_speed(self, target: Target) -> None:
         if math.isfinite(target.speed_mps) and target.speed_mps != self._speed_mps:
@@ -398,6 +421,7 @@ class TargetSender:
         if self._upload.state is UploadState.DONE:
             self._counts["uploads"] += 1
             self._unaccepted_s, self._refusal = math.nan, ""
+            self._send_speed(self._uploading[0])  # a mission that begins would reset an earlier one
             self._report(TargetSent(target=self._uploading[-1]))
         else:
             self._counts["uploads_failed"] += 1
@@ -408,6 +432,8 @@ class TargetSender:
 
     def _place_of(self, stop: Stop, place: AutopilotEstimate) -> Target:
         depth_m = self._targets[0].depth_m if self._targets else place.depth_m
+        if abs(depth_m - place.depth_m) > STOPPED_M:
+            depth_m = place.depth_m
         here = Target(north_m=place.north_m, east_m=place.east_m, depth_m=depth_m, heading_rad=place.heading_rad)
         return _follows(here, stop)
 
@@ -433,7 +459,12 @@ def _follows(target: Target, stop: Stop) -> Target:
         north_m, east_m = stop.place_m
         heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
         return dataclasses.replace(
-            target, north_m=north_m, east_m=east_m, heading_rad=heading_rad, step=target.step + 1, then=None
+            target,
+            north_m=north_m,
+            east_m=east_m,
+            heading_rad=heading_rad,
+            step=target.step + 1,
+            then=Stop(action=Action.HOLD),
         )
     up = stop.action is Action.SURFACE
     depth_m = 0.0 if up else target.depth_m

@@ -21,7 +21,7 @@ import math
 from auv_lse_common.vocabulary.frames import wrap_pi
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate
-from auv_lse_mavlink.surfacing import AT_DEPTH_M
+from auv_lse_mavlink.targets.surfacing import AT_DEPTH_M
 
 #: A target, a stop or a mission that has been refused or ignored for this long (s) is reported.
 IGNORED_S = 5.0

@@ -1,0 +1,81 @@
+"""What an autopilot reports about itself: mode, arming, battery, leak, and texts for the operator."""
+
+from __future__ import annotations
+
+import math
+
+from auv_lse_mavlink.messages.wire import Message, mavlink
+
+#: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
+#: safety watch keeps the limit tripped until RESET.
+LEAK_REPORTED_S = 50.0
+#: Texts that ArduPilot sends as warnings in normal operation: after each upload while it flies a mission.
+ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
+#: A warning that repeats itself is reported again after this time (s); so many are remembered.
+TEXT_AGAIN_S, MOST_TEXTS = 60.0, 64
+#: ArduPilot's answer to an origin while it has one, or waits for GPS.
+ORIGIN_REFUSED = "refusing set origin"
+
+
+class AutopilotStatus:
+    """The state that one autopilot reports.
+
+    Attributes:
+        armed: Whether it is armed.
+        mode: Number of its flight mode, in its own numbering; -1 while unknown.
+        kind: MAV_AUTOPILOT and MAV_TYPE.
+        battery: Charge left, 0 to 1; NaN unknown.
+        battery_v: Its voltage (V); NaN unknown.
+    """
+
+    def __init__(self) -> None:
+        """Starts unknown."""
+        self.armed, self.mode = False, -1
+        self.kind: tuple[int, int] = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
+        self.battery = self.battery_v = math.nan
+        self._leak_s = -math.inf
+        self._texts: dict[str, float] = {}  # warnings, and when they were returned
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """Whether it is ArduPilot."""
+        return bool(self.kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+
+    def heartbeat(self, message: Message) -> None:
+        """Takes a HEARTBEAT."""
+        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.mode = int(message.custom_mode)
+        self.kind = (message.autopilot, message.type)
+
+    def system_status(self, message: Message) -> None:
+        """Takes a SYS_STATUS."""
+        if 0 <= message.battery_remaining <= 100:
+            self.battery = message.battery_remaining / 100.0
+        if message.voltage_battery != 0xFFFF:
+            self.battery_v = message.voltage_battery / 1000.0
+
+    def text(self, now_s: float, message: Message) -> str:
+        """Takes a STATUSTEXT; returns the text if an operator should read it, else "".
+
+        A text that repeats itself is returned once in `TEXT_AGAIN_S`.
+        """
+        if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
+            self._leak_s = now_s
+        text = str(message.text)
+        if message.severity > mavlink.MAV_SEVERITY_WARNING or text in ROUTINE_TEXTS:
+            return ""
+        if now_s - self._texts.get(text, -math.inf) < TEXT_AGAIN_S:
+            return ""
+        if len(self._texts) == MOST_TEXTS:
+            del self._texts[next(iter(self._texts))]
+        self._texts[text] = now_s
+        return text
+
+    def leaks(self, now_s: float) -> bool:
+        """Whether it has reported a leak lately."""
+        return now_s - self._leak_s < LEAK_REPORTED_S
+
+    def host_stepped(self, now_s: float) -> None:
+        """Adjusts stored times after the host's clock was set back to `now_s`."""
+        self._leak_s = min(self._leak_s, now_s)
+        self._texts.clear()
