@@ -88,8 +88,8 @@ class LinkConfig:
         0.2,
         unit="s",
         above=0.0,
-        help="position_target: repetition period of the current target, which PX4 Offboard needs within 0.5 s; ArduPilot"
-        " gets each target once",
+        help="position_target: repetition period of the current target, which PX4 Offboard needs within 0.5 s; "
+        "ArduPilot gets each target once",
     )
     upload_timeout_s: float = parameter(
         1.5, unit="s", above=0.0, help="mission: time without a request of the autopilot before an upload is repeated"
