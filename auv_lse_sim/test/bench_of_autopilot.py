@@ -27,7 +27,7 @@ class Bench:
         """`guided`: armed and in GUIDED, heard by the link."""
         values = {"parameters": as_the_guide_says(personality, LINK), "feeds": False} | setup
         self.autopilot = ArduPilot(
-            1, (0.0, 0.0, 0.0), 15.0, ORIGIN, lambda pilot: None, Setup(personality=personality, **values)
+            1, (0.0, 0.0, 0.0), ORIGIN, lambda pilot: None, Setup(personality=personality, **values)
         )
         self.now_s, self.beats, self.gps = 1000.0, True, True
         self.said: list[tuple[float, Any]] = []

@@ -99,8 +99,8 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) ->
         operator_mode=personality.auto if link.mode == "mission" else personality.guided,
         patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),
     )
-    system, radius_m = link.autopilot_system_id or k, settings.motion.turn_radius_m
-    return ArduPilot(system, _start(settings, k), radius_m, origin, lambda pilot: body.pilot(k, pilot), setup)
+    system = link.autopilot_system_id or k
+    return ArduPilot(system, _start(settings, k), origin, lambda pilot: body.pilot(k, pilot), setup)
 
 
 def _endpoint(endpoint: str) -> str:

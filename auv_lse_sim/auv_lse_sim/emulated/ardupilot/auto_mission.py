@@ -12,7 +12,11 @@ any                                     the mission is cleared                  
 
 from __future__ import annotations
 
-from auv_lse_mavlink.messages.wire import Message
+from collections.abc import Sequence
+
+from auv_lse_mavlink.messages.conversion import target_of_item
+from auv_lse_mavlink.messages.datum import Datum
+from auv_lse_mavlink.messages.wire import Message, mavlink
 
 NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 1, 2, 3, 4, 5
 
@@ -86,3 +90,14 @@ class AutoMission:
             self.state = COMPLETE
         else:
             self.current += 1
+
+
+def can_fly(items: Sequence[Message], datum: Datum) -> bool:
+    """Whether every waypoint among the items can be converted to a place; commands to a camera or gimbal can."""
+    try:
+        for item in items:
+            if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
+                target_of_item(item, datum)
+    except ValueError:
+        return False
+    return True

@@ -19,7 +19,7 @@ import numpy as np
 from auv_lse_mavlink.messages.conversion import Target, target_of_item, target_of_position
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
-from auv_lse_sim.emulated.ardupilot.auto_mission import ACTIVE, COMPLETE, AutoMission
+from auv_lse_sim.emulated.ardupilot.auto_mission import ACTIVE, COMPLETE, AutoMission, can_fly
 from auv_lse_sim.emulated.ardupilot.commands import COMMANDS, MESSAGES
 from auv_lse_sim.emulated.ardupilot.estimator import Estimator
 from auv_lse_sim.emulated.ardupilot.failsafe import INFO, WARNING, Failsafes, Response
@@ -38,8 +38,10 @@ from auv_lse_sim.emulated.mission_protocol import MissionProtocol
 TIMESYNC_S, ELEVATION_S, RUNTIME_S, GROUND_PRESSURE_S = 10.0, 1.0, 30.0, 11.0
 #: A vehicle this deep (m) is at the surface; a target within this distance (m) of the vehicle is a stop.
 SURFACE_M, STOP_M = 0.3, 3.0
-#: A mission item is reached within its own radius or this (m), whichever is larger.
-REACHED_M = 2.0
+#: A mission item is reached within this (m), whatever its own radius, and no sooner than this (s) after its begin.
+REACHED_M, REACHED_S = 2.0, 1.5
+#: SURFACE lasts at least this (s); a boot is critical for this (s).
+SURFACE_S, BOOT_S = 1.0, 1.5
 #: A target farther (m) than this from the last one is another leg.
 OTHER_M = 0.5
 #: Number of pressures that are sent on deck, at once.
@@ -67,7 +69,6 @@ class ArduPilot:
         self,
         system_id: int,
         start: tuple[float, float, float],
-        radius_m: float,
         origin: Origin | None,
         take_over: Callable[[OrderedPilot], None],
         setup: Setup,
@@ -77,7 +78,6 @@ class ArduPilot:
         Args:
             system_id: MAVLink system id (the vehicle's number).
             start: Heading (rad), north, east (m).
-            radius_m: Turn radius, of a boat.
             origin: The mission's origin; None: no geodetic positions.
             take_over: Takes the pilot when the vehicle is armed first.
             setup: How it is installed.
@@ -94,7 +94,7 @@ class ArduPilot:
         self.streams = Streams(self.own, self.parameters)
         self.estimator = Estimator(setup, origin)
         self._parameter_protocol = ParameterProtocol(self.parameters, self.send)
-        self.guidance = SubGuidance(Pose.at_rest(*start)) if is_sub else RoverGuidance(Pose.at_rest(*start), radius_m)
+        self.guidance = SubGuidance(Pose.at_rest(*start)) if is_sub else RoverGuidance(Pose.at_rest(*start))
         self.pilot = OrderedPilot(self.guidance)
         self._take_over: Callable[[OrderedPilot], None] | None = take_over
         self._system_id, self._operator_mode = system_id, setup.operator_mode
@@ -111,9 +111,9 @@ class ArduPilot:
         self.mission = AutoMission()
         self._upload = MissionProtocol(self.send, self._accept, asks_int=False)
         self._target: Target | None = None
+        self._since_s = self._now_s  # when the mode or the target was set
         self._speed_mps = math.nan
         self._last_s: dict[str, float] = {}
-        self._beat = (0, 0, 0)
         self.streams.boot()
 
     # ------------------------------------------------------------------ calls of the owner
@@ -216,7 +216,8 @@ class ArduPilot:
             if self._take_over is not None:
                 self._take_over(self.pilot)
                 self._take_over = None
-            self.send_origin(home=True)
+            if self.own.surface is not None:
+                self.send_origin(home=True)
             self._enter_mode()
         else:
             self.failsafes.disarmed()
@@ -235,7 +236,7 @@ class ArduPilot:
             return False
         if self.mode == self.own.auto != number:
             self.mission.leave()
-        self.mode = number
+        self.mode, self._since_s = number, self._now_s
         self._enter_mode()
         self._send_heartbeat()
         return True
@@ -302,16 +303,9 @@ class ArduPilot:
         )
 
     def _send_heartbeat(self) -> None:
-        flags = self.own.base_modes[self.mode] | mavlink.MAV_MODE_FLAG_SAFETY_ARMED * self.armed
-        if self.failsafes.is_critical:
-            state = mavlink.MAV_STATE_CRITICAL
-        elif self.own.surface is not None:
-            state = mavlink.MAV_STATE_ACTIVE if self.armed else mavlink.MAV_STATE_STANDBY
-        else:
-            state = mavlink.MAV_STATE_STANDBY if self.mode == self.own.hold else mavlink.MAV_STATE_ACTIVE
-        kind = self.own.vehicle_type, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        is_booting = self.own.surface is not None and self.estimator.up_s < BOOT_S
         self._last_s["heartbeat"] = self._now_s
-        self.send(mavlink.MAVLink_heartbeat_message(*kind, flags, self.mode, state, 3))
+        self.send(self.own.heartbeat(self.mode, self.armed, self.failsafes.is_critical or is_booting))
 
     def _send_unasked(self) -> None:
         if self._is_due("timesync", TIMESYNC_S):
@@ -349,7 +343,7 @@ class ArduPilot:
         stops = here_m <= STOP_M or (self.own.surface is not None and depth_m <= SURFACE_M)
         if self.fault in (Fault.REFUSES, Fault.IGNORES) or (stops and self.fault is Fault.NEVER_STOPS):
             return
-        last, self._target = self._target, target
+        last, self._target, self._since_s = self._target, target, self._now_s
         is_other = last is None or math.dist((last.north_m, last.east_m), (target.north_m, target.east_m)) > OTHER_M
         if is_other and not stops:
             self.pilot.step += 1
@@ -383,7 +377,8 @@ class ArduPilot:
             self.set_mode(self.own.surface)
         elif response is Response.HOLD:
             self.set_mode(self.own.hold)
-        if self.armed and self.mode == self.own.surface and self._last.depth_m <= SURFACE_M:
+        rising = self.mode == self.own.surface and self.armed
+        if rising and self._last.depth_m <= SURFACE_M and self._now_s - self._since_s >= SURFACE_S:
             self.set_mode(self.own.hold)
 
     def _step_mission(self) -> None:
@@ -391,7 +386,7 @@ class ArduPilot:
         if item is None or self._target is None or self.mode != self.own.auto:
             return
         apart_m = math.hypot(self._target.north_m - self._last.north_m, self._target.east_m - self._last.east_m)
-        if apart_m > max(REACHED_M, item.param2):
+        if apart_m > REACHED_M or self._now_s - self._since_s < REACHED_S:
             return
         self.send(mavlink.MAVLink_mission_item_reached_message(self.mission.current))
         self.say(INFO, self.own.reached_text.format(self.mission.current))
@@ -411,14 +406,9 @@ class ArduPilot:
             self._go(target_of_item(item, self.estimator.datum))
 
     def _accept(self, items: Sequence[Message]) -> int:
-        for item in items:
-            if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-                continue  # for a camera or gimbal
-            try:
-                target_of_item(item, self.estimator.datum)
-            except ValueError:
-                self.counts["refused"] += 1
-                return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
+        if not can_fly(items, self.estimator.datum):
+            self.counts["refused"] += 1
+            return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
         self.mission.load(tuple(items))
         self.counts["missions"] += 1
         self.parameters.put(MIS_TOTAL=float(len(items)))

@@ -41,11 +41,12 @@ YAW_RADPS = math.radians(60.0)
 LAG_M = 1.0
 #: A vehicle within this distance (m) of its target has arrived.
 ARRIVED_M = 0.3
-#: The boat holds within this distance (m) of its target, turns on the spot up to this speed (m/s), and changes its
-#: speed by this much (m/s^2).
-HOLD_RADIUS_M, PIVOT_MPS, BOAT_MPS2 = 2.0, 0.3, 0.5
-#: The boat turns by so much per second for each radian off its course, and is computed in steps of this (s).
-COURSE_GAIN, STEP_S = 1.0, 0.1
+#: The boat holds within this distance (m) of its target, and changes its speed by this much (m/s^2).
+HOLD_RADIUS_M, BOAT_MPS2 = 2.0, 1.0
+#: It turns by so much per second for each radian off its course, at most this (rad/s), and creeps meanwhile (m/s).
+COURSE_GAIN, TURN_RADPS, CREEP_MPS = 2.0, 1.0, 0.2
+#: With motors that are off its speed falls by this share of its square (1/m). It is computed in steps of this (s).
+DRAG_PM, STEP_S = 0.245, 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,9 +238,9 @@ class SubGuidance:
 class RoverGuidance:
     """ArduRover's with a boat: it steers to its target, and holds there."""
 
-    def __init__(self, pose: Pose, radius_m: float) -> None:
-        """Starts at rest; `radius_m` is the turn radius under way."""
-        self._pose, self._radius_m = pose, radius_m
+    def __init__(self, pose: Pose) -> None:
+        """Starts at rest, with motors that are off."""
+        self._pose, self._drifts = pose, True
         self._now_s = -math.inf
         self._target_m: Array | None = None
         self._speed_mps = 0.0  # present
@@ -270,12 +271,13 @@ class RoverGuidance:
     def go(self, now_s: float, place_m: Array, heading_rad: float, speed_mps: float) -> None:
         """Steers to north, east (m); a repeated target changes nothing."""
         self.at(now_s)
+        self._drifts = False
         self._target_m, self._wanted_mps = np.array([place_m[0], place_m[1]]), speed_mps
 
     def hold(self, now_s: float) -> None:
         """Stops."""
         self.at(now_s)
-        self._target_m = None
+        self._target_m, self._drifts = None, False
 
     def ascend(self, now_s: float) -> None:
         """Stops: a boat is at the surface."""
@@ -284,6 +286,7 @@ class RoverGuidance:
     def drift(self, now_s: float) -> None:
         """Stops the motors."""
         self.hold(now_s)
+        self._drifts = True
 
     def _advance(self, step_s: float) -> None:
         heading, place = self._pose.heading_rad, self._pose.place_m
@@ -292,15 +295,14 @@ class RoverGuidance:
             north_m, east_m = self._target_m - place[:2]
             apart_m = math.hypot(north_m, east_m)
             off_rad = math.remainder(math.atan2(east_m, north_m) - heading, 2.0 * math.pi)
-            most_radps = max(self._speed_mps, PIVOT_MPS) / self._radius_m
-            rate_radps = min(max(COURSE_GAIN * off_rad, -most_radps), most_radps)
-            # slower in a turn, so that a target inside the turning circle is reached too
-            ahead = max(math.cos(off_rad), 0.0) if apart_m < 2.0 * self._radius_m else 1.0
+            rate_radps = min(max(COURSE_GAIN * off_rad, -TURN_RADPS), TURN_RADPS)
+            # slower in a turn, and in time before the target
+            turning_mps = max(self._wanted_mps * math.cos(off_rad), min(CREEP_MPS, self._wanted_mps))
             stopping_mps = math.sqrt(2.0 * BOAT_MPS2 * max(apart_m - 0.5 * HOLD_RADIUS_M, 0.0))
-            wanted_mps = min(max(self._wanted_mps * ahead, min(PIVOT_MPS, self._wanted_mps)), stopping_mps)
+            wanted_mps = min(turning_mps, stopping_mps)
             if apart_m <= HOLD_RADIUS_M:
                 self._target_m = None
-        change_mps = BOAT_MPS2 * step_s
+        change_mps = (DRAG_PM * self._speed_mps**2 if self._drifts else BOAT_MPS2) * step_s
         self._speed_mps += min(max(wanted_mps - self._speed_mps, -change_mps), change_mps)
         heading = math.remainder(heading + rate_radps * step_s, 2.0 * math.pi)
         velocity = self._speed_mps * np.array([math.cos(heading), math.sin(heading), 0.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from auv_lse_mavlink.messages.wire import mavlink
+from auv_lse_mavlink.messages.wire import Message, mavlink
 
 _CUSTOM, _STABILIZE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 _MANUAL, _GUIDED = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED, mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
@@ -43,6 +43,18 @@ class Personality:
     disarmed_text: str
     lost_text: str
     reached_text: str
+
+    def heartbeat(self, mode: int, armed: bool, is_critical: bool) -> Message:
+        """HEARTBEAT in a mode; `is_critical`: a failsafe acts, or it is booting."""
+        flags = self.base_modes[mode] | mavlink.MAV_MODE_FLAG_SAFETY_ARMED * armed
+        if is_critical:
+            state = mavlink.MAV_STATE_CRITICAL
+        elif self.surface is not None:
+            state = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
+        else:
+            state = mavlink.MAV_STATE_STANDBY if mode == self.hold else mavlink.MAV_STATE_ACTIVE
+        kind = self.vehicle_type, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return mavlink.MAVLink_heartbeat_message(*kind, flags, mode, state, 3)
 
 
 SUB = Personality(
