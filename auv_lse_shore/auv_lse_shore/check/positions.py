@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameter_file import read_yaml
-from auv_lse_common.mission_file.positions_file import Positions, read_positions
+from auv_lse_common.mission_file.position_roles import Positions
+from auv_lse_common.mission_file.positions_file import read_positions
 
 #: Largest number of ignored features that are listed by name.
 _MAX_LISTED = 8
