@@ -107,14 +107,14 @@ class Sources:
         """
         position = _first(path, "positions", positions, self._positions, self._refused)
         ping = _first(path, "depths", depths, self._depths, self._refused)
-        positions = _table(self._positions[position], 3)
+        fixes = _table(self._positions[position], 3)
         immersion, notes = np.empty((0, 2)), [f"positions from {position}", f"depths from {ping}"]
         if self.is_submarine:
-            immersion, gauge = self._immersion(path, float(np.median(positions[:, 1])), density_kgpm3)
+            immersion, gauge = self._immersion(path, float(np.median(fixes[:, 1])), density_kgpm3)
             notes.append(f"the vehicle's own depth from {gauge}, with the lowest pressure as the surface")
         return SurveyLog(
             name=path.name,
-            positions=positions,
+            positions=fixes,
             depths=_table(self._depths[ping], 2),
             immersion=immersion,
             left_out=self.left_out + self._refused[position] + self._refused[ping],
