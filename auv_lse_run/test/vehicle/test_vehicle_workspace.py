@@ -137,7 +137,7 @@ sys.modules |= {{n: MagicMock() for n in ("launch", "launch.actions", "launch.su
 given = {{"name": "auv1", "params_file": {str(mission_file(tmp_path))!r}, "out": {str(tmp_path / "dive")!r}}}
 given |= {{"record": "", "simulated": "false"}}
 sys.modules["launch.substitutions"].LaunchConfiguration = lambda name: MagicMock(perform=lambda context: given[name])
-runpy.run_path({str(ROOT / "auv_lse_common" / "launch" / "vehicle.launch.py")!r})["_nodes"](None)
+runpy.run_path({str(ROOT / "auv_lse_run" / "launch" / "vehicle.launch.py")!r})["_nodes"](None)
 print([call.kwargs["executable"] for call in sys.modules["launch_ros.actions"].Node.call_args_list])
 """
     done = run(vehicle_workspace, "-c", code)
