@@ -12,6 +12,7 @@ from typing import Any
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.node.dive import WAIT_VARIABLE
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import DOUBT_VARIABLE
@@ -35,7 +36,7 @@ class SafetyNode(VehicleNode):
 
     def __init__(self) -> None:
         super().__init__("safety_node")
-        self._safety = Safety.of(self.parameters, self.where, self.vehicle)
+        self._safety = Safety.of(self.parameters, self.where, self.vehicle, waits=bool(os.environ.get(WAIT_VARIABLE)))
         doubt = os.environ.get(DOUBT_VARIABLE, "")
         self._safety.recover(self.state.values, self.state.lost, self.state.rebooted, doubt)
         self._keep()

@@ -11,8 +11,8 @@ def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
         link: Whether vehicle_link_node runs between the stack and an autopilot.
     """
     nodes = [
+        ("auv_lse_planner", "safety_node"),  # first: nothing moves without it, and it must answer soonest
         ("auv_lse_gp", "gp_node"),
-        ("auv_lse_planner", "safety_node"),
         ("auv_lse_planner", "planner_node"),
         ("auv_lse_comms", "modem_node"),
     ]

@@ -22,7 +22,7 @@ from auv_lse_common.mission_file.parameter_file import parameters_for, parse_par
 from auv_lse_common.mission_file.parameters import ParameterError, merge, section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.node.dive import DIVE_VARIABLE, new_dive
+from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_run.process.domain import (
@@ -39,6 +39,7 @@ from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
 from auv_lse_run.process.processes import RECORDER, LaunchError, Process
 from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
+from auv_lse_run.vehicle.vehicle_choice import chosen_vehicle
 
 _TICK_S = 0.2
 #: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
@@ -51,6 +52,7 @@ class Crew:
     """The processes of one vehicle.
 
     Attributes:
+        file: The parameter file; that of a real vehicle is in memory (Linux).
         recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
         lockstep: Whether a simulator drives the nodes tick by tick.
@@ -72,7 +74,7 @@ class Crew:
         clock = ("-p", "use_sim_time:=true") if self.simulated else ()
         tasks = [node_task(process, self.file, *clock) for process in self.processes]
         if self.recording is not None:
-            tasks.insert(0, self._recorder(self.recording))
+            tasks.insert(1, self._recorder(self.recording))
         return tasks
 
     def _recorder(self, folder: Path) -> Task:
@@ -123,8 +125,16 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     if lockstep and not sim.get("lockstep", False):
         # Nodes read lockstep from their own parameters, where its default is false.
         patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
-    if patterns != parse_parameters(file.read_text(), str(file)):  # lockstep, or positions in degrees
-        file = _written(patterns, out / "mission.yaml")
+    text = file.read_text()
+    is_changed = patterns != parse_parameters(text, str(file))  # lockstep, or positions in degrees
+    if is_changed:
+        text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
+    if not simulated and hasattr(os, "memfd_create"):
+        file = _in_memory(text)
+    elif is_changed:
+        file = out / "mission.yaml"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
     processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
     return Crew(
         vehicle=vehicle,
@@ -139,7 +149,7 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
 def unused_folder(folder: Path) -> Path:
     """`folder`, or the first of `folder`-2, -3, ... that does not exist: each start of a recorder needs its own."""
     number, unused = 1, folder
-    while unused.exists():
+    while os.path.lexists(unused):
         number += 1
         unused = folder.with_name(f"{folder.name}-{number}")
     return unused
@@ -211,13 +221,11 @@ def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any
     return found
 
 
-def _written(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
-    """Writes the parameters, unless the file has them already: a disk may be full when a dive continues."""
-    text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
-    if not path.is_file() or path.read_text() != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    return path
+def _in_memory(text: str) -> Path:
+    """A file in memory for as long as this process runs: a node must start although the disk is full or gone."""
+    file = os.memfd_create("mission.yaml")
+    os.write(file, text.encode())
+    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -230,8 +238,19 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
         "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
     )
-    p.add_argument("name", metavar="VEHICLE", help="the vehicle, such as auv2")
-    p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
+    p.add_argument(
+        "name",
+        nargs="?",
+        metavar="VEHICLE",
+        help="the vehicle, such as auv2 (default: AUV_LSE_VEHICLE, else the only one in the file)",
+    )
+    p.add_argument(
+        "file",
+        nargs="?",
+        type=Path,
+        metavar="FILE",
+        help="the mission file (docs/guide/bench-to-water.md; default: AUV_LSE_MISSION)",
+    )
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
     )
@@ -242,6 +261,9 @@ def parser() -> argparse.ArgumentParser:
         "--simulated",
         action="store_true",
         help="follow the simulator that scripts/sim starts on this machine; the default if the file has a section sim",
+    )
+    p.add_argument(
+        "--wait", action="store_true", help="a new dive waits for GO, whatever vehicle.start says, as at boot"
     )
     p.add_argument(
         "--record",
@@ -258,11 +280,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = project_folder()
     stack = ExitStack()
     try:
+        options.name, options.file = chosen_vehicle(options.name, options.file)
         number, out = vehicle_number(options.name), options.out
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         tasks = crew.tasks()
-        (out / "logs").mkdir(parents=True, exist_ok=True)
         domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out, record))
     except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -275,8 +297,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         for text in filter(None, (record.doubt and f"holds until RESET: {record.doubt}", record.copies_problem)):
             _say(f"auv{number}: {text}")
+        waits = {WAIT_VARIABLE: "1"} if options.wait else {}
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
-        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables)
+        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables | waits)
 
 
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
@@ -292,7 +315,7 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
         while not interrupt.came:
             for name, code in keeper.tick(time.monotonic()):
                 early = keeper.loaded_for_s < _FIRST_START_S
-                if code == REFUSED and early and keeper.starts[name] == 1:
+                if code == REFUSED and early and keeper.starts[name] == 1 and not name.endswith(RECORDER.executable):
                     _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
                 if crew.lockstep:
@@ -315,7 +338,8 @@ def _mission_end(environment: dict[str, str]) -> Any:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    with suppress(OSError, ValueError):  # a terminal that is gone, or a full disk behind it, must stop no vehicle
+        print(text, flush=True)
 
 
 if __name__ == "__main__":

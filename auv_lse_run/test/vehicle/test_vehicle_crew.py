@@ -39,16 +39,14 @@ def test_a_full_disk_keeps_no_vehicle_with_positions_in_degrees_from_continuing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = write(tmp_path, area={"polygon_deg": [47.3, 8.5, 47.31, 8.5, 47.31, 8.51]})
-    first = crew(file).file
-    text = first.read_text()
 
-    def full(path: Path, *_: object) -> None:
-        path.open("w").close()
+    def full(path: Path, *_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    assert crew(file).file == first
-    assert first.read_text() == text
+    monkeypatch.setattr(Path, "mkdir", full)
+    whole = read_parameter_file(crew(file).file)["/**"]
+    assert "polygon_m" in whole["area"], "the file is in memory, with positions in metres"
 
 
 def test_an_edited_positions_file_begins_a_new_dive(tmp_path: Path) -> None:
@@ -73,7 +71,7 @@ def test_an_edited_positions_file_begins_a_new_dive(tmp_path: Path) -> None:
 
 def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
     found = crew(write(tmp_path))
-    names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
+    names = ["safety_node", "gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
     assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
     assert found.recording == tmp_path / "dive" / "bag"
     assert all(task.node is not None for task in found.tasks()), "forked, also the recorder, and watched"
