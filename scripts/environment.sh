@@ -28,8 +28,31 @@ loops_fingerprint() {
 # Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell. Returns what
 # scripts/setup returned if that failed. Leaves the shell's own settings as they were.
 use_environment() {
+    source_ros
     "$ROOT/scripts/setup" --quiet || return $?
     enter_environment
+}
+
+# Puts the environment into this shell as scripts/setup left it: nothing is downloaded, built or compiled.
+use_environment_as_it_is() {
+    if [ ! -x "$VENV/bin/python" ] || [ ! -f "$INSTALL/local_setup.bash" ]; then
+        echo "error: scripts/$(basename "$0") needs the environment of this checkout. Make it: $ROOT/scripts/setup" >&2
+        return 2
+    fi
+    source_ros
+    [ "$(cat "$VENV/setup.done" 2> /dev/null)" = "$(environment_fingerprint)" ] ||
+        echo "warning: the environment is older than its sources; renew it: $ROOT/scripts/setup" >&2
+    enter_environment
+}
+
+# Sources the ROS 2 with which scripts/setup was called, if this shell has none: at boot nobody has sourced it.
+source_ros() {
+    local strict=
+    ! ros_is_sourced && grep -qs '^include-system-site-packages = true' "$VENV/pyvenv.cfg" || return 0
+    case $- in *u*) strict=1 ;; esac
+    set +u # colcon's own script reads unset variables
+    [ ! -f "$INSTALL/setup.bash" ] || . "$INSTALL/setup.bash"
+    [ -z "$strict" ] || set -u
 }
 
 # Puts the environment that scripts/setup made into this shell.

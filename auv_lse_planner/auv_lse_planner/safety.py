@@ -29,11 +29,12 @@ class Safety:
     _since_s: float = math.nan  # since when the mission is in doubt with a known depth
 
     @classmethod
-    def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int) -> Safety:
+    def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int, waits: bool = False) -> Safety:
         """Builds mission and watch from a nested parameter mapping; other sections are ignored.
 
         Args:
             where: Source of the parameters, for messages.
+            waits: Whether the mission waits for GO even if `vehicle.start` is at_once.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
@@ -57,7 +58,7 @@ class Safety:
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         # An old folder or another card looks like a first start, so a vehicle that can move never starts by itself.
-        at_once = own.start == "at_once" and ("sim" in parameters or not has_autopilot)
+        at_once = own.start == "at_once" and not waits and ("sim" in parameters or not has_autopilot)
         return cls(
             run=MissionRun(at_once, on_abort, own.stop_at_end),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),

@@ -16,6 +16,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import DOUBT_VARIABLE
 from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.process.dive import WAIT_VARIABLE
 from auv_lse_common.topics.codecs import decode_order
 from auv_lse_common.topics.records import MissionOrder, Odometry, RunReport
 from auv_lse_common.vocabulary.health import NewProblems
@@ -35,7 +36,7 @@ class SafetyNode(VehicleNode):
 
     def __init__(self) -> None:
         super().__init__("safety_node")
-        self._safety = Safety.of(self.parameters, self.where, self.vehicle)
+        self._safety = Safety.of(self.parameters, self.where, self.vehicle, waits=bool(os.environ.get(WAIT_VARIABLE)))
         doubt = os.environ.get(DOUBT_VARIABLE, "")
         self._safety.recover(self.state.values, self.state.lost, self.state.rebooted, doubt)
         self._keep()

@@ -23,7 +23,7 @@ from auv_lse_common.mission_file.parameter_file import parameters_for, parse_par
 from auv_lse_common.mission_file.parameters import ParameterError, merge, section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.process.dive import DIVE_VARIABLE, new_dive
+from auv_lse_common.process.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.process.domain import (
     DomainError,
     dive_on,
@@ -243,6 +243,9 @@ def parser() -> argparse.ArgumentParser:
         help="follow the simulator that scripts/sim starts on this machine; the default if the file has a section sim",
     )
     p.add_argument(
+        "--wait", action="store_true", help="a new dive waits for GO, whatever vehicle.start says, as at boot"
+    )
+    p.add_argument(
         "--record",
         action=argparse.BooleanOptionalAction,
         default=None,
@@ -274,8 +277,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         for text in filter(None, (record.doubt and f"holds until RESET: {record.doubt}", record.copies_problem)):
             _say(f"auv{number}: {text}")
+        waits = {WAIT_VARIABLE: "1"} if options.wait else {}
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
-        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables)
+        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables | waits)
 
 
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
