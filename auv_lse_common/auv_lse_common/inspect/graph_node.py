@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.process.domain import domains_with_participants
 from auv_lse_common.support.confinement import NETWORK_VARIABLES, is_confined
+from auv_lse_common.support.ros_logs import init_arguments
 
 #: Discovery is complete when the graph has not changed for `_QUIET_S` and every participant has had time to announce
 #: itself: by default they do so every 3 s. What a command asks for by name may be found earlier, after `_LEAST_S`.
@@ -89,7 +90,7 @@ class Graph:
 
     def __enter__(self) -> Graph:
         """Joins the domain and discovers the nodes; the caller keeps handling Ctrl-C."""
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=init_arguments(), signal_handler_options=SignalHandlerOptions.NO)
         # A name that begins with an underscore is hidden from `list`.
         self.node = rclpy.create_node(f"_auv_lse_inspect_{os.getpid()}", start_parameter_services=False)
         self._executor = SingleThreadedExecutor()

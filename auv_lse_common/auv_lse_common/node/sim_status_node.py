@@ -11,6 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.process.dive import DIVE_VARIABLE, dive_of
 from auv_lse_common.process.domain import temporary_environment
+from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 
@@ -36,7 +37,7 @@ class SimStatusWatch:
     def __enter__(self) -> Callable[[], str | None]:
         """Joins the mission's ROS domain; the caller keeps handling signals."""
         with temporary_environment(self._environment):
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=init_arguments(), signal_handler_options=SignalHandlerOptions.NO)
             self._node = rclpy.create_node("vehicle_supervisor")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

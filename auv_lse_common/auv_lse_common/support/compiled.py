@@ -5,6 +5,9 @@ AUV_LSE_NUMBA=0, set before the import, forces the plain ones.
 
 Numba's cache detects changes of a function's own file, but not of functions that it calls in other files. So the name
 of the cache folder contains a hash of all files of the package with compiled functions.
+
+Numba uses no cache that it cannot write, and would compile at each start where the packages are read-only, as on a
+vehicle at boot. There the cache that set-up made is copied to a folder that can be written.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import contextlib
 import hashlib
 import importlib.util
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Callable
@@ -26,15 +30,20 @@ USE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0" and importlib.util.find_
 
 
 def _choose_cache_folder() -> None:
-    """Puts numba's cache under /tmp if neither this package nor the home is writable.
+    """Puts numba's cache under /tmp if neither this package nor the home's cache is writable.
 
     Code in the cache is run, and anyone can create folders in /tmp: one that others own or can write is not used, but
     a new one of this process alone.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
-    package, home = Path(__file__).parent, Path(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~")))
-    if any(os.access(folder, os.W_OK) for folder in (package, home)):
+    if os.access(Path(__file__).parent, os.W_OK):
+        return
+    home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    with contextlib.suppress(OSError):
+        (home / "auv_lse").mkdir(exist_ok=True, parents=True)
+    if os.access(home / "auv_lse", os.W_OK):
+        os.environ["NUMBA_CACHE_DIR"] = str(home / "auv_lse")
         return
     folder = Path(tempfile.gettempdir()) / f"auv_lse_numba_{os.getuid()}"
     with contextlib.suppress(FileExistsError):
@@ -63,8 +72,39 @@ def cache_folder(package: Path) -> str:
         text = path.read_bytes()
         if b"@compiled" in text:
             digest.update(text)
-    base = Path(numba.config.CACHE_DIR) if numba.config.CACHE_DIR else package / "__pycache__"
-    return str(base / f"numba_{digest.hexdigest()[:16]}")
+    made_by_setup = package / "__pycache__" / f"numba_{digest.hexdigest()[:16]}"
+    if not numba.config.CACHE_DIR:
+        return str(made_by_setup)
+    folder = Path(numba.config.CACHE_DIR) / made_by_setup.name
+    _copy_cache(made_by_setup, folder)
+    return str(folder)
+
+
+def copy_compiled(module_file: str) -> None:
+    """Copies what set-up compiled for the modules of a folder to numba's cache, if the folder is read-only.
+
+    For modules that call `numba.njit` themselves. Call it before they are imported.
+
+    Args:
+        module_file: `__file__` of one of the modules.
+    """
+    if USE_NUMBA and "NUMBA_CACHE_DIR" in os.environ:
+        folder = Path(os.path.abspath(module_file)).parent
+        name = f"{folder.name}_{hashlib.sha1(str(folder).encode()).hexdigest()}"  # as numba calls it
+        _copy_cache(folder / "__pycache__", Path(os.environ["NUMBA_CACHE_DIR"]) / name)
+
+
+def _copy_cache(made_by_setup: Path, folder: Path) -> None:
+    """Copies a cache that cannot be written, unless a copy as new as it is there; does nothing if there is no place."""
+    if not made_by_setup.is_dir() or os.access(made_by_setup, os.W_OK):
+        return
+    with contextlib.suppress(OSError):  # no place, or another process was faster
+        if folder.exists() and folder.stat().st_mtime >= made_by_setup.stat().st_mtime:
+            return
+        copy = tempfile.mkdtemp(dir=folder.parent)
+        shutil.copytree(made_by_setup, copy, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.pyc"))
+        shutil.rmtree(folder, ignore_errors=True)
+        os.rename(copy, folder)
 
 
 def _package_of(file: Path) -> Path:

@@ -54,3 +54,19 @@ def test_a_folder_that_others_made_is_not_used(nowhere_else: Path, monkeypatch: 
     assert folder != nowhere_else
     assert folder.is_dir()
     assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_read_only_package_lends_what_set_up_compiled(nowhere_else: Path, tmp_path: Path) -> None:
+    made, folder = tmp_path / "package" / "__pycache__", nowhere_else
+    made.mkdir(parents=True)
+    for name in ("loops.nbi", "loops.nbc", "module.pyc"):
+        (made / name).write_text("old")
+    compiled._copy_cache(made, folder)
+    assert {path.name for path in folder.iterdir()} == {"loops.nbi", "loops.nbc"}
+    (folder / "loops.nbi").write_text("own")
+    compiled._copy_cache(made, folder)
+    assert (folder / "loops.nbi").read_text() == "own", "as new as set-up's"
+    os.utime(made, (made.stat().st_mtime + 10, made.stat().st_mtime + 10))
+    compiled._copy_cache(made, folder)
+    assert (folder / "loops.nbi").read_text() == "old", "set up again since"
+    compiled._copy_cache(made, tmp_path / "nowhere" / "cache")  # no place: nothing happens

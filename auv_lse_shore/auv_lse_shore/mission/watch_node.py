@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.process.dive import DIVE_VARIABLE, dive_of
 from auv_lse_common.process.domain import temporary_environment
+from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
@@ -42,7 +43,7 @@ class MissionWatch:
     def __enter__(self) -> MissionWatch:
         """Joins the mission's ROS domain; the caller keeps handling Ctrl-C."""
         with temporary_environment(self._environment):
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=init_arguments(), signal_handler_options=SignalHandlerOptions.NO)
             self._node = rclpy.create_node("mission_display")
         self._executor = make_executor()
         self._executor.add_node(self._node)

@@ -11,6 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
+from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class, stamp
 from auv_lse_record.recording import RecordedTopic, Recording
@@ -65,7 +66,7 @@ class Player:
 
     def __enter__(self) -> Player:
         """Joins the ROS domain with a publisher for each topic; leaves Ctrl-C to the caller."""
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=init_arguments(), signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("replay")
         self._publishers = {}
         for topic in self._topics:

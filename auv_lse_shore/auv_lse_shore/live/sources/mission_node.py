@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.process.dive import sender_of
+from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import find_topic
@@ -64,7 +65,7 @@ class MissionListener:
 
     def __enter__(self) -> MissionListener:
         """Joins the domain; leaves Ctrl-C to the caller."""
-        rclpy.init(domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=init_arguments(), domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("live_view", start_parameter_services=False, enable_rosout=False)
         self._executor: Executor = make_executor()
         self._executor.add_node(self._node)

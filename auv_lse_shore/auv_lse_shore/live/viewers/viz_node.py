@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_shore.live.viewers.map_panel import GEOJSON
 from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
 
@@ -32,7 +33,12 @@ class VizPublisher:
         """Joins the domain of a new mission."""
         self.close()
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=self._domain_of(), signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=init_arguments(),
+            context=self._context,
+            domain_id=self._domain_of(),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         self._node = Node("viz", context=self._context, start_parameter_services=False, enable_rosout=False)
 
     def show(self, message: StandardMessage) -> None:
