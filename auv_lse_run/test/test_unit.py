@@ -17,7 +17,7 @@ import pytest
 
 from auv_lse_common.process.domain import VEHICLE_DOMAINS, own_domain
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 (UNIT,) = [*ROOT.glob("config/systemd/*.service"), *ROOT.glob("auv_lse_run/auv_lse_run/shipped/systemd/*.service")]
 #: What systemd sets for a service with User=, here without a home.
 SYSTEMD = {
