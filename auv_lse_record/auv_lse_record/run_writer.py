@@ -17,6 +17,8 @@ from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingErro
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.software import version
 
+#: Times (s) from here on are UTC since 1970; smaller ones count from the start of a simulation.
+FIRST_UTC_S = 1e9
 #: A message to write: time (s), topic, type, fields, latched.
 Record = tuple[float, str, str, Fields, bool]
 
@@ -65,8 +67,9 @@ def write_run(run: RunData, folder: Path) -> None:
 
 def _records(run: RunData) -> Iterator[Record]:
     """Every message of a run."""
+    start_s = _start_s(run)
     for name, text in ((MISSION_FILE, _mission_text(run.parameters)), (SOFTWARE, version())):
-        yield 0.0, name, TEXT, {"data": text}, True
+        yield start_s, name, TEXT, {"data": text}, True
     for vehicle in run.vehicles:
         for topic, stamp_s, value in _values(vehicle):
             yield _record(topic, stamp_s, value, vehicle.vehicle)
@@ -77,6 +80,13 @@ def _records(run: RunData) -> Iterator[Record]:
         names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
         reception = Reception(**{name: getattr(heard, name) for name in names})
         yield _record(VEHICLE_TOPICS["modem/rx"], heard.stamp_s, reception, heard.receiver)
+
+
+def _start_s(run: RunData) -> float:
+    """When the recording starts: at 0, or with the first track or sounding of a survey in UTC."""
+    columns = [c for v in run.vehicles for c in (v.odometry[:, 0], v.soundings.stamp_s) if len(c)]
+    first_s = min((float(column.min()) for column in columns), default=0.0)
+    return first_s if first_s > FIRST_UTC_S else 0.0
 
 
 def _record(topic: Topic, stamp_s: float, value: Any, vehicle: int) -> Record:

@@ -3,56 +3,88 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from auv_lse_common.support.user_error import error_text
-from auv_lse_record.run_data import RunData
-from auv_lse_shore.survey_import.reading import read_logs
+from auv_lse_shore.survey_import.choice import Choice, chosen_logs
+from auv_lse_shore.survey_import.clocks import ClockFacts, start_of, to_utc
+from auv_lse_shore.survey_import.formats import formats
+from auv_lse_shore.survey_import.log_content import LogContent
+from auv_lse_shore.survey_import.log_file import ReadOptions
+from auv_lse_shore.survey_import.parsing.columns import UNITS
+from auv_lse_shore.survey_import.reading import files_of, read_all
 from auv_lse_shore.survey_import.run import check_free, survey_run, write_survey
-from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
-from auv_lse_shore.survey_import.track import PlacedLog, Placement, local_origin, place, vehicle_of
+from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_shore.survey_import.team import vehicles_of, without_repetitions
+from auv_lse_shore.survey_import.track import Placement, local_origin, place
+from auv_lse_shore.survey_import.words import log_lines, next_lines, survey_lines
 
 #: Seconds between two lines of progress.
 _REWRITE_S, _LINE_S = 0.3, 5.0
-#: A log's times are UTC from here on (s since 1970: 2000).
-_UTC_FROM_S = 946_684_800.0
+_BAR = 30
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/import."""
+    files = "\n".join(f"  {(module.__doc__ or '').splitlines()[0]}" for module in formats())
     p = argparse.ArgumentParser(
         prog="scripts/import",
         description="Turns logs of an existing survey into a run folder that scripts/export, adjust, fit, replay and "
-        "live read as they read a mission's: ArduPilot dataflash (.bin) and telemetry (.tlog), NMEA 0183 "
-        "(GGA or RMC with DPT, DBT, DBS or DBK), and tables (CSV) of soundings, with time_s if known. Uncertainties "
-        "in a table (north_std_m, east_std_m, tvu_m) are kept. Prints what it left out and why, and writes that to "
-        "import.md.",
-        epilog="All logs become one vehicle's soundings, one log after the other. The mission file in the run folder "
-        "has an area around the survey and a prior learned from it. "
+        "live read as they read a mission's. Prints what it left out and why, and what to type next.",
+        epilog=f"Formats, recognized by content:\n{files}\n\n"
+        "Times stay UTC. The same sounding in two files counts once. Logs of the same time are of different boats.\n\n"
         "Exit codes: 0 success; 2 a log cannot be imported, or wrong command line; 130 Ctrl-C, nothing is written.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="file of a log")
+    p.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="file, folder, or pattern such as 'logs/*.bin'")
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME of the first LOG)")
     p.add_argument("--level", type=float, metavar="M", help="depth of the isobath (default: the median depth)")
     p.add_argument("--origin", type=float, nargs=2, metavar=("LAT", "LON"),
                    help="local origin in degrees (default: the first good position)")  # fmt: skip
-    p.add_argument("--offset", type=float, nargs=2, default=(0.0, 0.0), metavar=("FORWARD", "STARBOARD"),
-                   help="the transducer's place relative to the antenna in metres (0 0)")  # fmt: skip
-    p.add_argument("--draught", type=float, default=0.0, metavar="M",
-                   help="depth of the transducer below the surface, or below a submarine's barometer (0)")  # fmt: skip
-    p.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
-                   help="of the water, for a submarine's depth (%(default)g; sea 1025)")  # fmt: skip
-    p.add_argument("--position-std", type=float, default=1.5, metavar="M",
-                   help="standard deviation of a position, each axis, if a table has none (%(default)g)")  # fmt: skip
-    p.add_argument("--from", type=float, default=0.0, dest="start", metavar="S",
-                   help="leave out what is earlier: seconds from a log's first position")  # fmt: skip
-    p.add_argument("--to", type=float, default=float("inf"), dest="end", metavar="S", help="leave out what is later")
-    p.add_argument("--dry-run", action="store_true", help="only print what would be imported")
+    p.add_argument("--dry-run", action="store_true", help="only print what would be imported, file by file")
+    _add_boat(p.add_argument_group("the boat"))
+    _add_log(p.add_argument_group("what the log does not show"))
     return p
+
+
+def _add_boat(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--sounder", default="", metavar="NAME", help="use this sounder (default: the one with most pings)"
+    )
+    group.add_argument("--min-quality", type=float, default=40.0, metavar="PERCENT",
+                       help="leave out pings of lower quality, where a log has it (%(default)g)")  # fmt: skip
+    group.add_argument("--draught", type=float, metavar="M", help="depth of the transducer (of the keel, for depths "
+                       "below it) below the surface, or below a submarine's barometer")  # fmt: skip
+    group.add_argument("--offset", type=float, nargs=2, default=(0.0, 0.0), metavar=("FORWARD", "STARBOARD"),
+                       help="the transducer's position relative to the antenna in metres (0 0)")  # fmt: skip
+    group.add_argument("--lag", type=float, default=0.0, metavar="S", help="time from a measurement to its stamp (0)")
+    group.add_argument("--lag-std", type=float, metavar="S", help="its standard deviation (default: by format)")
+    group.add_argument("--position-std", type=float, default=1.5, metavar="M",
+                       help="standard deviation of a position, each axis, if a log has none (%(default)g)")  # fmt: skip
+    group.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
+                       help="of the water, for a submarine's depth (%(default)g; sea 1025)")  # fmt: skip
+    group.add_argument("--from", type=float, default=0.0, dest="start", metavar="S",
+                       help="leave out what is earlier: seconds from a log's first position")  # fmt: skip
+    group.add_argument("--to", type=float, default=math.inf, dest="end", metavar="S", help="leave out what is later")
+
+
+def _add_log(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--columns", default="", metavar="NAME,...", help="what a table's columns hold: lat, lon, "
+                       "depth, time, date, quality; with units, such as depth_ft or time_ms; - skips one")  # fmt: skip
+    group.add_argument("--depth-unit", choices=("m", "ft", "fathom"), help="unit of a table's depths")
+    group.add_argument("--surface", type=float, default=math.nan, metavar="M",
+                       help="elevation of the water surface, for a table of bed elevations")  # fmt: skip
+    group.add_argument("--crs", default="", metavar="CRS", help="of a table's metres, such as EPSG:32632")
+    group.add_argument("--date", default="", metavar="DAY", help="the first log's first day, or its start: "
+                       "2026-06-14 or 2026-06-14T10:00:00Z")  # fmt: skip
+    group.add_argument("--utc-offset", type=float, metavar="H", help="hours by which a local clock is ahead of UTC")
+    group.add_argument("--day-first", action=argparse.BooleanOptionalAction, help="whether 3/4/2026 is in April")
+    group.add_argument("--accept-checksums", action="store_true", help="use NMEA sentences with a wrong checksum")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,13 +92,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command_line = parser()
     options = command_line.parse_args(arguments)
     if not options.start < options.end:
-        command_line.error(f"--from, --to: got {options.start:g} to {options.end:g}; expected the first to be smaller")
+        command_line.error(f"--from {options.start:g} is not earlier than --to {options.end:g}.")
     for name, low in (("density", 0.0), ("position_std", 0.0)):
-        if not getattr(options, name) > low:
-            command_line.error(f"--{name.replace('_', '-')}: got {getattr(options, name):g}; expected more than 0")
+        if not math.inf > getattr(options, name) > low:
+            command_line.error(f"--{name.replace('_', '-')} is {getattr(options, name):g}; it must be more than 0.")
     if options.origin and not (abs(options.origin[0]) <= 90.0 and abs(options.origin[1]) <= 180.0):
-        command_line.error(f"--origin: got {options.origin}; expected latitude, longitude in degrees")
-    folder = options.out or Path("runs") / options.logs[0].stem
+        command_line.error(f"--origin is {options.origin}; write latitude and longitude in degrees.")
+    folder = options.out or Path("runs") / (options.logs[0].stem.strip("*?") or "survey")
     try:
         if not options.dry_run:
             check_free(folder)
@@ -85,76 +117,95 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
     """Imports logs into `folder`; yields what was found, line by line.
 
     Raises:
-        LogError, SoundingsError: if a log cannot be used.
+        LogError, FlightLogError: if a log cannot be used.
         MissingPackageError: if a package that a format needs is missing.
         OSError: if a file cannot be read or written.
     """
-    logs = [log for path in options.logs for log in read_logs(path, options.density, _progress(path))]
+    summary: list[str] = []
+    contents: list[LogContent] = []
+    paths, all_named = files_of(options.logs)
+    for found in read_all(paths, all_named, _read_options(options), _progress()):
+        if isinstance(found, str):
+            summary.append(found)
+            yield found
+        else:
+            contents += found
+    if not contents:
+        raise LogError(f"None of {len(paths)} files is a log that can be read.")
+    questions = to_utc(contents, _clock_facts(options))
+    choice = Choice(
+        sounder=options.sounder,
+        least_quality=options.min_quality,
+        draught_m=options.draught,
+        density_kgpm3=options.density,
+    )
+    logs, left_out = chosen_logs(contents, choice, all_named)
+    summary += left_out
+    yield from left_out
     origin = local_origin(logs)
     if options.origin:
         if origin is None:
-            raise LogError("--origin: got one for logs in metres; expected none. Set it in the mission file")
+            raise LogError("--origin does not apply to logs in metres. Set it in the mission file.")
         origin = (options.origin[0], options.origin[1])
     how = Placement(
         forward_m=options.offset[0],
         starboard_m=options.offset[1],
-        draught_m=options.draught,
         position_std_m=options.position_std,
+        lag_s=options.lag,
         start_s=options.start,
         end_s=options.end,
     )
+    for log in logs:
+        log.lag_std_s = log.lag_std_s if options.lag_std is None else options.lag_std
     placed = [place(log, origin, how) for log in logs]
-    summary = [line for log, found in zip(logs, placed, strict=True) for line in _described(log, found)]
-    yield from summary
-    depth_std_m = max(log.depth_std_m for log in logs)
-    run = survey_run(vehicle_of(placed, options.position_std), origin, options.level, depth_std_m)
-    lines = _run_lines(run)
+    kept = without_repetitions(placed)
+    lines = [line for log, found in zip(logs, placed, strict=True) for line in log_lines(log, found)]
+    lines += [f"question: {question}" for question in questions]
+    yield from lines
+    summary += lines
+    vehicles = vehicles_of(kept, options.position_std)
+    run, area = survey_run(vehicles, origin, options.level, max(log.depth_std_m for log in logs))
+    lines = survey_lines(run, area)
     yield from lines
     if options.dry_run:
         yield "dry run: nothing is written"
         return
-    write_survey(run, folder, [*summary, *lines])
-    yield f"written: {folder} (import.md repeats this)"
-    yield f"next: scripts/export {folder}; a prior: scripts/fit {folder} --out gp.yaml"
+    after = next_lines(folder, float(run.parameters["/**"]["level_set"]["level_m"]))
+    write_survey(run, area, folder, [*summary, *lines, *after])
+    yield from after
 
 
-def _described(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
-    """What was found in a log, and what was left out."""
-    yield f"{log.name}: {len(found.soundings)} soundings of {len(log.depths)} depths; {'; '.join(log.notes)}"
-    first_s, last_s = float(found.track[0, 0]), float(found.track[-1, 0])
-    if log.has_time:
-        start = datetime.fromtimestamp(first_s, tz=UTC).strftime("%Y-%m-%d %H:%M:%S UTC, ")
-        yield f"- {start if first_s > _UTC_FROM_S else ''}{(last_s - first_s) / 60.0:.1f} min"
-    else:
-        yield "- no times (column time_s): scripts/adjust cannot move these soundings"
-    for reason, count in sorted(found.left_out.items()):
-        if count:
-            yield f"- left out: {count} {reason}"
+def _read_options(options: argparse.Namespace) -> ReadOptions:
+    return ReadOptions(
+        accept_checksums=options.accept_checksums,
+        columns=tuple(name.strip() for name in options.columns.split(",")) if options.columns else (),
+        depth_unit_m=UNITS[options.depth_unit] if options.depth_unit else 0.0,
+        day_first=options.day_first,
+        surface_m=options.surface,
+        crs=options.crs,
+    )
 
 
-def _run_lines(run: RunData) -> list[str]:
-    soundings = run.vehicles[0].soundings
-    gp, area, level = (run.parameters["/**"][name] for name in ("gp", "area", "level_set"))
-    spans = [f"{np_range:.0f} m" for np_range in (soundings.points_m.max(axis=0) - soundings.points_m.min(axis=0))[:2]]
-    origin = "" if run.origin is None else f"; origin {run.origin[0]:.6f}, {run.origin[1]:.6f} deg"
-    return [
-        f"{len(soundings)} soundings over {spans[0]} north-south, {spans[1]} east-west; "
-        f"{soundings.depth_m.min():.1f} to {soundings.depth_m.max():.1f} m deep{origin}",
-        f"prior: mean {gp['mean_depth_m']:.1f} m, standard deviation {gp['signal_std_m']:.1f} m, length scale "
-        f"{gp['length_scale_m']:.0f} m, noise {gp['noise_std_m']:.2f} m",
-        f"isobath {level['level_m']:g} m in an area of {len(area['polygon_m']) // 2} corners",
-    ]
+def _clock_facts(options: argparse.Namespace) -> ClockFacts:
+    try:
+        start = start_of(options.date) if options.date else None
+    except ValueError as error:
+        raise LogError(f"--date {options.date} is no day; write it such as 2026-06-14.") from error
+    return ClockFacts(start=start, ahead_h=options.utc_offset, today=datetime.now(UTC).date())
 
 
-def _progress(path: Path) -> Progress:
-    """Prints the share of a log that has been read, if it takes long."""
+def _progress() -> Callable[[Path, float], None]:
+    """Draws a bar of the share of a log that has been read, if it takes long."""
     shown_s, is_terminal = time.monotonic(), sys.stdout.isatty()
 
-    def show(share: float) -> None:
+    def show(path: Path, share: float) -> None:
         nonlocal shown_s
         if time.monotonic() - shown_s >= (_REWRITE_S if is_terminal else _LINE_S):
             shown_s = time.monotonic()
-            print(f"reading {path}: {100.0 * share:.0f} %", end="\x1b[K\r" if is_terminal else "\n", flush=True)
+            bar = f"[{'#' * round(_BAR * share):<{_BAR}}]"
+            print(
+                f"reading {path.name} {bar} {100.0 * share:.0f} %", end="\x1b[K\r" if is_terminal else "\n", flush=True
+            )
 
     return show
 

@@ -1,88 +1,82 @@
-"""Chooses the reader of a log by its content, and reads tables of soundings."""
+"""Finds the files of a survey, and the reader of each by its content."""
 
 from __future__ import annotations
 
+import glob
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+from auv_lse_shore.survey_import.formats import formats
+from auv_lse_shore.survey_import.log_content import LogContent
+from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+from auv_lse_shore.survey_import.survey_log import LogError, Progress
 
-from auv_lse_gp.soundings import read_table
-from auv_lse_shore.export.uncertainty import SIGMAS_95
-from auv_lse_shore.survey_import import nmea
-from auv_lse_shore.survey_import.survey_log import LogError, Progress, SurveyLog
-
-#: Bytes of a file by which its format is recognized.
-_HEAD = 4096
+#: Files of a folder that are never logs.
+_NO_LOGS = (".md", ".png", ".jpg", ".jpeg", ".pdf", ".yaml", ".yml", ".html", ".prj", ".idx", ".son")
 
 
-def read_logs(path: Path, density_kgpm3: float, progress: Progress) -> list[SurveyLog]:
-    """Reads a file of any known format: one log, or one of each vehicle of a table.
-
-    Args:
-        path: The file.
-        density_kgpm3: Density of the water (kg/m3), for the depth of a vehicle under water.
-        progress: Takes the share that has been read.
+def files_of(names: Iterable[Path]) -> tuple[list[Path], bool]:
+    """The files of folders, patterns and names, each once; and whether all of them were named one by one.
 
     Raises:
-        LogError, FlightLogError, SoundingsError: if it cannot be used; names the file and what was expected.
+        LogError: if a folder or a pattern has no files.
+    """
+    files: dict[Path, Path] = {}
+    all_named = True
+    for name in names:
+        found = [name]
+        if name.is_dir():
+            all_named = False
+            found = sorted(p for p in name.rglob("*") if p.is_file() and not p.name.startswith(".") and _may_be_log(p))
+        elif not name.exists() and any(sign in str(name) for sign in "*?["):
+            all_named = False
+            found = sorted(Path(path) for path in glob.glob(str(name), recursive=True) if Path(path).is_file())
+        if not found:
+            raise LogError(f"{name}: no files there.")
+        for path in found:
+            files.setdefault(path.resolve(), path)
+    return list(files.values()), all_named
+
+
+def _may_be_log(path: Path) -> bool:
+    return path.suffix.lower() not in _NO_LOGS
+
+
+def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogContent]:
+    """Reads a file of any known format: one log, or one of each vehicle in it.
+
+    Raises:
+        LogError, FlightLogError: if it cannot be used; names the file, what is wrong, and the cure.
         MissingPackageError: if pymavlink is needed, and missing.
         OSError: if it cannot be read.
     """
-    with path.open("rb") as file:
-        head = file.read(_HEAD)
-    if not head.strip():
-        raise LogError(f"{path}: got an empty file; expected a log. Copy it from the vehicle again")
-    if b"\0" in head:
-        return [_read_binary(path, head, density_kgpm3, progress)]
-    if nmea.is_nmea(head):
-        return [nmea.read(path, density_kgpm3, progress)]
-    return _read_table(path)
+    file = LogFile(path, progress)
+    if not file.head.strip(b"\0 \r\n\t"):
+        raise LogError(f"{path} is empty. Copy it again.")
+    for module in formats():
+        if module.recognizes(file):
+            contents: list[LogContent] = module.read(file, options)
+            return contents
+    known = "; ".join((module.__doc__ or "").splitlines()[0].rstrip(".") for module in formats())
+    raise LogError(f"{path} is of no format that can be read. These can: {known}.")
 
 
-def _read_binary(path: Path, head: bytes, density_kgpm3: float, progress: Progress) -> SurveyLog:
-    from auv_lse_shore.survey_import import ardupilot  # needs pymavlink
+def read_all(
+    paths: list[Path], all_named: bool, options: ReadOptions, progress: Callable[[Path, float], None]
+) -> Iterator[list[LogContent] | str]:
+    """The contents of each file, or why a file of a folder or pattern is left out.
 
-    if head.startswith(ardupilot.DATAFLASH):
-        return ardupilot.read_dataflash(path, density_kgpm3, progress)
-    if ardupilot.is_telemetry(head):
-        return ardupilot.read_telemetry(path, density_kgpm3, progress)
-    raise LogError(
-        f"{path}: got bytes of an unknown format; expected an ArduPilot dataflash log (.bin), a telemetry log (.tlog), "
-        "NMEA 0183 or a table (CSV)"
-    )
+    Raises:
+        LogError, FlightLogError: if a file that was named cannot be used.
+    """
+    for path in paths:
 
+        def of_file(share: float, path: Path = path) -> None:
+            progress(path, share)
 
-def _read_table(path: Path) -> list[SurveyLog]:
-    """A table with times, or with soundings in the order of its lines; a log for each vehicle."""
-    table = read_table(path)
-    is_geodetic = table.lat_deg is not None and table.lon_deg is not None
-    columns: Any = (table.lat_deg, table.lon_deg) if is_geodetic else (table.north_m, table.east_m)
-    stamps = np.arange(len(table.values), dtype=float) if table.time_s is None else table.time_s
-    depths = -table.values if table.upward else table.values
-    positions, pings = np.column_stack([stamps, *columns]), np.column_stack([stamps, depths])
-    order = np.argsort(stamps, kind="stable")
-    vehicles = np.zeros(len(order)) if table.vehicles is None else table.vehicles
-    names = np.unique(vehicles)
-    depth_std_m = 0.0 if table.tvu_m is None else float(np.nan_to_num(table.tvu_m).max()) / SIGMAS_95
-    notes = [f"columns {'lat, lon' if is_geodetic else 'north, east'}, {table.depth_name}"]
-    if table.place_std_m is not None:
-        notes.append("places as estimated before, with their standard deviations (north_std_m, east_std_m)")
-    if depth_std_m:
-        notes.append(f"depths with a standard deviation of at most {depth_std_m:.2f} m (tvu_m)")
-    logs = []
-    for name in names:
-        own = order[vehicles[order] == name]
-        logs.append(
-            SurveyLog(
-                name=path.name if len(names) == 1 else f"{path.name}, vehicle {name}",
-                positions=positions[own],
-                depths=pings[own],
-                is_geodetic=is_geodetic,
-                has_time=table.time_s is not None,
-                place_std_m=None if table.place_std_m is None else table.place_std_m[own],
-                depth_std_m=depth_std_m,
-                notes=list(notes),
-            )
-        )
-    return logs
+        try:
+            yield read_logs(path, options, of_file)
+        except (ValueError, OSError) as error:
+            if all_named:
+                raise
+            yield f"{path}: left out: {error}"

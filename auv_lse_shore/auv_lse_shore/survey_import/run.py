@@ -1,4 +1,4 @@
-"""The run folder of an imported survey: its mission file, its recording, and a summary."""
+"""The run folder of an imported survey: its recording, its soundings, a mission file for a dive, and a picture."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.atomic_files import written_whole
-from auv_lse_common.support.missing_packages import missing
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.likelihood import fit
 from auv_lse_record.run_data import RunData, VehicleRun
-from auv_lse_record.run_writer import write_run
+from auv_lse_record.run_writer import write_mission_file, write_run
+from auv_lse_shore.survey_import.area import SurveyedArea, surveyed_area
+from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
 
-#: The operating area ends this far (m) from the outermost soundings.
-MARGIN_M = 25.0
+#: Files of the run folder: soundings, the proposed mission file of a dive, the picture.
+SOUNDINGS, DIVE, PICTURE = "soundings.csv", "dive.yaml", "survey.png"
+#: Most soundings in the table, and length of a leg (m) by which a dive's steps are proposed.
+MOST_SOUNDINGS, LEG_M = 200_000, 23.6
 #: Number of soundings and of starts with which the Gaussian process is learned.
 FITTED, STARTS = 300, 3
 #: Number of cells of the map, and of kernel centers, beyond which both get coarser.
@@ -40,12 +44,15 @@ _NO_DRIFT = {
 
 
 def survey_run(
-    vehicle: VehicleRun, origin: tuple[float, float] | None, level_m: float | None, depth_std_m: float = 0.0
-) -> RunData:
-    """The run of a survey, with a mission file for its area and a prior learned from it.
+    vehicles: Sequence[VehicleRun],
+    origin: tuple[float, float] | None,
+    level_m: float | None,
+    depth_std_m: float = 0.0,
+) -> tuple[RunData, SurveyedArea]:
+    """The run of a survey, with a mission file for its area and a prior learned from it; and the area.
 
     Args:
-        vehicle: Track and soundings.
+        vehicles: Tracks and soundings.
         origin: Latitude and longitude (deg) of north = east = 0; None if unknown.
         level_m: Depth of the isobath (m); None: the median depth.
         depth_std_m: Least standard deviation of a sounding that the logs allow (m).
@@ -53,68 +60,58 @@ def survey_run(
     Raises:
         LogError: if there are too few soundings to learn from.
     """
-    points = vehicle.soundings.points_m
+    points = np.concatenate([vehicle.soundings.points_m for vehicle in vehicles])
     if len(points) < LEAST_SOUNDINGS:
-        raise LogError(f"survey: got {len(points)} usable soundings; expected at least {LEAST_SOUNDINGS}")
+        raise LogError(f"The survey has {len(points)} usable soundings, and a map needs {LEAST_SOUNDINGS}.")
     level_m = round(float(np.median(points[:, 2])), 1) if level_m is None else level_m
-    area, area_m2 = _area(points[:, :2])
-    if origin is not None:
-        area |= {"origin_lat_deg": origin[0], "origin_lon_deg": origin[1]}
+    learned = _learned(points, max(depth_std_m, LEAST_NOISE_M))
+    area = surveyed_area(points[:, :2], learned["length_scale_m"])
     parameters = {
         "/**": {
-            "mission": {"vehicles": 1, "steps": 1},
+            "mission": {"vehicles": len(vehicles), "steps": 1},
             "level_set": {"level_m": level_m},
-            "area": area,
-            "gp": _gp(points, area_m2, max(depth_std_m, LEAST_NOISE_M)),
+            "area": area.section(origin),
+            "gp": {**learned, **_sizes(points, area.area_m2, learned["length_scale_m"])},
             "places": dict(_NO_DRIFT),
         }
     }
-    last_s = float(max(vehicle.soundings.stamp_s.max(), *vehicle.odometry[-1:, 0], 0.0))
-    return RunData(parameters=parameters, vehicles=[vehicle], origin=origin, sim_s=last_s)
+    last_s = max(float(max(v.soundings.stamp_s.max(), *v.odometry[-1:, 0], 0.0)) for v in vehicles)
+    return RunData(parameters=parameters, vehicles=list(vehicles), origin=origin, sim_s=last_s), area
 
 
-def _area(places_m: Array) -> tuple[dict[str, Any], float]:
-    """Section `area`: around all places; and its size (m2)."""
-    try:
-        from shapely import MultiPoint
-    except ImportError as error:
-        raise missing(error, "operating areas") from error
-    polygon = MultiPoint(places_m).convex_hull.buffer(MARGIN_M, quad_segs=2).simplify(2.0)
-    corners = [round(float(value), 1) for east_north in polygon.exterior.coords[:-1] for value in east_north]
-    low, high = places_m.min(axis=0), places_m.max(axis=0)
-    raster_m = max(2.0, round(float((high - low).max()) / 1000.0, 1))
-    return {"polygon_m": corners, "raster_m": raster_m}, float(polygon.area)
-
-
-def _gp(points: Array, area_m2: float, least_noise_m: float) -> dict[str, Any]:
-    """Section `gp`: learned from some of the soundings, with cells and centers that suit the survey's size."""
+def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
+    """Kernel and hyperparameters of section `gp`, learned from some of the soundings."""
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
     try:
         config = fit(points[chosen, :2], points[chosen, 2], restarts=STARTS, rng=rng).config
     except ValueError as error:
-        raise LogError(f"survey: no Gaussian process fits the soundings: {error}") from error
+        raise LogError(f"No Gaussian process fits the soundings: {error}") from error
     names = ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
-    learned = {name: float(f"{getattr(config, name):.5g}") for name in names}
+    learned: dict[str, Any] = {name: float(f"{getattr(config, name):.5g}") for name in names}
     learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)
-    fine_m = max(learned["length_scale_m"] / 6.0, 1.0)
+    return {"kernel": config.kernel, **learned}
+
+
+def _sizes(points: Array, area_m2: float, length_scale_m: float) -> dict[str, float]:
+    """Cells and spacing of centers of section `gp` that suit the survey's size."""
+    fine_m = max(length_scale_m / 6.0, 1.0)
     spacing_m = min(GpConfig().min_spacing_m, fine_m)
     while len(np.unique(np.floor(points[:, :2] / spacing_m), axis=0)) > MAX_CENTERS:
         spacing_m *= 1.25
     cell_m = max(min(GpConfig().map_resolution_m, fine_m), math.sqrt(area_m2 / MAX_CELLS))
-    sizes = {"min_spacing_m": round(spacing_m, 1), "map_resolution_m": round(cell_m, 1)}
-    return {"kernel": config.kernel, **learned, **sizes}
+    return {"min_spacing_m": round(spacing_m, 1), "map_resolution_m": round(cell_m, 1)}
 
 
 def check_free(folder: Path) -> None:
     """Raises LogError if a run is in a folder."""
     for name in ("mission.yaml", "bag"):
         if (folder / name).exists():
-            raise LogError(f"--out {folder}: got a folder with {name}; expected a new one. Choose another name")
+            raise LogError(f"--out {folder} has a {name} already. Choose another name.")
 
 
-def write_survey(run: RunData, folder: Path, summary: Sequence[str]) -> None:
-    """Writes mission file, recording and `import.md`; all of them or nothing.
+def write_survey(run: RunData, area: SurveyedArea, folder: Path, summary: Sequence[str]) -> None:
+    """Writes mission files, recording, soundings, picture and `import.md`; all of them or nothing.
 
     Raises:
         OSError: if the folder cannot be written.
@@ -125,7 +122,47 @@ def write_survey(run: RunData, folder: Path, summary: Sequence[str]) -> None:
         with written_whole(folder) as part:
             write_run(run, part)
             (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
+            _write_soundings(run, part / SOUNDINGS)
+            write_mission_file(part / DIVE, dive_parameters(run))
+            draw_survey(run, area, part / PICTURE)
     except BaseException:
         if is_new and folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
         raise
+
+
+def dive_parameters(run: RunData) -> dict[str, dict[str, Any]]:
+    """The mission file of a dive in the surveyed area, with the soundings as prior mean."""
+    own = run.parameters["/**"]
+    area = {**own["area"]}
+    span_m = math.sqrt(_polygon_m2(np.array(area["polygon_m"]).reshape(-1, 2)))
+    steps = int(np.clip(round(4.0 * span_m / LEG_M), 10, 200))
+    prior = {name: own["gp"][name] for name in ("kernel", "signal_std_m", "length_scale_m", "noise_std_m")}
+    shared = {
+        "mission": {"vehicles": 2, "steps": steps},
+        "level_set": dict(own["level_set"]),
+        "area": area,
+        "gp": {**prior, "mean_depth_m": own["gp"]["mean_depth_m"], "mean": "survey", "survey_file": SOUNDINGS},
+    }
+    return {"/**": shared}
+
+
+def _polygon_m2(corners: Array) -> float:
+    x, y = corners.T
+    return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+
+
+def _write_soundings(run: RunData, path: Path) -> None:
+    """Writes all soundings as a table for `gp.survey_file` and `--bathymetry`; of a large survey one of each cell."""
+    points = np.concatenate([vehicle.soundings.points_m for vehicle in run.vehicles])
+    cell_m = 0.5
+    chosen = points
+    while len(chosen) > MOST_SOUNDINGS:
+        cells = np.floor(points[:, :2] / cell_m).astype(np.int64)
+        chosen = points[np.unique(cells, axis=0, return_index=True)[1]]
+        cell_m *= 1.5
+    names, formats = "north_m,east_m,depth_m", "%.3f,%.3f,%.3f"
+    if run.origin is not None:
+        chosen = np.column_stack([chosen, *geodetic_from_local(chosen[:, 0], chosen[:, 1], *run.origin)])
+        names, formats = names + ",lat,lon", formats + ",%.8f,%.8f"
+    np.savetxt(path, chosen, fmt=formats, header=names, comments="")

@@ -1,8 +1,9 @@
-"""From the positions and depths of logs to one vehicle's track and soundings.
+"""Puts the depths of a log where the boat was: on the local plane, with the uncertainty of that.
 
-Each log's track is freed of jumps, and its depths are placed on it: interpolated in time, moved from the antenna to the
-transducer, and added to the depths of transducer and vehicle. As during a mission, pings are combined to one sounding
-per second, and the gate of implausible soundings follows (`auv_lse_common.vocabulary.sounding_gate`).
+The track is freed of jumps and of positions that only repeat an old one. Depths are interpolated between positions in
+time, moved from the antenna to the transducer, and added to the depth of a vehicle. As during a mission, pings are
+combined to one sounding per second, and the gate of implausible soundings follows
+(`auv_lse_common.vocabulary.sounding_gate`).
 """
 
 from __future__ import annotations
@@ -15,28 +16,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.frames import local_from_geodetic
-from auv_lse_common.vocabulary.pings import by_period, sounding_of
-from auv_lse_common.vocabulary.sounding import Soundings
-from auv_lse_common.vocabulary.sounding_gate import SoundingGate
-from auv_lse_record.run_data import VehicleRun
-from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
+from auv_lse_common.vocabulary.pings import period_of
+from auv_lse_common.vocabulary.sounding_gate import SLOPE, SPREAD_M, SoundingGate
+from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError, SurveyLog
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-#: A depth needs positions before and after it, not farther apart than this (s).
-MAX_GAP_S = 5.0
-#: Faster than this (m/s), beyond `JUMP_M`, the track jumps; pieces between jumps need `LEAST_POSITIONS`.
-MAX_SPEED_MPS, JUMP_M, LEAST_POSITIONS = 20.0, 5.0, 5
+#: A depth needs positions before and after it, not farther apart than `GAPS` times their usual spacing, and this (s).
+GAPS, LEAST_GAP_S, LARGEST_GAP_S = 3.0, 5.0, 120.0
+#: Pieces of track between jumps need so many positions.
+LEAST_POSITIONS = 5
+#: A repeated position is an old one if the step after it is this much faster than the boat.
+STALE = 1.6
 #: The course comes from positions at least this far apart (m).
 COURSE_M = 2.0
 #: Period of soundings and of the track (s).
 EVERY_S = 1.0
-#: Positions count as fixes this far apart (s): nearer ones have the same error.
-FIX_EVERY_S = 60.0
-#: Time between two logs in the run (s).
-BETWEEN_LOGS_S = 60.0
+#: Positions farther than this (m) from the origin are of another survey, or wrong.
+FARTHEST_M = 200_000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,15 +44,15 @@ class Placement:
 
     Attributes:
         forward_m, starboard_m: The transducer's position relative to the antenna.
-        draught_m: The transducer's depth below the surface, or below a submarine's barometer.
         position_std_m: Standard deviation of a position, each axis.
+        lag_s: Time (s) by which a depth is stamped after its measurement.
         start_s, end_s: Part of each log to use, from its first position.
     """
 
     forward_m: float = 0.0
     starboard_m: float = 0.0
-    draught_m: float = 0.0
     position_std_m: float = 1.5
+    lag_s: float = 0.0
     start_s: float = 0.0
     end_s: float = math.inf
 
@@ -64,18 +63,22 @@ class PlacedLog:
 
     Attributes:
         track: Rows (time s, north m, east m, course rad, depth of the vehicle m), about one per second.
+        track_std_m: Standard deviations north and east (m) of a sounding at the track's rows, (n, 2).
         soundings: Rows (time s, north m, east m, depth m).
         left_out: Number of positions and depths left out, by reason.
         has_time: Whether the log has times.
-        place_std_m: Standard deviations north and east (m) of the track's rows, (n, 2), if the log states them.
+        is_utc: Whether they are UTC.
+        is_estimated: Whether its positions are estimates with standard deviations of their own.
     """
 
     name: str
     track: Array
+    track_std_m: Array
     soundings: Array
     left_out: Counter[str]
     has_time: bool
-    place_std_m: Array | None = None
+    is_utc: bool
+    is_estimated: bool
 
 
 def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
@@ -86,12 +89,12 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
     """
     if len({log.is_geodetic for log in logs}) > 1:
         names = ", ".join(log.name for log in logs if not log.is_geodetic)
-        raise LogError(f"{names}: got metres; expected latitude and longitude, as in the other logs. Import it alone")
+        raise LogError(f"{names}: positions are metres, and latitude and longitude in the other logs. Import it alone.")
     if not logs[0].is_geodetic:
         return None
     log = logs[0]
-    first = log.positions[0]
-    north, east = local_from_geodetic(log.positions[:, 1], log.positions[:, 2], float(first[1]), float(first[2]))
+    middle = np.median(log.positions[:, 1:], axis=0)
+    north, east = local_from_geodetic(log.positions[:, 1], log.positions[:, 2], float(middle[0]), float(middle[1]))
     kept = log.positions[_steady(log.positions[:, 0], north, east, log.has_time)]
     return float(kept[0, 1]), float(kept[0, 2])
 
@@ -100,27 +103,38 @@ def place(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) ->
     """Places a log's depths.
 
     Raises:
-        LogError: if no sounding remains.
+        LogError: if no sounding remains; names what was left out and why.
     """
-    left_out = Counter(log.left_out)
-    chosen, times, track = _track(log, origin, how, left_out)
-    pings = _pings(log, times, track, how, left_out)
-    gate = SoundingGate()
-    rows = gate.passed([tuple(sounding_of(group).tolist()) for group in by_period(pings, EVERY_S)])
-    for reason, count in gate.counts.items():
-        left_out[f"soundings: {reason}"] += count
-    if not rows:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items()) or "there are none"
-        raise LogError(f"{log.name}: got no usable sounding ({reasons}); expected depths at known positions")
+    left_out = log.left_out
+    chosen, times, track = _track(log, origin, how)
+    pings = _pings(log, times, track, how)
+    soundings = (
+        combined(pings)
+        if log.has_time and len(pings) > 1 and np.median(np.diff(pings[:, 0])) < 0.5 * EVERY_S
+        else pings
+    )
+    if not log.is_checked:
+        soundings = _plausible(soundings, left_out)
+    if not len(soundings):
+        reasons = "; ".join(f"{count} {reason}" for reason, count in left_out.items() if count) or "there are none"
+        raise LogError(f"{log.name}: none of {len(log.depths)} depths has a usable position ({reasons}).")
     stated = log.place_std_m is not None and log.has_time
-    rows_kept = np.arange(len(times)) if stated else _first_of_each(times, EVERY_S)
+    if stated:
+        assert log.place_std_m is not None
+        stds = log.place_std_m[chosen]
+    else:
+        kept = _first_of_each(times, EVERY_S)
+        times, track = times[kept], track[kept]
+        times, track, stds = _with_uncertainty(times, track, soundings[:, 0], log.lag_std_s, how.position_std_m)
     return PlacedLog(
         name=log.name,
-        track=np.column_stack([times, track])[rows_kept],
-        soundings=np.array(rows, dtype=float),
+        track=np.column_stack([times, track]),
+        track_std_m=stds,
+        soundings=soundings,
         left_out=left_out,
         has_time=log.has_time,
-        place_std_m=log.place_std_m[chosen] if log.place_std_m is not None and log.has_time else None,
+        is_utc=log.is_utc,
+        is_estimated=stated,
     )
 
 
@@ -131,20 +145,27 @@ def _first_of_each(times: Array, period_s: float) -> NDArray[np.int64]:
 
 
 def _track(
-    log: SurveyLog, origin: tuple[float, float] | None, how: Placement, left_out: Counter[str]
+    log: SurveyLog, origin: tuple[float, float] | None, how: Placement
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Which positions are used, their times (s), and rows (north m, east m, course rad, depth of the vehicle m)."""
+    left_out = log.left_out
     times, north, east = log.positions.T
     if origin is not None:
         north, east = local_from_geodetic(north, east, *origin)
-    known = np.isfinite(north) & np.isfinite(east)
-    known &= (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
+    known = np.isfinite(north) & np.isfinite(east) & np.isfinite(times)
+    near = known & (np.abs(north) < FARTHEST_M) & (np.abs(east) < FARTHEST_M)
+    left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the first"] += int((known & ~near).sum())
+    known = near & (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
     steady = _steady(times, north, east, log.has_time)
     left_out["positions that jump"] += int((known & ~steady).sum())
     chosen = np.flatnonzero(known & steady)
     chosen = chosen[np.append(True, np.diff(times[chosen]) > 0.0)] if len(chosen) else chosen
     if not len(chosen):
-        raise LogError(f"{log.name}: got no position in the chosen time; expected some. Check --from and --to")
+        raise LogError(f"{log.name}: no usable position in the chosen time. Check --from and --to.")
+    if log.has_time:
+        fresh = _fresh(times[chosen], north[chosen], east[chosen])
+        left_out["positions that only repeat an old one"] += int((~fresh).sum())
+        chosen = chosen[fresh]
     times, north, east = times[chosen], north[chosen], east[chosen]
     immersion = np.zeros(len(times))
     if len(log.immersion):
@@ -152,15 +173,35 @@ def _track(
     return chosen, times, np.column_stack([north, east, _course(north, east), immersion])
 
 
-def _steady(times: Array, north: Array, east: Array, has_time: bool) -> NDArray[np.bool_]:
+def _steady(times: Array, north: Array, east: Array, has_time: bool) -> Mask:
     """Whether each position belongs to a piece of track between jumps that is long enough."""
     if not has_time or len(times) < 2:
         return np.ones(len(times), dtype=bool)
-    jumps = np.hypot(np.diff(north), np.diff(east)) > MAX_SPEED_MPS * np.diff(times) + JUMP_M
+    jumps = ~(np.hypot(np.diff(north), np.diff(east)) <= MAX_SPEED_MPS * np.diff(times) + JUMP_M)
     piece = np.append(0, np.cumsum(jumps))
     sizes = np.bincount(piece)
-    steady: NDArray[np.bool_] = sizes[piece] >= min(LEAST_POSITIONS, int(sizes.max()))
+    steady: Mask = sizes[piece] >= min(LEAST_POSITIONS, int(sizes.max()))
     return steady
+
+
+def _fresh(times: Array, north: Array, east: Array) -> Mask:
+    """Whether each position is new, or repeated because the boat stands still.
+
+    Loggers repeat the last position with each depth until the next one arrives. Such a run of equal positions ends
+    with a step that is faster than the boat; then only its first position is real.
+    """
+    is_new = np.append(True, (np.diff(north) != 0.0) | (np.diff(east) != 0.0))
+    starts = np.flatnonzero(is_new)
+    if len(starts) in (1, len(times)):
+        return np.ones(len(times), dtype=bool)
+    ends = np.append(starts[1:], len(times)) - 1
+    moved = np.append(np.hypot(np.diff(north[starts]), np.diff(east[starts])), 0.0)
+    until = np.append(times[starts[1:]], times[-1])
+    whole, last = until - times[starts], until - times[ends]
+    speed = float(np.median(moved[:-1] / np.maximum(whole[:-1], 1e-9)))
+    is_stale = (ends > starts) & (moved > STALE * speed * last)
+    fresh: Mask = is_new | ~np.repeat(is_stale, ends - starts + 1)
+    return fresh
 
 
 def _course(north: Array, east: Array) -> Array:
@@ -173,63 +214,88 @@ def _course(north: Array, east: Array) -> Array:
     return course
 
 
-def _pings(log: SurveyLog, times: Array, track: Array, how: Placement, left_out: Counter[str]) -> Array:
+def largest_gap_s(times: Array) -> float:
+    """The longest time (s) between two positions over which depths are interpolated."""
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    return min(max(GAPS * usual, LEAST_GAP_S), LARGEST_GAP_S)
+
+
+def _pings(log: SurveyLog, times: Array, track: Array, how: Placement) -> Array:
     """Rows (time s, north m, east m, depth of water m) of the depths that can be used."""
-    stamps, depths = log.depths.T
-    within = (stamps >= log.positions[0, 0] + how.start_s) & (stamps <= log.positions[0, 0] + how.end_s)
+    left_out, first_s = log.left_out, float(log.positions[0, 0])
+    stamps, depths = log.depths[:, 0] - how.lag_s, log.depths[:, 1]
+    within = (stamps >= first_s + how.start_s) & (stamps <= first_s + how.end_s)
+    if how.start_s <= 0.0:
+        within |= stamps < first_s
     left_out["depths outside of --from and --to"] += int((~within).sum())
-    echo = np.isfinite(depths) & (depths > 0.0)
-    left_out["depths of 0 or less: no echo"] += int((within & ~echo).sum())
+    gap_s = largest_gap_s(times) if log.has_time else LEAST_GAP_S
     after = np.searchsorted(times, stamps).clip(0, len(times) - 1)
     before = np.where(times[after] == stamps, after, after - 1)
-    placed = (before >= 0) & (times[after] >= stamps) & (times[after] - times[before.clip(0)] <= MAX_GAP_S)
-    left_out[f"depths without positions within {MAX_GAP_S:g} s"] += int((within & echo & ~placed).sum())
-    use = within & echo & placed
+    placed = (before >= 0) & (times[after] >= stamps) & (times[after] - times[before.clip(0)] <= gap_s)
+    left_out[f"depths without positions within {gap_s:g} s"] += int((within & ~placed).sum())
+    use = within & placed & np.isfinite(depths)
     stamps, depths = stamps[use], depths[use]
     north, east, immersion = (np.interp(stamps, times, track[:, column]) for column in (0, 1, 3))
     course = track[after[use], 2]
     north += how.forward_m * np.cos(course) - how.starboard_m * np.sin(course)
     east += how.forward_m * np.sin(course) + how.starboard_m * np.cos(course)
-    return np.column_stack([stamps, north, east, depths + how.draught_m + immersion])
+    return np.column_stack([stamps, north, east, depths + immersion])
 
 
-def vehicle_of(logs: Sequence[PlacedLog], position_std_m: float) -> VehicleRun:
-    """All logs as one vehicle's recording, one after the other, from time 0.
+def combined(pings: Array) -> Array:
+    """One sounding of the pings (n, 4) of each second: the median depth, and means of the rest."""
+    periods = period_of(pings[:, 0], EVERY_S)
+    starts = np.flatnonzero(np.append(True, np.diff(periods) != 0.0))
+    counts = np.diff(np.append(starts, len(pings)))
+    soundings: Array = np.add.reduceat(pings - pings[0], starts, axis=0) / counts[:, None] + pings[0]
+    depths = pings[np.lexsort((pings[:, 3], np.repeat(np.arange(len(starts)), counts))), 3]
+    soundings[:, 3] = 0.5 * (depths[starts + (counts - 1) // 2] + depths[starts + counts // 2])
+    return soundings
 
-    Positions are the raw track, and every `FIX_EVERY_S` a fix. Positions with standard deviations of their own are
-    estimates: their errors have too much in common to count as fixes, and only the estimated track is kept. Logs
-    without times have soundings only.
 
-    Raises:
-        LogError: if only some logs state standard deviations.
+def _plausible(soundings: Array, left_out: Counter[str]) -> Array:
+    """The soundings (n, 4) that pass the gate."""
+    if len(soundings) < 2:
+        return soundings
+    steps = np.diff(soundings, axis=0)
+    jumps = np.abs(steps[:, 3]) > SLOPE * np.hypot(steps[:, 1], steps[:, 2]) + SPREAD_M
+    if not jumps.any() and (steps[:, 0] >= 0.0).all() and (steps[:, 3] != 0.0).mean() > 0.9:
+        longest = np.diff(np.flatnonzero(np.append(np.append(True, steps[:, 3] != 0.0), True))).max()
+        if longest <= 10:  # the gate rejects no shorter repetition
+            return soundings
+    gate = SoundingGate()
+    passed = np.array(gate.passed([tuple(row) for row in soundings.tolist()])).reshape(-1, 4)
+    for reason, count in gate.counts.items():
+        left_out[f"soundings: {reason}"] += count
+    return passed
+
+
+def _with_uncertainty(
+    times: Array, track: Array, stamps: Array, lag_std_s: float, position_std_m: float
+) -> tuple[Array, Array, Array]:
+    """The track with rows at soundings between slow positions, and standard deviations (n, 2) north and east.
+
+    A sounding is where the boat was to the position's error, to the way during the sounder's unknown delay, and to
+    what a straight line misses between two positions. The last is half of what it misses over two intervals, where
+    the position in their middle shows it.
     """
-    stated = [log.place_std_m is not None for log in logs]
-    if any(stated) and not all(stated):
-        names = ", ".join(log.name for log in logs if log.place_std_m is not None)
-        raise LogError(f"{names}: got north_std_m and east_std_m; expected them in all logs or none. Import it alone")
-    rows, tracks, stds, fixes, start_s = [], [], [], [], 0.0
-    for log in sorted(logs, key=lambda log: float(log.track[0, 0])):
-        shift_s = start_s - float(log.track[0, 0])
-        soundings, track = log.soundings.copy(), log.track.copy()
-        soundings[:, 0] += shift_s
-        track[:, 0] += shift_s
-        is_raw = log.has_time and log.place_std_m is None
-        raw = soundings[:, 1:3] if is_raw else np.full((len(soundings), 2), np.nan)
-        rows.append(np.column_stack([soundings, raw]))
-        start_s = float(track[-1, 0]) + BETWEEN_LOGS_S
-        if not log.has_time:
-            continue
-        tracks.append(track)
-        stds.append(np.full((len(track), 2), position_std_m) if log.place_std_m is None else log.place_std_m)
-        for stamp_s, north, east, _, _ in track[_first_of_each(track[:, 0], FIX_EVERY_S)].tolist() if is_raw else ():
-            place = dict.fromkeys(("north_m", "raw_north_m"), north) | dict.fromkeys(("east_m", "raw_east_m"), east)
-            fixes.append(Fix(stamp_s=stamp_s, std_m=position_std_m, **place))
-    track = np.concatenate(tracks) if tracks else np.empty((0, 5))
-    return VehicleRun(
-        vehicle=1,
-        odometry=track[:, :4],
-        place_std_m=np.concatenate(stds) if stds else np.empty((0, 2)),
-        dead_reckoning=np.empty((0, 5)) if any(stated) else track,
-        soundings=Soundings.from_rows(np.concatenate(rows)),
-        fixes=fixes,
-    )
+    if len(times) < 3:
+        return times, track, np.full((len(times), 2), position_std_m)
+    steps = np.diff(times)
+    share = steps[:-1] / (steps[:-1] + steps[1:])
+    missed = track[1:-1, :2] - track[:-2, :2] - share[:, None] * (track[2:, :2] - track[:-2, :2])
+    close = steps[:-1] + steps[1:] <= 2.0 * largest_gap_s(times)
+    line_std = 0.5 * np.sqrt(np.mean(missed[close] ** 2, axis=0)) if close.any() else np.zeros(2)
+    if float(np.median(steps)) > 1.5 * EVERY_S:
+        more = np.setdiff1d(stamps[(stamps > times[0]) & (stamps < times[-1])], times)
+        merged = np.sort(np.concatenate([times, more]))
+        track = np.column_stack([np.interp(merged, times, track[:, c]) for c in (0, 1, 3)])
+        track = np.column_stack([track[:, :2], _course(track[:, 0], track[:, 1]), track[:, 2]])
+        before = (np.searchsorted(times, merged, side="right") - 1).clip(0, len(times) - 2)
+        inside = ((merged - times[before]) / (times[before + 1] - times[before])).clip(0.0, 1.0)
+        times = merged
+    else:
+        inside = np.full(len(times), 0.5)
+    velocity = np.column_stack([np.gradient(track[:, c], times) for c in (0, 1)]).clip(-MAX_SPEED_MPS, MAX_SPEED_MPS)
+    line = 4.0 * (inside * (1.0 - inside))[:, None] * line_std
+    return times, track, np.sqrt(position_std_m**2 + (lag_std_s * velocity) ** 2 + line**2)

@@ -1,0 +1,102 @@
+"""The operating area of a survey: ground that was sounded, without what nobody sounded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.support.missing_packages import missing
+
+Array = NDArray[np.float64]
+
+#: The area ends this far (m) from the outermost soundings.
+MARGIN_M = 25.0
+#: Ground is sounded if lanes lie on both sides within this distance (m), in any case and at most.
+LEAST_REACH_M, LARGEST_REACH_M = 25.0, 150.0
+#: Share of the length scale over which soundings tell the depth.
+REACH = 0.5
+#: The most places from which the area is drawn, and corners that it has.
+_PLACES, _CORNERS = 6000, 600
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyedArea:
+    """Where soundings tell the depth.
+
+    Attributes:
+        polygon: Its corners north, east (m), shape (n, 2).
+        no_go: Ground inside of it that nobody sounded: corners of each piece, by name.
+        area_m2: Its size without the pieces of `no_go`.
+        others: Sizes (m2) of sounded ground apart from it, the largest first.
+    """
+
+    polygon: Array
+    no_go: dict[str, Array] = field(default_factory=dict)
+    area_m2: float = 0.0
+    others: tuple[float, ...] = ()
+
+    def section(self, origin: tuple[float, float] | None) -> dict[str, Any]:
+        """Section `area` of a mission file."""
+        spans = np.ptp(self.polygon, axis=0)
+        section: dict[str, Any] = {
+            "polygon_m": _flat(self.polygon),
+            "raster_m": max(2.0, round(float(spans.max()) / 1000.0, 1)),
+        }
+        if self.no_go:
+            section["no_go"] = {name: _flat(corners) for name, corners in self.no_go.items()}
+        if origin is not None:
+            section |= {"origin_lat_deg": origin[0], "origin_lon_deg": origin[1]}
+        return section
+
+
+def surveyed_area(places_m: Array, length_scale_m: float) -> SurveyedArea:
+    """The ground around soundings and between lanes that are not too far apart.
+
+    Args:
+        places_m: North, east (m) of the soundings, shape (n, 2).
+        length_scale_m: Length scale of the depth (m).
+
+    Raises:
+        MissingPackageError: if shapely is missing.
+    """
+    try:
+        from shapely import MultiPoint, Polygon
+    except ImportError as error:
+        raise missing(error, "operating areas") from error
+    reach_m = float(np.clip(REACH * length_scale_m, LEAST_REACH_M, LARGEST_REACH_M))
+    cell_m = reach_m / 6.0
+    while len(places := _thinned(places_m, cell_m)) > _PLACES:
+        cell_m *= 1.3
+    reach_m = max(reach_m, 2.0 * cell_m)
+    around = MultiPoint(places).buffer(reach_m + 0.5 * cell_m, quad_segs=4)
+    ground = around.buffer(min(MARGIN_M - reach_m, 0.0) - 0.5 * cell_m, quad_segs=4)
+    pieces = sorted(getattr(ground, "geoms", [ground]), key=lambda piece: piece.area, reverse=True)
+    piece, step_m = pieces[0], 1.0
+    holes = [Polygon(ring) for ring in piece.interiors]
+    holes = [hole for hole in holes if hole.buffer(-0.25 * reach_m).area > 0.0]
+    outline = Polygon(piece.exterior)
+    while True:
+        simple = outline.simplify(step_m)
+        voids = [hole.simplify(step_m) for hole in holes]
+        if len(simple.exterior.coords) + sum(len(void.exterior.coords) for void in voids) <= _CORNERS:
+            break
+        step_m *= 1.5
+    return SurveyedArea(
+        polygon=np.array(simple.exterior.coords[:-1]),
+        no_go={f"unsounded_{i}": np.array(void.exterior.coords[:-1]) for i, void in enumerate(voids, 1)},
+        area_m2=float(simple.area - sum(void.area for void in voids)),
+        others=tuple(float(other.area) for other in pieces[1:]),
+    )
+
+
+def _thinned(places_m: Array, cell_m: float) -> Array:
+    """One place of each cell."""
+    cells = np.floor(places_m / cell_m).astype(np.int64)
+    return places_m[np.unique(cells, axis=0, return_index=True)[1]]
+
+
+def _flat(corners: Array) -> list[float]:
+    return [round(float(value), 1) for corner in corners for value in corner]

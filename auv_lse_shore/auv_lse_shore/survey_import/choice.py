@@ -1,0 +1,242 @@
+"""Chooses one kind of position and one sounder of each log, and brings its depths to one reference, the surface.
+
+Two sounders are never mixed. Without `--sounder`, the one with the most pings in all logs is taken, and the others are
+named. Pings of low quality are left out by the log's own scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.support.plurals import counted
+from auv_lse_common.vocabulary.water import depth_of
+from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
+from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
+
+Array = NDArray[np.float64]
+
+#: Share of the lowest pressures of a log whose largest counts as the pressure at the surface.
+_SURFACE_SHARE = 0.01
+#: Kinds of positions, the best first; NMEA kinds follow their talker.
+_POSITIONS = ("POS", "GLOBAL_POSITION_INT", "GNS", "GGA", "RMC", "GLL", "GPS", "GPS_RAW_INT")
+#: A kind of position with less than this share of the most frequent one's is not preferred to it.
+_ENOUGH = 0.5
+#: Positions of another kind are used where the chosen one has none within this time (s).
+_FILL_S = 5.0
+#: Depths that say what they are measured from are preferred in this order.
+_REFERENCES = (Reference.SURFACE, Reference.TRANSDUCER, Reference.KEEL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """What the user decides.
+
+    Attributes:
+        sounder: Name of the sounder; "" for the one with the most pings.
+        least_quality: Least quality (percent of the log's scale) of a ping.
+        draught_m: Depth of the transducer, or for depths below the keel of the keel, below the surface or below a
+            submarine's barometer; None if unknown.
+        density_kgpm3: Density of the water, for the depth of a submarine.
+    """
+
+    sounder: str = ""
+    least_quality: float = 40.0
+    draught_m: float | None = None
+    density_kgpm3: float = 998.0
+
+
+def chosen_logs(contents: Sequence[LogContent], choice: Choice, all_named: bool) -> tuple[list[SurveyLog], list[str]]:
+    """One log of each content, all of them with the same sounder where they have it; and what was left out.
+
+    Args:
+        contents: The logs.
+        choice: What the user decides.
+        all_named: Whether a log without positions or depths is an error; else it is left out.
+
+    Raises:
+        LogError: if a content has no positions or no depths, or no log has the sounder that was asked for.
+    """
+    pings: Counter[str] = Counter()
+    for content in contents:
+        for name, sounder in content.sounders.items():
+            rows = sounder.rows
+            good = _is_good(rows, sounder.quality_scale, choice.least_quality)
+            # a sounder that repeats one depth does not measure
+            pings[name] += int(good.sum()) if len(np.unique(rows[:, 1])) > 1 else 0
+    if choice.sounder and choice.sounder.lower() not in {name.lower() for name in pings}:
+        raise LogError(f"--sounder {choice.sounder}: no log has it; it can be {', '.join(sorted(pings)) or 'none'}.")
+    logs, left_out, last = [], [], None
+    for content in contents:
+        try:
+            logs.append(_chosen(content, choice, pings))
+        except LogError as error:
+            if all_named:
+                raise
+            last = error
+            left_out.append(f"left out: {error}")
+    if not logs:
+        raise last or LogError("There is no log.")
+    return logs, left_out
+
+
+def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyLog:
+    positions, position_note = _positions(content)
+    name = _sounder_of(content, choice, pings)
+    sounder = content.sounders[name]
+    rows = sounder.rows
+    good = _is_good(rows, sounder.quality_scale, choice.least_quality)
+    content.left_out[f"depths with a quality below {choice.least_quality:g} %"] += int((~good).sum())
+    if not good.any():
+        raise LogError(
+            f"{content.name}: all {len(rows)} depths of {name} have a quality below {choice.least_quality:g} %. "
+            "Use them with --min-quality 0."
+        )
+    log = SurveyLog(
+        name=content.name,
+        positions=positions,
+        depths=_in_order(rows[good][:, :2]),
+        is_geodetic=content.is_geodetic,
+        has_time=content.clock is not Clock.NONE and not content.stood_still,
+        is_utc=content.clock in (Clock.UTC, Clock.LOCAL),
+        is_checked=content.is_checked,
+        place_std_m=content.place_std_m,
+        depth_std_m=content.depth_std_m,
+        lag_std_s=content.lag_std_s,
+        left_out=content.left_out,
+        notes=[position_note, f"depths from {name}", *content.notes],
+    )
+    _refer_to_surface(log, sounder, choice)
+    for other, unused in content.sounders.items():
+        depths = unused.rows[:, 1]
+        if other != name and len(depths):
+            log.notes.append(
+                f"not used: {counted(len(depths), 'depth')} of {other}, {depths.min():.1f} to {depths.max():.1f} m "
+                f'(--sounder "{other}" takes them instead)'
+            )
+    if content.is_submarine:
+        _add_immersion(log, content, choice.density_kgpm3)
+    return log
+
+
+def _positions(content: LogContent) -> tuple[Array, str]:
+    """The positions of the best kind, filled up with those of others; and a remark."""
+    found = content.positions
+    if not found:
+        raise LogError(
+            f"{content.name} has no usable positions{_reasons(content)}. A log needs positions and depths together."
+        )
+    most = max(map(len, found.values()))
+
+    def rank(kind: str) -> tuple[bool, int, int]:
+        at = next((i for i, name in enumerate(_POSITIONS) if kind == name or kind[2:] == name), len(_POSITIONS))
+        return len(found[kind]) < _ENOUGH * most, at, -len(found[kind])
+
+    first, *others = sorted(found, key=rank)
+    rows, note = found[first], f"positions from {first}"
+    if content.place_std_m is not None or content.clock is Clock.NONE:
+        return rows, note
+    for kind in others:
+        times = found[kind][:, 0]
+        after = np.searchsorted(rows[:, 0], times)
+        apart = np.minimum(
+            np.abs(times - rows[after.clip(max=len(rows) - 1), 0]), np.abs(times - rows[(after - 1).clip(0), 0])
+        )
+        more = found[kind][apart > _FILL_S]
+        if len(more):
+            rows = _in_order(np.concatenate([rows, more]))
+            note += f", {len(more)} of {kind} where those are missing"
+    return rows, note
+
+
+def _sounder_of(content: LogContent, choice: Choice, pings: Counter[str]) -> str:
+    """The name of the content's sounder to use."""
+    names = [name for name, sounder in content.sounders.items() if len(sounder.pings)]
+    if not names:
+        raise LogError(
+            f"{content.name} has no usable depths{_reasons(content)}. A log needs positions and depths together."
+        )
+    if choice.sounder:
+        asked = [name for name in names if name.lower() == choice.sounder.lower()]
+        if not asked:
+            raise LogError(f"{content.name} has no sounder {choice.sounder}, but {', '.join(names)}. Leave it out.")
+        return asked[0]
+    most = max(pings[name] for name in names)
+    # the transducer's depth that the user gives replaces the one that a plotter was set to
+    order = _REFERENCES if choice.draught_m is None else (Reference.TRANSDUCER, Reference.SURFACE, Reference.KEEL)
+
+    def rank(name: str) -> tuple[bool, int, int, str]:
+        sounder = content.sounders[name]
+        return pings[name] < _ENOUGH * most, order.index(sounder.reference), -pings[name], name
+
+    return min(names, key=rank)
+
+
+def _reasons(content: LogContent) -> str:
+    """What was left out, in brackets; "" if nothing."""
+    reasons = [f"{count} {reason}" for reason, count in content.left_out.items() if count]
+    found = [f"{len(sounder.pings) // 3} depths of {name}" for name, sounder in content.sounders.items()]
+    found += [f"{len(rows)} positions of {kind}" for kind, rows in content.positions.items()]
+    return f" ({'; '.join([*reasons, *found])})" if reasons or found else ""
+
+
+def _is_good(rows: Array, scale: float, least_percent: float) -> NDArray[np.bool_]:
+    """Mask of the pings whose quality suffices.
+
+    Without a scale it is the smallest of 1, 10, 100 and 255 that holds all values. A quality of 0 is "unknown" only
+    if the log has no other.
+    """
+    quality = rows[:, 2]
+    known = np.isfinite(quality)
+    if not known.any() or not (quality[known] != 0.0).any():
+        return np.ones(len(rows), dtype=bool)
+    if not scale:
+        top = float(quality[known].max())
+        scale = next((s for s in (1.0, 10.0, 100.0, 255.0) if top <= s), top)
+        if top < least_percent / 100.0 * scale:
+            scale = top
+    good: NDArray[np.bool_] = ~known | (quality >= least_percent / 100.0 * scale)
+    return good
+
+
+def _refer_to_surface(log: SurveyLog, sounder: Sounder, choice: Choice) -> None:
+    """Adds the transducer's or the keel's depth, and asks for it if it is unknown."""
+    if sounder.reference is Reference.SURFACE:
+        log.notes.append("below the surface as the log has it")
+        if choice.draught_m is None:
+            return
+    if choice.draught_m is None:
+        log.questions.append(
+            f"depths are below {sounder.reference.value}, whose depth is unknown: 0 m is assumed; --draught gives it"
+        )
+        return
+    log.depths[:, 1] += choice.draught_m
+    log.notes.append(f"{choice.draught_m:g} m added (--draught)")
+
+
+def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) -> None:
+    """The vehicle's depth from the barometer whose pressure varies most: the water's."""
+    tables = content.pressures
+    if not tables:
+        raise LogError(
+            f"{content.name} is a submarine's log without pressures, and the vehicle's own depth is part of the "
+            "water's. Log BARO or SCALED_PRESSURE messages."
+        )
+    kind = max(tables, key=lambda name: float(np.ptp(tables[name][:, 1])))
+    found, lat_deg = tables[kind], float(np.median(log.positions[:, 1]))
+    surface_pa = float(np.quantile(found[:, 1], _SURFACE_SHARE))
+    depths = [max(depth_of(pa - surface_pa, density_kgpm3, lat_deg), 0.0) for pa in found[:, 1].tolist()]
+    log.immersion = np.column_stack([found[:, 0], depths])
+    log.immersion = log.immersion[np.isfinite(log.immersion).all(axis=1)]
+    log.notes.append(f"the vehicle's own depth from {kind}, with the lowest pressure as the surface")
+
+
+def _in_order(rows: Array) -> Array:
+    """Rows in order of time."""
+    steps = np.diff(rows[:, 0])
+    return rows if not math.isnan(steps.sum()) and (steps >= 0.0).all() else rows[np.argsort(rows[:, 0], kind="stable")]

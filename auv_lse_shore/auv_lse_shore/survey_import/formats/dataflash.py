@@ -1,0 +1,89 @@
+"""ArduPilot dataflash logs (.bin): POS or GPS with DPTH or RFND, and a submarine's BARO."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.support.missing_packages import MissingPackageError, missing
+from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent
+from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+from auv_lse_shore.survey_import.parsing.times import UTC_FROM_S
+
+#: First bytes: the definition of a message.
+_SIGNATURE = b"\xa3\x95\x80"
+_DOWN = 25  # orientation of a range finder
+_GOOD = 4  # status of a range finder: no more and no less than its range
+_FIX_3D = 3
+_KINDS = ("GPS", "POS", "RFND", "DPTH", "BARO", "MSG")
+#: Standard deviation (s) of the delay of a ping in a flight controller.
+_LAG_STD_S = 0.1
+
+
+def recognizes(file: LogFile) -> bool:
+    """Whether it begins with the definition of a message."""
+    return file.head.startswith(_SIGNATURE)
+
+
+def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
+    """Reads a log; a truncated one up to its end.
+
+    Raises:
+        FlightLogError: if it is damaged.
+        MissingPackageError: if pymavlink is missing.
+        OSError: if it cannot be read.
+    """
+    try:
+        from auv_lse_mavlink.flight_logs import dataflash_messages
+    except MissingPackageError:
+        raise
+    except ImportError as error:
+        raise missing(error, "ArduPilot's logs") from error
+    content = LogContent(file.path.name)
+    content.lag_std_s = _LAG_STD_S
+    with tempfile.TemporaryDirectory() as folder:
+        path = file.path
+        if path.stat().st_size != len(file.data):  # it was packed
+            path = Path(folder) / path.stem
+            path.write_bytes(file.data)
+        for stamp_s, message in dataflash_messages(path, _KINDS, content.left_out, file.progress):
+            _take(content, message, stamp_s)
+    if any(rows[0, 0] < UTC_FROM_S for rows in content.positions.values()):
+        content.clock = Clock.ELAPSED
+    return [content]
+
+
+def _take(content: LogContent, m: Any, stamp_s: float) -> None:
+    kind = m.get_type()
+    if kind == "MSG":
+        content.is_submarine = content.is_submarine or str(m.Message).startswith("ArduSub")
+    elif kind == "POS":
+        content.position(kind, stamp_s, m.Lat, m.Lng)
+    elif kind == "GPS":
+        number = getattr(m, "I", 0)
+        if m.Status < _FIX_3D:
+            content.left_out[NO_FIX] += 1
+        else:
+            content.position(f"GPS {number}" if number else "GPS", stamp_s, m.Lat, m.Lng)
+    elif kind == "DPTH":
+        content.depth(f"DPTH {getattr(m, 'Inst', 0)}", stamp_s, m.Depth)
+    elif kind == "BARO":
+        content.pressure(f"BARO {getattr(m, 'I', 0)}", stamp_s, m.Press)
+    elif kind == "RFND":
+        _take_range(content, m, stamp_s)
+
+
+def _take_range(content: LogContent, m: Any, stamp_s: float) -> None:
+    """A range finder's message: of one instance, or before ArduPilot 4.1 of two."""
+    for number in ("", "1", "2"):
+        if not hasattr(m, f"Dist{number}"):
+            continue
+        name = f"RFND {number or getattr(m, 'Instance', getattr(m, 'I', 0))}"
+        if getattr(m, f"Orient{number}", _DOWN) != _DOWN:
+            content.left_out[f"ranges of {name}, which does not look down"] += 1
+        elif getattr(m, f"Stat{number}", _GOOD) != _GOOD:
+            content.left_out["depths out of the range finder's range"] += 1
+        else:
+            quality = float(getattr(m, "Quality", -1))  # -1: none
+            content.depth(name, stamp_s, getattr(m, f"Dist{number}"), quality if quality >= 0.0 else float("nan"))

@@ -1,0 +1,98 @@
+"""Tables of soundings: any delimiter, header, unit and encoding; Deeper, ReefMaster, PINGMapper, SonarTRX, our own."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
+from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+from auv_lse_shore.survey_import.parsing import table_values as tv
+from auv_lse_shore.survey_import.parsing.columns import Column, columns_for
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
+from auv_lse_shore.survey_import.parsing.text import is_text
+from auv_lse_shore.survey_import.survey_log import LogError
+
+Array = NDArray[np.float64]
+
+#: Any text may be a table.
+ASKED_LAST = True
+
+
+def recognizes(file: LogFile) -> bool:
+    """Whether it is text with columns."""
+    if not is_text(file.head):
+        return False
+    return dialect_of(tv.beginning(file.head)) is not None
+
+
+def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
+    """Reads a table: one log of each vehicle in it.
+
+    Raises:
+        LogError: if its columns are not known, with a proposal.
+        OSError: if it cannot be read.
+    """
+    text = file.text
+    dialect = dialect_of(text[: tv.SAMPLE_LETTERS])
+    if dialect is None:
+        raise LogError(f"{file.path} has no columns of numbers.")
+    columns = columns_for(file.path, dialect, options.columns)
+    return _contents(file, text, dialect, columns, options)
+
+
+def _contents(
+    file: LogFile, text: str, dialect: Dialect, columns: dict[str, Column], options: ReadOptions
+) -> list[LogContent]:
+    """The logs of the vehicles in a table."""
+    used = list(columns.values())
+    parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
+    texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
+    read = 0
+    for piece in columns_of(text, dialect, [column.number for column in used]):
+        for role, cells in zip(columns, piece, strict=True):
+            parts[role].append(np.array(cells) if role in texts else tv.values_of(role, cells, dialect.decimal_comma))
+        read += sum(len(cell) + 1 for cells in piece for cell in cells)
+        file.progress(min(read / len(text), 1.0))
+    if not read:
+        raise LogError(f"{file.path} has a header and no rows of values.")
+    table = tv.Table(
+        path=file.path,
+        columns=columns,
+        values={role: np.concatenate(arrays) for role, arrays in parts.items()},
+        decimal_comma=dialect.decimal_comma,
+    )
+    shared = LogContent(file.path.name)
+    rows = tv.rows_of(table, options, shared)
+    contents = []
+    for name, mask in tv.vehicles_of(table):
+        own = rows.of(mask)
+        stood = np.zeros(len(own.time_s), dtype=bool)
+        if shared.clock is not Clock.NONE:
+            times, stood = tv.spread_times(own.time_s, own.places, own.is_geodetic)
+            own = dataclasses.replace(own, time_s=times)
+        for part, words in ((~stood, name), (stood, f"{name}, {stood.sum()} rows while the clock stood still")):
+            if part.any():
+                content = LogContent(f"{file.path.name}{words}", shared.clock)
+                content.stood_still = bool(stood[part].any())
+                content.is_checked, content.notes = "order" in columns, [*shared.notes]
+                content.lag_std_s = shared.lag_std_s
+                _fill(content, own.of(part))
+                contents.append(content)
+    contents[0].left_out.update(shared.left_out)
+    return contents
+
+
+def _fill(content: LogContent, rows: tv.Rows) -> None:
+    """Adds the positions and depths of one vehicle."""
+    content.is_geodetic, content.depth_std_m = rows.is_geodetic, rows.depth_std_m
+    content.add_positions("its columns", np.column_stack([rows.time_s, rows.places])[rows.is_position])
+    if rows.place_std_m is not None:
+        order = np.argsort(rows.time_s[rows.is_position], kind="stable")
+        content.place_std_m = rows.place_std_m[rows.is_position][order]
+    for name in np.unique(rows.sounders):
+        mask = (rows.sounders == name) & np.isfinite(rows.depth_m)
+        content.sounders[str(name)] = Sounder(reference=rows.reference, quality_scale=rows.quality_scale)
+        content.add_depths(str(name), np.column_stack([rows.time_s, rows.depth_m, rows.quality])[mask])

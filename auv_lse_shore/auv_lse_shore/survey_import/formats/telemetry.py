@@ -1,0 +1,95 @@
+"""MAVLink telemetry logs (.tlog): GLOBAL_POSITION_INT with DISTANCE_SENSOR, WATER_DEPTH or RANGEFINDER."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.support.missing_packages import MissingPackageError, missing
+from auv_lse_shore.survey_import.log_content import NO_FIX, LogContent
+from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
+
+_DOWN = 25  # orientation of a range finder
+_FIX_3D = 3
+_SUBMARINE = 12  # type of vehicle
+_POSITIONS = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
+_KINDS = (
+    *_POSITIONS, "HEARTBEAT", "DISTANCE_SENSOR", "RANGEFINDER", "WATER_DEPTH", "SCALED_PRESSURE", "SCALED_PRESSURE2",
+    "SCALED_PRESSURE3",
+)  # fmt: skip
+_OUT_OF_RANGE = "depths out of the range finder's range"
+#: Standard deviation (s) of the delay of a ping on its way to the ground station.
+_LAG_STD_S = 0.2
+
+
+def recognizes(file: LogFile) -> bool:
+    """Whether it begins with a time and a MAVLink message."""
+    if len(file.head) < 9 or file.head[8] not in (0xFE, 0xFD):
+        return False
+    return bool(_flight_logs().is_telemetry(file.head))
+
+
+def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
+    """Reads a log; a truncated one up to its end.
+
+    Raises:
+        LogError: if the file is too large.
+        MissingPackageError: if pymavlink is missing.
+        OSError: if it cannot be read.
+    """
+    content, system = LogContent(file.path.name), None
+    content.lag_std_s = _LAG_STD_S
+    with tempfile.TemporaryDirectory() as folder:
+        path = file.path
+        if path.stat().st_size != len(file.data):  # it was packed
+            path = Path(folder) / path.stem
+            path.write_bytes(file.data)
+        for stamp_s, message in _flight_logs().telemetry_messages(path, _KINDS, content.left_out, file.progress):
+            sender, kind = message.get_srcSystem(), message.get_type()
+            if system is None and kind in _POSITIONS:
+                system = sender  # a ground station sends none
+            if system in (None, sender):
+                _take(content, message, stamp_s)
+            elif kind != "HEARTBEAT":
+                content.left_out["messages of other vehicles"] += 1
+    return [content]
+
+
+def _flight_logs() -> Any:
+    try:
+        from auv_lse_mavlink import flight_logs
+    except MissingPackageError:
+        raise
+    except ImportError as error:
+        raise missing(error, "ArduPilot's logs") from error
+    return flight_logs
+
+
+def _take(content: LogContent, m: Any, stamp_s: float) -> None:
+    kind = m.get_type()
+    if kind == "HEARTBEAT":
+        content.is_submarine = content.is_submarine or m.type == _SUBMARINE
+    elif kind == "GLOBAL_POSITION_INT":
+        content.position(kind, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
+    elif kind == "GPS_RAW_INT":
+        if m.fix_type < _FIX_3D:
+            content.left_out[NO_FIX] += 1
+        else:
+            content.position(kind, stamp_s, m.lat * 1e-7, m.lon * 1e-7)
+    elif kind.startswith("SCALED_PRESSURE"):
+        content.pressure(kind, stamp_s, 100.0 * m.press_abs)
+    elif kind == "WATER_DEPTH":
+        if m.healthy:
+            content.depth(f"WATER_DEPTH {m.id}", stamp_s, m.distance)
+        else:
+            content.left_out[_OUT_OF_RANGE] += 1
+    elif kind == "RANGEFINDER":
+        content.depth(kind, stamp_s, m.distance)
+    elif m.orientation != _DOWN:
+        content.left_out[f"ranges of DISTANCE_SENSOR {m.id}, which does not look down"] += 1
+    elif m.min_distance < m.current_distance < m.max_distance and m.signal_quality != 1:
+        # a quality of 1 is invalid
+        content.depth(f"DISTANCE_SENSOR {m.id}", stamp_s, 0.01 * m.current_distance, float(m.signal_quality))
+    else:
+        content.left_out[_OUT_OF_RANGE] += 1

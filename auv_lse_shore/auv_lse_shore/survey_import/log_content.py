@@ -1,0 +1,176 @@
+"""What a reader found in one log: every kind of position and every sounder, none of them chosen yet.
+
+A reader adds all that it finds. `choice.py` then takes one sounder, so that no two are mixed and no ping counts twice.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Reasons of readers of several formats.
+NO_FIX = "positions without a fix"
+NO_POSITION = "positions at 0, 0"
+NO_ECHO = "depths of 0 or less: no echo"
+
+
+class Reference(Enum):
+    """What a sounder's depths are measured from."""
+
+    SURFACE = "the surface"
+    TRANSDUCER = "the transducer"
+    KEEL = "the keel"
+
+
+class Clock(Enum):
+    """What a log's times are."""
+
+    UTC = "seconds since 1970"
+    LOCAL = "seconds since 1970 by a clock whose time zone is unknown"
+    DAY = "seconds of a day without a date"
+    ELAPSED = "seconds since an unknown start"
+    NONE = "row numbers"
+
+
+@dataclass(slots=True, kw_only=True)
+class Sounder:
+    """The depths of one sounder.
+
+    Attributes:
+        reference: What its depths are measured from.
+        quality_scale: The quality that means certain; 0 if the scale is unknown, as in a table.
+        pings: Time (s), depth (m) and quality (NaN: none) of one ping after the other.
+    """
+
+    reference: Reference = Reference.TRANSDUCER
+    quality_scale: float = 100.0
+    pings: array[float] = field(default_factory=lambda: array("d"))
+
+    @property
+    def rows(self) -> Array:
+        """Rows (time s, depth m, quality), shape (n, 3)."""
+        return np.frombuffer(self.pings, dtype=float).reshape(-1, 3).copy()
+
+
+class LogContent:
+    """One log of one vehicle, as its reader found it.
+
+    Attributes:
+        name: The log's name for the user.
+        sounders: Sounders by name, such as "SDDPT" or "RFND 1".
+        clock: What times are.
+        stood_still: Whether the clock did, so that times only order the rows.
+        is_geodetic: Whether positions are degrees; else metres north and east.
+        is_submarine: Whether the log is of a vehicle under water, whose own depth has to be added.
+        is_checked: Whether this project wrote it: its soundings have passed the checks.
+        place_std_m: Stated standard deviations north and east (m) of the positions, (n, 2), or None.
+        depth_std_m: Largest stated standard deviation (m) of a depth; 0 if none is stated.
+        lag_std_s: Standard deviation (s) of the time between a depth's measurement and its stamp.
+        left_out: Positions and depths left out, by reason.
+        notes: What the user should know about how it was read.
+    """
+
+    def __init__(self, name: str, clock: Clock = Clock.UTC) -> None:
+        self.name = name
+        self.sounders: dict[str, Sounder] = {}
+        self.clock = clock
+        self.stood_still = False
+        self.is_geodetic = True
+        self.is_submarine = False
+        self.is_checked = False
+        self.place_std_m: Array | None = None
+        self.depth_std_m = 0.0
+        self.lag_std_s = 0.0
+        self.left_out: Counter[str] = Counter()
+        self.notes: list[str] = []
+        self._positions: dict[str, array[float]] = defaultdict(lambda: array("d"))
+        self._pressures: dict[str, array[float]] = defaultdict(lambda: array("d"))
+
+    def position(self, kind: str, stamp_s: float, lat_deg: float, lon_deg: float) -> None:
+        """Adds a position in degrees; 0, 0 is none, and neither is one outside of the earth."""
+        if lat_deg == 0.0 and lon_deg == 0.0:
+            self.left_out[NO_POSITION] += 1
+        elif not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0 and math.isfinite(stamp_s)):
+            self.left_out["positions that are not on earth"] += 1
+        else:
+            self._positions[kind].extend((stamp_s, lat_deg, lon_deg))
+
+    def add_positions(self, kind: str, rows: ArrayLike) -> None:
+        """Adds rows (time s, latitude, longitude deg, or north, east m), shape (n, 3), all of them usable."""
+        self._positions[kind].frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
+
+    def depth(self, sounder: str, stamp_s: float, depth_m: float, quality: float = math.nan) -> None:
+        """Adds a ping of a sounder that `sounders` has, or of a new one that measures from the transducer."""
+        if not depth_m > 0.0:
+            self.left_out[NO_ECHO] += 1
+            return
+        self.sounders.setdefault(sounder, Sounder()).pings.extend((stamp_s, depth_m, quality))
+
+    def add_depths(self, sounder: str, rows: ArrayLike) -> None:
+        """Adds pings (time s, depth m, quality or NaN), shape (n, 3); those without an echo are counted."""
+        table = np.asarray(rows, dtype=float).reshape(-1, 3)
+        echo = table[:, 1] > 0.0
+        self.left_out[NO_ECHO] += int((~echo).sum())
+        pings = self.sounders.setdefault(sounder, Sounder()).pings
+        pings.frombytes(np.ascontiguousarray(table[echo]).tobytes())
+
+    def pressure(self, kind: str, stamp_s: float, pressure_pa: float) -> None:
+        """Adds an absolute pressure (Pa)."""
+        self._pressures[kind].extend((stamp_s, pressure_pa))
+
+    def shift(self, by_s: float) -> None:
+        """Moves all times by some seconds."""
+        for columns, tables in ((3, self._positions), (2, self._pressures)):
+            for values in tables.values():
+                np.frombuffer(values, dtype=float).reshape(-1, columns)[:, 0] += by_s
+        for sounder in self.sounders.values():
+            np.frombuffer(sounder.pings, dtype=float).reshape(-1, 3)[:, 0] += by_s
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time of the positions; NaN without any."""
+        tables = self.positions.values()
+        if not tables:
+            return math.nan, math.nan
+        return min(float(rows[0, 0]) for rows in tables), max(float(rows[-1, 0]) for rows in tables)
+
+    def drop_impossible_times(self, last_s: float) -> None:
+        """Leaves out what has no time between 0 and `last_s`, and counts it."""
+        for columns, tables in ((3, self._positions), (2, self._pressures)):
+            for kind, values in tables.items():
+                tables[kind] = self._possible(values, columns, last_s)
+        for sounder in self.sounders.values():
+            sounder.pings = self._possible(sounder.pings, 3, last_s)
+
+    def _possible(self, values: array[float], columns: int, last_s: float) -> array[float]:
+        rows = np.frombuffer(values, dtype=float).reshape(-1, columns)
+        good = np.isfinite(rows).T[:2].all(axis=0) & (np.abs(rows[:, 0]) <= last_s)
+        if good.all():
+            return values
+        self.left_out["positions and depths with an impossible time"] += int((~good).sum())
+        return array("d", rows[good].ravel())
+
+    @property
+    def positions(self) -> dict[str, Array]:
+        """Rows (time s, latitude, longitude) of each kind of position that has any, in order of time."""
+        return {kind: _table(rows, 3) for kind, rows in self._positions.items() if len(rows)}
+
+    @property
+    def pressures(self) -> dict[str, Array]:
+        """Rows (time s, pressure Pa) of each barometer, in order of time."""
+        return {kind: _table(rows, 2) for kind, rows in self._pressures.items() if len(rows)}
+
+
+def _table(values: array[float], columns: int) -> Array:
+    """Rows in order of time."""
+    table = np.frombuffer(values, dtype=float).reshape(-1, columns)
+    steps = np.diff(table[:, 0])
+    return table.copy() if (steps >= 0.0).all() else table[np.argsort(table[:, 0], kind="stable")]

@@ -1,0 +1,99 @@
+"""A file that a reader reads: its beginning, its bytes and its text; gzip is unpacked."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from auv_lse_shore.survey_import.parsing.text import text_of
+from auv_lse_shore.survey_import.survey_log import LogError, Progress
+
+#: Bytes of a file by which its format is recognized.
+HEAD = 65_536
+#: Largest file, and largest unpacked one.
+MOST_BYTES = 300_000_000
+_GZIP = b"\x1f\x8b"
+
+
+class LogFile:
+    """One file.
+
+    Attributes:
+        path: Where it is.
+        progress: Takes the share that has been read, 0 to 1.
+    """
+
+    def __init__(self, path: Path, progress: Progress = lambda share: None) -> None:
+        """Opens nothing yet."""
+        self.path = path
+        self.progress = progress
+
+    @cached_property
+    def head(self) -> bytes:
+        """The first `HEAD` bytes."""
+        with self.path.open("rb") as file:
+            head = file.read(HEAD)
+        return self._unpacked(HEAD) if head.startswith(_GZIP) else head
+
+    @cached_property
+    def data(self) -> bytes:
+        """All bytes.
+
+        Raises:
+            LogError: if there are too many, or the file is damaged.
+            OSError: if it cannot be read.
+        """
+        size = self.path.stat().st_size
+        if size > MOST_BYTES:
+            raise LogError(
+                f"{self.path} has {size / 1e6:,.0f} MB, and {MOST_BYTES / 1e6:,.0f} MB can be read. Split it by day."
+            )
+        data = self.path.read_bytes()
+        if not data.startswith(_GZIP):
+            return data
+        data = self._unpacked(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise LogError(f"{self.path} unpacks to more than {MOST_BYTES / 1e6:,.0f} MB. Split it by day.")
+        return data
+
+    @property
+    def text(self) -> str:
+        """All bytes as text, whatever their encoding."""
+        return text_of(self.data)
+
+    def _unpacked(self, most: int) -> bytes:
+        """The first bytes of a gzip file, as far as it is intact."""
+        unpacker, parts, size = zlib.decompressobj(wbits=31), [], 0
+        with self.path.open("rb") as file:
+            while size < most and (packed := file.read(1 << 20)):
+                try:
+                    parts.append(unpacker.decompress(packed, most - size))
+                except zlib.error as error:
+                    if not size:
+                        raise LogError(f"{self.path} is a damaged gzip file ({error}). Copy it again.") from error
+                    break
+                size += len(parts[-1])
+        return b"".join(parts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadOptions:
+    """What the user knows about a log that the log does not show.
+
+    Attributes:
+        accept_checksums: Whether NMEA sentences with a wrong checksum are used.
+        columns: Names of a table's columns; () if its header names them.
+        depth_unit_m: Metres in a table's unit of depth; 0: as the header says, else metres.
+        day_first: Whether 3/4/2026 is in April; None: as the dates show.
+        surface_m: Elevation of the water surface, for tables of elevations; NaN: unknown.
+        crs: Coordinate reference system of a table in metres; "" if unknown.
+    """
+
+    accept_checksums: bool = False
+    columns: tuple[str, ...] = ()
+    depth_unit_m: float = 0.0
+    day_first: bool | None = None
+    surface_m: float = float("nan")
+    crs: str = ""

@@ -1,0 +1,242 @@
+"""What the columns of a table mean: from their names, from `--columns`, or from their values as a proposal."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
+from auv_lse_shore.survey_import.parsing.times import days, of_day_s
+from auv_lse_shore.survey_import.survey_log import LogError
+
+Array = NDArray[np.float64]
+
+
+class Column(NamedTuple):
+    """A column that is used: its number, its role, and the unit that its name or the row of units has."""
+
+    number: int
+    role: str
+    unit: str
+    name: str
+
+
+#: Names of each role without blanks, signs and units; of several columns of a role the first name counts.
+ROLES: dict[str, tuple[str, ...]] = {
+    "lat": (
+        "lat", "latitude", "latdeg", "latitudedeg", "gpslat", "gpslatitude", "poslat", "latwgs84", "latitudewgs84",
+        "wgs84lat", "decimallatitude", "breite", "breitengrad", "geobreite", "latitud", "latitudine", "breddegrad",
+        "breedtegraad", "szerokosc", "sirka", "shirota",
+    ),
+    "lon": (
+        "lon", "longitude", "lng", "long", "londeg", "longitudedeg", "gpslon", "gpslong", "gpslng", "gpslongitude",
+        "poslon", "lonwgs84", "longitudewgs84", "wgs84lon", "decimallongitude", "laenge", "lange", "länge",
+        "laengengrad", "längengrad", "geolaenge", "longitud", "longitudine", "lengdegrad", "lengtegraad", "dlugosc",
+        "delka", "dolgota",
+    ),
+    "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
+    "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
+    "depth": (
+        "depth", "waterdepth", "bottomdepth", "totaldepth", "sonardepth", "depthbelowsurface", "watercolumndepth",
+        "dep", "depthvalue", "instdep", "sounding", "depthcorrected", "correcteddepth", "depthsonar", "dbs",
+        "depthbelowtransducer", "depthtransducer", "depthraw", "rawdepth", "dbt", "dpt", "tiefe", "wassertiefe",
+        "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
+        "depthbelowkeel", "dbk", "depth1", "glubina",
+    ),
+    "elevation": (
+        "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
+        "seafloorelevation", "sohlhoehe", "sohlhöhe",
+    ),
+    "datetime": (
+        "datetime", "datetimeutc", "utcdatetime", "timestamp", "timeutc", "utctime", "timestamputc", "time", "caltime",
+        "gpstime", "utc", "gmt", "recordedat", "createdat", "epoch", "unixtime", "unix", "unixtimestamp", "epochtime",
+        "posixtime", "datumzeit", "zeitstempel", "fechahora", "horodatage", "datetimelocal", "localtime", "times",
+        "zeit", "uhrzeit", "heure", "hora", "ora", "tid", "clock", "timelocal", "timeofday", "systemtime",
+    ),
+    "date": ("date", "utcdate", "dateutc", "gpsdate", "day", "datum", "fecha", "data", "localdate", "jour", "dato"),
+    "quality": (
+        "confidence", "quality", "signalquality", "depthquality", "pingconfidence", "depthconfidence", "pingquality",
+        "echoquality", "conf", "sonarquality", "depthconf",
+    ),
+    "sounder": (
+        "sounder", "channel", "transducer", "sonar", "sonarid", "sensor", "sensorid", "instance", "channelid",
+        "sonarchannel", "transducerid", "sounderid", "beam", "beamnumber", "frequency", "surveytype",
+    ),
+    "vehicle": ("vehicle", "vessel", "boat", "platform", "vehicleid"),
+    "north_std": ("northstd",),
+    "east_std": ("eaststd",),
+    "tvu": ("tvu",),
+    "order": ("s44order",),
+    "x": ("x", "xcoord", "xcoordinate", "pointx", "coordx"),
+    "y": ("y", "ycoord", "ycoordinate", "pointy", "coordy"),
+    "z": ("z", "zcoord", "value", "zvalue"),
+}  # fmt: skip
+_BY_NAME = {name: role for role, names in ROLES.items() for name in names}
+#: Units, by the letters in brackets or at the end of a name; metres, or seconds.
+UNITS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
+    "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01, "mm": 0.001,
+    "dm": 0.1, "km": 1000.0, "in": 0.0254,
+}  # fmt: skip
+#: Units of times, in seconds.
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
+_OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
+_BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
+#: What the tables of Deeper sounders hold; they have no header.
+_DEEPER = ["lat", "lon", "depth", "time_ms"]
+#: Roles that a table cannot do without.
+_PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
+
+
+def column_of(number: int, name: str, unit: str = "") -> Column | None:
+    """What a column's name means; None if it is not used."""
+    text = name.strip().strip("\"'").lower()
+    if match := _BRACKETS.search(text):
+        unit = match[1].strip()
+        text = _BRACKETS.sub("", text)
+    words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
+    known = UNITS.keys() | TIME_UNITS.keys() | set(_OTHER_UNITS)
+    if len(words) > 1 and words[-1] in known and "".join(words) not in _BY_NAME:
+        unit = unit or words.pop()
+    key = "".join(words)
+    if key not in _BY_NAME:  # a unit without a sign before it: DepthFt, TimeMs
+        cut = next((k for k in known if key.endswith(k) and key[: -len(k)] in _BY_NAME), "")
+        key, unit = key.removesuffix(cut), unit or cut
+    role = _BY_NAME.get(key)
+    return None if role is None else Column(number, role, unit.lower().strip(), name.strip())
+
+
+def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, Column]:
+    """The column of each role; of several columns, that of the role's first name. Several times are all kept.
+
+    A second time or depth has the role with its rank added: "datetime", "datetime1".
+    """
+    found: dict[str, list[tuple[int, Column]]] = {}
+    for number, name in enumerate(names):
+        column = column_of(number, name, units[number] if number < len(units) else "")
+        if column:
+            key = re.sub(r"[^a-z0-9äöüß]+", "", column.name.lower())
+            rank = next((i for i, n in enumerate(ROLES[column.role]) if key.startswith(n)), len(ROLES[column.role]))
+            rank = ROLES[column.role].index(key) if key in ROLES[column.role] else rank
+            found.setdefault(column.role, []).append((rank, column))
+    columns = {}
+    for role, entries in found.items():
+        for i, (_, column) in enumerate(sorted(entries)):
+            columns[role if not i else f"{role}{i}"] = column
+    return columns
+
+
+def is_complete(columns: dict[str, Column]) -> bool:
+    """Whether there are a place and a depth."""
+    has_place = any(a in columns and b in columns for a, b in _PAIRS)
+    return has_place and any(role in columns for role in ("depth", "elevation", "z"))
+
+
+def columns_for(path: Path, dialect: Dialect, names: Sequence[str]) -> dict[str, Column]:
+    """The columns of a table, by `names` if the user gives them, else by its header.
+
+    Raises:
+        LogError: if they do not show places and depths; with a proposal from their values.
+    """
+    if len(names) > dialect.width:
+        raise LogError(f"--columns names {len(names)} columns, and {path} has {dialect.width}.")
+    columns = named_columns(names) if names else named_columns(dialect.header, dialect.units)
+    known = {column.number for column in columns.values()}
+    if unknown := [name for i, name in enumerate(names) if name != "-" and i not in known]:
+        raise LogError(f"--columns: {unknown[0]} means nothing here; write lat, lon, depth, time, or - to skip one.")
+    if is_complete(columns):
+        return columns
+    guess = proposal(dialect)
+    if not dialect.header and not names and guess == _DEEPER:
+        return named_columns(guess)
+    if is_complete(named_columns(guess)):
+        cure = f"By their values they look like: --columns {','.join(guess)}"
+    else:
+        cure = "Name them with --columns, such as --columns lat,lon,depth,time, and - for one to skip"
+    if dialect.header:
+        what = f"has the columns {', '.join(dialect.header)[:200]}; a position or a depth is not among them"
+    else:
+        what = f"has no header; its first row is {', '.join(dialect.sample[0] if dialect.sample else [])[:120]}"
+    raise LogError(f"{path} {what}. {cure}.")
+
+
+def proposal(dialect: Dialect) -> list[str]:
+    """Names for `--columns` from what the columns of a table without a header look like; "-" for unknown ones."""
+    width = dialect.width
+    texts = [[row[i] for row in dialect.sample if len(row) == width] for i in range(width)]
+    values = [numbers_of(column, dialect.decimal_comma) for column in texts]
+    names = ["-"] * width
+    for i, column in enumerate(texts):
+        names[i] = _time_name(column, values[i]) or "-"
+    free = [i for i in range(width) if names[i] == "-" and np.isfinite(values[i]).mean() > 0.5]
+    for a, b in itertools.pairwise(free):
+        if pair := _pair(values[a], values[b]):
+            names[a], names[b] = pair
+            free = [i for i in free if i not in (a, b)]
+            # depth comes after the position, if it can
+            for i in sorted(free, key=lambda i: (i < b, i)):
+                if name := _depth_name(values[i]):
+                    names[i] = name
+                    free.remove(i)
+                    break
+            break
+    for i in free:
+        if _is_quality(values[i]) and "depth" in names[:i]:
+            names[i] = "quality"
+            break
+    return names
+
+
+def _time_name(texts: Sequence[str], values: Array) -> str:
+    text = next((t for t in texts if t.strip()), "")
+    if not is_number(text):
+        if np.isfinite(of_day_s([text]))[0]:
+            return "time"
+        if np.isfinite(days([text], None)[0])[0]:
+            return "date"
+        return "datetime" if re.match(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,]", text) else ""
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if low * factor >= 3e8 and high * factor <= 4.2e9:
+            return f"time_{unit}"
+    return ""
+
+
+def _pair(a: Array, b: Array) -> tuple[str, str] | None:
+    """Whether two columns are latitude and longitude, or metres."""
+    a, b = a[np.isfinite(a) & (a != 0.0)], b[np.isfinite(b) & (b != 0.0)]
+    if not len(a) or not len(b):
+        return None
+    spans = float(np.ptp(a)), float(np.ptp(b))
+    are_fine = all((np.round(values, 3) != values).mean() > 0.5 for values in (a, b))
+    if max(spans) < 5.0 and are_fine:
+        if np.abs(a).max() <= 90.0 and np.abs(b).max() <= 180.0:
+            return "lat", "lon"
+        if np.abs(a).max() <= 180.0 and np.abs(b).max() <= 90.0:
+            return "lon", "lat"
+    if min(np.abs(a).min(), np.abs(b).min()) > 1000.0 and max(spans) < 200_000.0:
+        return "east", "north"
+    return None
+
+
+def _depth_name(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    if len(np.unique(known)) < 2 or np.abs(known).max() > 12_000.0:
+        return ""
+    if (known <= 0.0).mean() > 0.9:
+        return "elevation"
+    return "depth" if (known >= 0.0).mean() > 0.9 else ""
+
+
+def _is_quality(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return (
+        len(np.unique(known)) > 2 and known.min() >= 0.0 and known.max() <= 100.0 and bool((known % 1.0 == 0.0).all())
+    )

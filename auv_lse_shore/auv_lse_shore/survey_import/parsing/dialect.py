@@ -1,0 +1,172 @@
+"""How a table is written: its delimiter, decimal sign, comments, header and units."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Lines from which the dialect is found.
+SAMPLE = 200
+_DELIMITERS = (",", ";", "\t", "|", " ")
+_COMMENTS = ("#", "//", "%", "!", "'", ";;")
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
+_MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
+#: Rows that are converted at once.
+_ROWS = 50_000
+#: The longest line of a table.
+_LONGEST = 20_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """How a table is written.
+
+    Attributes:
+        delimiter: Sign between fields; " " stands for any blanks.
+        decimal_comma: Whether numbers are written 12,5.
+        header: Names of the columns; () if there is no header.
+        units: Units of the columns from a row of their own; () if there is none.
+        first: Number of the first row of values, among the rows that are no comments.
+        width: Usual number of fields.
+        sample: The first rows of values.
+    """
+
+    delimiter: str
+    decimal_comma: bool
+    header: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    first: int = 0
+    width: int = 0
+    sample: list[list[str]] = field(default_factory=list)
+
+
+def lines_of(text: str) -> Iterator[str]:
+    """The lines that may hold values."""
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        if end - start <= _LONGEST:
+            for line in text[start:end].split("\r"):
+                if (stripped := line.strip()) and not stripped.startswith(_COMMENTS) and stripped[:4] != "sep=":
+                    yield line
+        start = end + 1
+
+
+def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:
+    """The fields of each line, without blanks around them."""
+    if delimiter == " ":
+        return (line.split() for line in lines)
+    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+
+
+def is_number(text: str) -> bool:
+    """Whether a field is a number, with a decimal point or comma."""
+    return bool(_NUMBER.match(text.strip()))
+
+
+def dialect_of(text: str) -> Dialect | None:
+    """The dialect of a table; None if no delimiter makes columns."""
+    sample = list(itertools.islice(lines_of(text), SAMPLE))
+    best, most = None, 0.0
+    for delimiter in _DELIMITERS:
+        try:
+            rows = [[cell.strip() for cell in row] for row in fields_of(sample, delimiter)]
+        except csv.Error:
+            continue
+        score = _score(rows)
+        if score > most:
+            best, most = (delimiter, rows), score
+    return None if best is None else _with_header(*best)
+
+
+def _score(rows: list[list[str]]) -> float:
+    """How much a table's rows look like columns of numbers, dates and times."""
+    widths = Counter(len(row) for row in rows)
+    width = max((w for w in widths if w > 1), key=lambda w: widths[w], default=0)
+    if width < 2:
+        return 0.0
+    usual = [row for row in rows if len(row) == width]
+    cells = [cell for row in usual for cell in row]
+    good = sum(1 for cell in cells if _MARK.match(cell) or is_number(cell)) + 0.5 * sum(1 for cell in cells if not cell)
+    return (0.05 + good / len(cells)) * len(usual) / len(rows)
+
+
+def _with_header(delimiter: str, rows: list[list[str]]) -> Dialect:
+    """The dialect with the header and the row of units, which come before the first row of values."""
+    widths = Counter(len(row) for row in rows)
+    width = max((w for w in widths if w > 1), key=lambda w: widths[w])
+
+    def numbers(row: list[str]) -> int:
+        return sum(1 for cell in row if is_number(cell))
+
+    usual = float(np.median([numbers(row) for row in rows if len(row) == width]))
+    first = next((i for i, row in enumerate(rows) if len(row) == width and numbers(row) >= 0.5 * max(usual, 1.0)), None)
+    before = rows[: len(rows) if first is None else first]
+    names = [row for row in before if len([cell for cell in row if cell and not is_number(cell)]) >= 2]
+    header: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    if len(names) > 1 and len(names[-2]) == len(names[-1]) and max(map(len, names[-1])) <= 12:
+        header, units = tuple(names[-2]), tuple(names[-1])
+    elif names:
+        header = tuple(names[-1])
+    values = rows[first:] if first is not None else []
+    cells = [cell for row in values for cell in row]
+    commas = sum(1 for cell in cells if _DECIMAL_COMMA.match(cell))
+    points = sum(1 for cell in cells if is_number(cell) and "." in cell)
+    return Dialect(
+        delimiter=delimiter,
+        decimal_comma=commas > points,
+        header=header,
+        units=units,
+        first=len(rows) if first is None else first,
+        width=width,
+        sample=values,
+    )
+
+
+def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[list[list[str]]]:
+    """The texts of the wanted columns, some thousand rows at once; missing fields are empty."""
+    rows = fields_of(lines_of(text), dialect.delimiter)
+    rows = itertools.islice(rows, dialect.first, None)
+    width = max(wanted) + 1
+    while True:
+        piece = []
+        try:
+            for row in itertools.islice(rows, _ROWS):
+                piece.append(row if len(row) >= width else row + [""] * (width - len(row)))
+        except csv.Error:  # a quote that is not closed: the line is lost
+            if not piece:
+                continue
+        if not piece:
+            return
+        yield [[row[i] for row in piece] for i in wanted]
+
+
+def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
+    """Numbers of texts, shape (n,); NaN for those that are none."""
+    joined = "\n".join(texts)
+    if decimal_comma:
+        joined = joined.replace(",", ".")
+    cells = joined.split("\n")
+    try:
+        return np.array(cells, dtype="U24" if max(map(len, cells), default=0) > 24 else None).astype(float)
+    except ValueError:
+        return np.array([_number(cell) for cell in cells])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")

@@ -1,0 +1,356 @@
+"""The values of a table: places, depths in metres, and times, from columns whose meaning is known."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_shore.export.uncertainty import SIGMAS_95
+from auv_lse_shore.survey_import.log_content import NO_POSITION, Clock, LogContent, Reference
+from auv_lse_shore.survey_import.log_file import ReadOptions
+from auv_lse_shore.survey_import.parsing.columns import TIME_UNITS, UNITS, Column
+from auv_lse_shore.survey_import.parsing.dialect import numbers_of
+from auv_lse_shore.survey_import.parsing.text import text_of
+from auv_lse_shore.survey_import.parsing.times import UTC_FROM_S, datetimes, days, of_day_s, seconds
+from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Letters from which a table's dialect is found.
+SAMPLE_LETTERS = 100_000
+#: Beginnings of the roles whose cells stay text.
+TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order")
+#: Values that commonly mark missing data, with either sign.
+_NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
+_ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?:\.\d*)?)['′ m:]*)?\s*"
+                    r"(?:(\d+(?:\.\d*)?)[\"″ s]*)?\s*([NSEWO])?\s*$", re.IGNORECASE)  # fmt: skip
+#: More names than these in a column of vehicles number something else.
+_MOST_VEHICLES = 20
+#: Metres of a degree.
+_DEGREE_M = 111_000.0
+#: Metres farther from 0 than this (m) are no local coordinates.
+_FAR_M = 100_000.0
+#: Depths of lakes and seas end here (m).
+_DEEPEST_M = 12_000.0
+#: Names by which depths are measured from the transducer or the keel.
+_BELOW = {
+    "transducer": Reference.TRANSDUCER,
+    "dbt": Reference.TRANSDUCER,
+    "keel": Reference.KEEL,
+    "dbk": Reference.KEEL,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """The columns of a table that are used: numbers, or text for times and names, shape (n,) each."""
+
+    path: Path
+    columns: dict[str, Column]
+    values: dict[str, Any]
+    decimal_comma: bool
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.values.values())))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """What a table's rows mean, shape (n,) each; `places` (n, 2)."""
+
+    time_s: Array
+    places: Array
+    is_position: Mask
+    depth_m: Array
+    quality: Array
+    sounders: NDArray[np.str_]
+    is_geodetic: bool
+    reference: Reference
+    quality_scale: float
+    depth_std_m: float
+    place_std_m: Array | None
+
+    def of(self, mask: Mask) -> Rows:
+        """The rows of a mask."""
+        if mask.all():
+            return self
+        return dataclasses.replace(
+            self,
+            time_s=self.time_s[mask],
+            places=self.places[mask],
+            is_position=self.is_position[mask],
+            depth_m=self.depth_m[mask],
+            quality=self.quality[mask],
+            sounders=self.sounders[mask],
+            place_std_m=None if self.place_std_m is None else self.place_std_m[mask],
+        )
+
+
+def beginning(head: bytes) -> str:
+    """The text of a file's beginning, without the line that is cut off."""
+    text = text_of(head)
+    return text[: text.rfind("\n") + 1] or text
+
+
+def values_of(role: str, cells: Sequence[str], decimal_comma: bool) -> Array:
+    """Numbers of cells; angles may have hemispheres, minutes and seconds."""
+    numbers = numbers_of(cells, decimal_comma)
+    if role not in ("lat", "lon", "x", "y"):
+        return numbers
+    for i in np.flatnonzero(~np.isfinite(numbers)).tolist():
+        numbers[i] = _angle(cells[i].replace(",", ".") if decimal_comma else cells[i])
+    return numbers
+
+
+def _angle(text: str) -> float:
+    match = _ANGLE.match(text)
+    if not match:
+        return float("nan")
+    before, degrees, minutes, rest, after = match.groups()
+    side = (before or after or "").upper()
+    value = abs(float(degrees)) + float(minutes or 0.0) / 60.0 + float(rest or 0.0) / 3600.0
+    return -value if side in ("S", "W") or degrees.startswith("-") else value
+
+
+def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
+    """The rows of a table; what is left out, the clock and remarks go into `content`.
+
+    Raises:
+        LogError: if elevations lack the water surface, or metres their coordinate system.
+    """
+    places, is_geodetic = _places(table, options)
+    missing = ~np.isfinite(places).all(axis=1)
+    zero = (places == 0.0).all(axis=1) & is_geodetic
+    wrong = is_geodetic & ((np.abs(places[:, 0]) > 90.0) | (np.abs(places[:, 1]) > 360.0))
+    content.left_out["positions that are no numbers"] += int(missing.sum())
+    content.left_out[NO_POSITION] += int(zero.sum())
+    content.left_out["positions that are not on earth"] += int(wrong.sum())
+    time_s = _times(table, options, content)
+    timeless = ~np.isfinite(time_s)
+    content.left_out["rows without a time"] += int(timeless.sum())
+    depth_m, reference = _depths(table, options, content)
+    # a position that is repeated while the boat moves is an old one: see `track.py`
+    is_position = ~(missing | zero | wrong | timeless)
+    if content.clock is Clock.NONE:  # no time to interpolate by
+        depth_m = np.where(is_position, depth_m, np.nan)
+    quality = table.values.get("quality", np.full(table.count, np.nan))
+    tvu = table.values.get("tvu")
+    sounders = table.values.get("sounder", np.full(table.count, "depth"))
+    column = table.columns.get("sounder")
+    if column is not None:
+        sounders = np.char.add(f"{column.name} ", np.char.strip(sounders)) if len(np.unique(sounders)) <= 50 else (
+            np.full(table.count, "depth"))  # fmt: skip
+    depth_std_m = 0.0 if tvu is None else float(np.nan_to_num(tvu).max(initial=0.0)) / SIGMAS_95
+    if _stated_std(table) is not None:
+        content.notes.append("positions as estimated before, with their standard deviations (north_std_m, east_std_m)")
+    if depth_std_m:
+        content.notes.append(f"depths with a standard deviation of at most {depth_std_m:.2f} m (tvu_m)")
+    unit = table.columns["quality"].unit if "quality" in table.columns else ""
+    return Rows(
+        time_s=np.where(timeless, 0.0, time_s),
+        places=places,
+        is_position=is_position,
+        depth_m=np.where(timeless, np.nan, depth_m),
+        quality=quality,
+        sounders=sounders,
+        is_geodetic=is_geodetic,
+        reference=reference,
+        quality_scale=100.0 if unit in ("%", "percent") else 0.0,
+        depth_std_m=depth_std_m,
+        place_std_m=_stated_std(table),
+    )
+
+
+def vehicles_of(table: Table) -> list[tuple[str, Mask]]:
+    """Each vehicle of a table: words for its log's name, and the mask of its rows."""
+    vehicles = table.values.get("vehicle")
+    names = [] if vehicles is None else np.unique(vehicles).tolist()
+    if not 1 < len(names) <= _MOST_VEHICLES:
+        return [("", np.ones(table.count, dtype=bool))]
+    return [(f", vehicle {name}", vehicles == name) for name in names]
+
+
+def _stated_std(table: Table) -> Array | None:
+    """Standard deviations north and east (m), shape (n, 2), if the table has them."""
+    if not {"north_std", "east_std"} <= table.values.keys():
+        return None
+    stds: Array = np.abs(np.column_stack([table.values["north_std"], table.values["east_std"]]))
+    return stds
+
+
+def spread_times(time_s: Array, places: Array, is_geodetic: bool) -> tuple[Array, Mask]:
+    """Times (n,) of rows in order, and which rows have none because the clock stood still.
+
+    A coarse clock gives several rows one time at different places: they are spread over the time to the next. If the
+    boat would have been too fast for that, the clock stood still: these rows keep their order, 1 ms apart.
+    """
+    starts = np.flatnonzero(np.append(True, np.diff(time_s) != 0.0))
+    counts = np.diff(np.append(starts, len(time_s)))
+    scale = _DEGREE_M if is_geodetic else 1.0
+    way_m = np.append(np.hypot(*np.diff(places, axis=0).T) * scale, 0.0)  # to the next row
+    way_m[np.append(starts[1:], len(time_s)) - 1] = 0.0
+    inner_m = np.add.reduceat(np.nan_to_num(way_m), starts)
+    if not inner_m.any() or len(starts) < 2:
+        return time_s, np.zeros(len(time_s), dtype=bool)
+    steps = np.append(np.diff(time_s[starts]), np.inf)
+    known = steps[(steps > 0.0) & np.isfinite(steps)]
+    usual = float(np.median(known)) if len(known) else 1.0
+    spans = np.where((steps > 0.0) & (steps < 3.0 * usual), steps, usual)
+    stood = (counts > 2) & (inner_m > MAX_SPEED_MPS * spans + JUMP_M)
+    spans = np.where(stood, 1e-3 * counts, spans)
+    order = np.arange(len(time_s)) - np.repeat(starts, counts)
+    return time_s + np.repeat(spans / counts, counts) * order, np.repeat(stood, counts)
+
+
+def _places(table: Table, options: ReadOptions) -> tuple[Array, bool]:
+    """Latitude and longitude, or metres north and east; and whether they are degrees."""
+    values = table.values
+    if "lat" in values and "lon" in values:
+        return np.column_stack([values["lat"], values["lon"]]), True
+    north, east = ("north", "east") if "north" in values and "east" in values else ("y", "x")
+    places = np.column_stack([values[north], values[east]])
+    known = places[np.isfinite(places).all(axis=1)]
+    if options.crs:
+        from pyproj import Transformer
+        from pyproj.exceptions import ProjError
+
+        try:
+            turn = Transformer.from_crs(options.crs, "EPSG:4326", always_xy=True)
+        except ProjError as error:
+            raise LogError(f"--crs {options.crs} is no coordinate system; write it such as EPSG:32632.") from error
+        lon, lat = turn.transform(places[:, 1], places[:, 0])
+        return np.column_stack([lat, lon]), True
+    if north == "y" and len(known) and np.abs(known[:, 0]).max() <= 90.0 and np.abs(known[:, 1]).max() <= 180.0:
+        fine = (np.round(known, 3) != known).mean() > 0.5
+        if fine:
+            return places, True
+    if len(known) and np.abs(np.median(known, axis=0)).max() > _FAR_M:
+        middle = np.median(known, axis=0)
+        raise LogError(
+            f"{table.path}: its coordinates are projected (about {middle[1]:,.0f} east, {middle[0]:,.0f} north). "
+            "Name their system, such as --crs EPSG:32632."
+        )
+    return places, False
+
+
+def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, Reference]:
+    """Depths (m), positive down, NaN where missing; and what they are measured from."""
+    role = next(role for role in ("depth", "elevation", "z") if role in table.columns)
+    column, values = table.columns[role], np.array(table.values[role], dtype=float)
+    factor = options.depth_unit_m or UNITS.get(column.unit, 0.0)
+    marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
+    content.left_out["depths with a value that marks missing data"] += int(marked.sum())
+    values = np.where(marked, np.nan, values) * (factor or 1.0)
+    content.notes.append(
+        f"column {column.name}" + ("" if factor == 1.0 else f", {factor:g} m" if factor else ", in metres")
+    )
+    content.left_out["depths that are no numbers"] += int((~np.isfinite(values) & ~marked).sum())
+    known = values[np.isfinite(values)]
+    if role == "depth" and len(known) and (known < 0.0).mean() > 0.9:
+        values, role = -values, "depth"
+        content.notes.append("negative depths are taken as metres down")
+    elif role != "depth":
+        values = _from_elevations(table, column, role, values, known, options)
+    absurd = np.abs(values) > _DEEPEST_M
+    content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
+    word = next((word for word in _BELOW if word in column.name.lower()), "")
+    return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
+
+
+def _from_elevations(
+    table: Table, column: Column, role: str, values: Array, known: Array, options: ReadOptions
+) -> Array:
+    """Depths from elevations, or from a column z that may be either."""
+    surface_m = options.surface_m
+    if np.isfinite(surface_m):
+        return surface_m - values
+    if not len(known) or (known <= 0.0).mean() > 0.9:
+        return -values
+    low, high = float(known.min()), float(known.max())
+    if role == "z" and low < 5.0:
+        return values
+    raise LogError(
+        f"{table.path}: {column.name} is {low:.1f} to {high:.1f} m. If these are elevations, give that of the water "
+        "surface with --surface M; if they are depths, name the column so with --columns."
+    )
+
+
+def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
+    """Times (s), NaN where missing; sets the content's clock."""
+    best: tuple[Clock, Array] | None = None
+    order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
+    candidates = [role for role in table.columns if role.startswith("datetime")]
+    for role in candidates or ["date"] * ("date" in table.columns):
+        found = _time(table, role, options, content)
+        if found and (best is None or order.index(found[0]) < order.index(best[0])):
+            best = found
+    if best is None:
+        content.clock = Clock.NONE
+        return np.arange(table.count, dtype=float)
+    content.clock, times = best
+    known = times[np.isfinite(times)]
+    is_whole = bool(len(known)) and bool((known % 1.0 == 0.0).all())
+    content.lag_std_s = 1.0 / np.sqrt(12.0) if is_whole else 0.1
+    return times
+
+
+def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
+    """A column of times with its clock; None if it holds none."""
+    column, texts = table.columns[role], table.values[role].tolist()
+    first = next((text for text in texts if text.strip()), "")
+    if not first:
+        return None
+    is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
+    numbers = numbers_of(texts, table.decimal_comma)
+    date_of = table.columns.get("date")
+    if np.isfinite(numbers).mean() > 0.5:
+        return _from_numbers(numbers, column, table, options, content)
+    clock = of_day_s(texts)
+    if np.isfinite(clock).mean() > 0.5:
+        if date_of is None:
+            return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
+        day, assumed = days(table.values["date"].tolist(), options.day_first)
+        is_utc = is_utc or "utc" in date_of.name.lower()
+        has_zone, stamps = False, day + clock
+    else:
+        stamps, has_zone, assumed = datetimes(texts, options.day_first)
+        if not np.isfinite(stamps).mean() > 0.5:
+            return None
+    if assumed:
+        content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
+    return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _from_numbers(
+    numbers: Array, column: Column, table: Table, options: ReadOptions, content: LogContent
+) -> tuple[Clock, Array]:
+    """Epochs, seconds of a day with a date, or seconds from a start."""
+    low = float(np.nanmin(numbers))
+    if (
+        low > 25_569.0
+        and float(np.nanmax(numbers)) < 80_000.0
+        and column.unit not in TIME_UNITS
+        and (numbers % 1.0 != 0.0).any()
+    ):  # days of a spreadsheet since 1899-12-30
+        return Clock.LOCAL, (numbers - 25_569.0) * 86_400.0
+    times = seconds(numbers)
+    if column.unit in TIME_UNITS and low * TIME_UNITS[column.unit] < UTC_FROM_S:
+        times = numbers * TIME_UNITS[column.unit]
+    if float(np.nanmin(times)) > 0.3 * UTC_FROM_S:
+        return Clock.UTC, times
+    if "date" in table.columns and float(np.nanmax(times)) <= 86_401.0:
+        day, _ = days(table.values["date"].tolist(), options.day_first)
+        if np.isfinite(day).mean() > 0.5:
+            name = f"{column.name} {table.columns['date'].name}".lower()
+            return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times
+    return Clock.ELAPSED, times

@@ -1,0 +1,151 @@
+"""Times in other people's notations: epochs in any unit, dates, times of day, and wrong dates."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, date, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Times from here on (s since 1970: 2000) are UTC; smaller ones count from a start.
+UTC_FROM_S = 946_684_800.0
+#: After 1,024 weeks, a GPS receiver may begin its count of weeks again.
+ROLLOVER_S = 1024 * 7 * 86_400.0
+#: The latest time that a message's stamp can hold (s since 1970: January 2038).
+UTC_TO_S = 2_147_483_000.0
+#: Factors of epochs to seconds, by the magnitude of the numbers.
+_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
+_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?$")
+_YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
+_YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
+_ZONE = re.compile(r"(Z|[+-]\d{2}:?\d{2})$")
+
+
+def seconds(values: Array) -> Array:
+    """Seconds of epochs in s, ms, us or ns, by their magnitude."""
+    known = np.abs(values[np.isfinite(values)])
+    largest = float(np.median(known)) if len(known) else 0.0
+    factor = next(factor for least, factor in _UNITS if largest >= least)
+    return values * factor
+
+
+def of_day_s(texts: Sequence[str]) -> Array:
+    """Seconds of the day of times such as "14:03:05.2", "2:03 PM" or "140305"; NaN for others."""
+    cache: dict[str, float] = {}
+    return np.array([cache[t] if t in cache else cache.setdefault(t, _of_day(t)) for t in texts])
+
+
+def _of_day(text: str) -> float:
+    text = text.strip()
+    if match := _OF_DAY.match(text):
+        hours, minutes, rest, half = match.groups()
+        hour = int(hours)
+        if half:
+            hour = hour % 12 + (12 if half[0] in "Pp" else 0)
+        return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", "."))
+    if re.fullmatch(r"\d{6}(\.\d*)?", text):
+        return int(text[:2]) * 3600.0 + int(text[2:4]) * 60.0 + float(text[4:])
+    return float("nan")
+
+
+def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
+    """Seconds since 1970 of dates, NaN for others; and whether the order of day and month is only assumed.
+
+    Args:
+        day_first: Whether 3/4/2026 is in April; None: as the dates show, else as they follow each other most closely.
+    """
+    unique = sorted(set(texts))
+    assumed = False
+    if day_first is None:
+        options = {order: _days(unique, order) for order in (False, True)}
+        bad = {order: sum(value != value for value in found.values()) for order, found in options.items()}
+        spans = {order: _span(found) for order, found in options.items()}
+        day_first = (bad[True], spans[True]) < (bad[False], spans[False])
+        assumed = bad[True] == bad[False] and options[True] != options[False]
+    known = _days(unique, day_first)
+    return np.array([known[text] for text in texts]), assumed
+
+
+def _span(found: dict[str, float]) -> float:
+    values = [value for value in found.values() if value == value]
+    return max(values, default=0.0) - min(values, default=0.0)
+
+
+def _days(texts: Sequence[str], day_first: bool) -> dict[str, float]:
+    return {text: _date(text.strip(), day_first) for text in texts}
+
+
+def _date(text: str, day_first: bool) -> float:
+    if match := _YEAR_FIRST.match(text):
+        parts = [int(part) for part in match.groups() if part]
+    elif match := _YEAR_LAST.match(text):
+        first, second, year = (int(part) for part in match.groups())
+        year += 0 if year > 99 else 1900 if year >= 80 else 2000
+        parts = [year, second, first] if day_first else [year, first, second]
+    else:
+        return float("nan")
+    try:
+        year, month, day = parts
+        return datetime(year, month, day, tzinfo=UTC).timestamp()
+    except ValueError:
+        return float("nan")
+
+
+def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool, bool]:
+    """Seconds since 1970 of dates with times, NaN for others; whether a zone is stated; whether the order is assumed.
+
+    Args:
+        texts: Such as "2026-06-14T10:00:00Z", "14.06.2026 10:00:00" or "6/14/2026 2:03 PM".
+        day_first: See `days`.
+    """
+    if (quick := _iso(texts)) is not None:
+        return quick, texts[0].endswith("Z"), False
+    zones = [_ZONE.search(text) if ":" in text else None for text in texts]
+    has_zone = any(zones)
+    bare = [text[: zone.start()] if zone else text for text, zone in zip(texts, zones, strict=True)]
+    parts = [re.split(r"[T ,]+", text.strip(), maxsplit=1) for text in bare]
+    day, assumed = days([part[0] for part in parts], day_first)
+    clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
+    shift = np.array([_zone_s(zone[0]) if zone else 0.0 for zone in zones])
+    return day + clock - shift, has_zone, assumed
+
+
+def _iso(texts: Sequence[str]) -> Array | None:
+    """Seconds since 1970 if all texts are ISO 8601, all in UTC or all without a zone; else None."""
+    if not texts or len(texts[0]) < 19 or texts[0][4:5] != "-" or texts[0][10] not in "T ":
+        return None
+    is_utc = texts[0].endswith("Z")
+    if any(text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or text[19:].count("-") for text in texts):
+        return None
+    try:
+        stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")
+    except ValueError:
+        return None
+    seconds_: Array = np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-6)
+    return seconds_
+
+
+def _zone_s(zone: str) -> float:
+    if zone == "Z":
+        return 0.0
+    digits = zone[1:].replace(":", "")
+    return (-1.0 if zone[0] == "-" else 1.0) * (int(digits[:2]) * 3600.0 + int(digits[2:]) * 60.0)
+
+
+def date_question(first_s: float, last_s: float, today: date) -> str:
+    """What is odd about a log's dates: a GPS receiver that lost its count of weeks, or a date to come; else ""."""
+    now_s = datetime(today.year, today.month, today.day, tzinfo=UTC).timestamp() + 2 * 86_400.0
+    first = datetime.fromtimestamp(first_s, UTC)
+    if last_s > now_s:
+        return f"the log is of {first:%Y-%m-%d}, which is in the future; --date gives its first day"
+    if last_s + ROLLOVER_S <= now_s:
+        then = datetime.fromtimestamp(first_s + ROLLOVER_S, UTC)
+        return (
+            f"the log is of {first:%Y-%m-%d}. If it is of {then:%Y-%m-%d}, its GPS receiver lost 1,024 weeks: "
+            f"--date {then:%Y-%m-%d} corrects that, --date {first:%Y-%m-%d} confirms the old date"
+        )
+    return ""

@@ -1,0 +1,85 @@
+"""What the import tells: what was found, what was left out and why, and what to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from auv_lse_common.support.plurals import counted
+from auv_lse_record.run_data import RunData
+from auv_lse_shore.survey_import.area import SurveyedArea
+from auv_lse_shore.survey_import.run import DIVE, PICTURE, SOUNDINGS
+from auv_lse_shore.survey_import.survey_log import SurveyLog
+from auv_lse_shore.survey_import.track import PlacedLog
+
+#: Size (m2) from which sounded ground apart from the area is worth a line.
+_WORTH_M2 = 2_500.0
+
+
+def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
+    """What was found in a log, and what was left out."""
+    yield f"{log.name}: {len(found.soundings)} soundings of {len(log.depths)} depths; {'; '.join(log.notes)}"
+    first_s, last_s = float(log.positions[0, 0]), float(log.positions[-1, 0])
+    if log.has_time:
+        start = f"{datetime.fromtimestamp(first_s, tz=UTC):%Y-%m-%d %H:%M:%S} UTC, " if log.is_utc else ""
+        yield f"- {start}{(last_s - first_s) / 60.0:.1f} min"
+    else:
+        yield "- no times: scripts/adjust cannot move these soundings"
+    for reason, count in sorted(found.left_out.items()):
+        if count:
+            yield f"- left out: {count} {reason}"
+    for question in log.questions:
+        yield f"- question: {question}"
+
+
+def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:
+    """The survey as a whole: soundings, uncertainty, prior and area."""
+    points = np.concatenate([vehicle.soundings.points_m for vehicle in run.vehicles])
+    gp, level = run.parameters["/**"]["gp"], run.parameters["/**"]["level_set"]
+    spans = [f"{span:.0f} m" for span in np.ptp(points, axis=0)[:2]]
+    origin = "" if run.origin is None else f"; origin {run.origin[0]:.6f}, {run.origin[1]:.6f} deg"
+    lines = [
+        f"{counted(len(points), 'sounding')} over {spans[0]} north-south, {spans[1]} east-west; "
+        f"{points[:, 2].min():.1f} to {points[:, 2].max():.1f} m deep{origin}",
+    ]
+    if len(run.vehicles) > 1:
+        lines.append(f"{len(run.vehicles)} boats, because their logs are of the same time")
+    stds = [np.hypot(*vehicle.place_std_at(vehicle.soundings.stamp_s).T) for vehicle in run.vehicles]
+    known = np.concatenate(stds)
+    known = known[np.isfinite(known)]
+    if len(known):
+        lines.append(
+            f"positions of soundings: standard deviation {np.median(known):.1f} m (largest {known.max():.1f} m), with "
+            "the sounder's delay and the positions' spacing"
+        )
+    lines += [
+        f"prior: mean {gp['mean_depth_m']:.1f} m, standard deviation {gp['signal_std_m']:.1f} m, length scale "
+        f"{gp['length_scale_m']:.0f} m, noise {gp['noise_std_m']:.2f} m",
+        f"isobath {level['level_m']:g} m in an area of {len(area.polygon)} corners, {area.area_m2 / 1e4:.1f} ha",
+    ]
+    if area.no_go:
+        lines.append(f"{counted(len(area.no_go), 'piece')} of it that nobody sounded became no-go areas")
+    if others := [size for size in area.others if size > _WORTH_M2]:
+        lines.append(f"not in the area: {counted(len(others), 'piece')} of sounded ground apart, "
+                     f"{sum(others) / 1e4:.1f} ha")  # fmt: skip
+    return lines
+
+
+def next_lines(folder: Path, level_m: float) -> Sequence[str]:
+    """The commands from here to a mission, with paths filled in."""
+    at, dive, soundings = (shlex.quote(str(path)) for path in (folder, folder / DIVE, folder / SOUNDINGS))
+    lake = shlex.quote(f"{folder}-dive")
+    return [
+        f"written: {folder} (import.md repeats this; {PICTURE} shows tracks, depths and area)",
+        "next:",
+        f"  scripts/fit {soundings} --level {level_m:g} --out {shlex.quote(str(folder / 'gp.yaml'))}",
+        f"  scripts/check {dive} --map {shlex.quote(str(folder / 'dive-map.png'))}",
+        f"  scripts/mission {dive} --bathymetry {soundings} --out {lake}",
+        f"  scripts/export {at}",
+        f"prior for the dive: {DIVE} has gp.mean: survey and gp.survey_file: {SOUNDINGS}; change area, vehicles "
+        "and steps there",
+    ]
