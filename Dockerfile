@@ -53,12 +53,14 @@ ENV AUV_LSE_ROOT=/opt/auv_lse OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 WORKDIR /data
 VOLUME /data
 STOPSIGNAL SIGTERM
-ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && mkdir -p /data/dives && exec python3 -m auv_lse_common.commands.vehicle \"$@\"", "vehicle"]
-CMD ["auv1", "/data/vehicle.yaml"]
+# Which vehicle this is (auv2), if the file has several, and its mission file.
+ENV AUV_LSE_VEHICLE= AUV_LSE_MISSION=/data/vehicle.yaml
+ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && mkdir -p /data/dives && exec auv_lse vehicle --wait \"$@\"", "vehicle"]
 
 # BlueOS reads these. It runs the container on the host's network, where the autopilot's endpoint is.
 LABEL version="0.2.0"
 LABEL permissions='{\
+  "Env": ["AUV_LSE_VEHICLE=", "AUV_LSE_MISSION=/data/vehicle.yaml"],\
   "HostConfig": {\
     "NetworkMode": "host",\
     "Binds": ["/usr/blueos/userdata/auv_lse:/data", "/dev:/dev"],\

@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.commands.dive_record import DiveRecord, StateFolderError, second_folders
+from auv_lse_common.commands.vehicle_choice import chosen_vehicle
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
@@ -229,8 +230,19 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
         "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
     )
-    p.add_argument("name", metavar="VEHICLE", help="the vehicle, such as auv2")
-    p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
+    p.add_argument(
+        "name",
+        nargs="?",
+        metavar="VEHICLE",
+        help="the vehicle, such as auv2 (default: AUV_LSE_VEHICLE, else the only one in the file)",
+    )
+    p.add_argument(
+        "file",
+        nargs="?",
+        type=Path,
+        metavar="FILE",
+        help="the mission file (docs/guide/bench-to-water.md; default: AUV_LSE_MISSION)",
+    )
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
     )
@@ -260,6 +272,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = project_folder()
     stack = ExitStack()
     try:
+        options.name, options.file = chosen_vehicle(options.name, options.file)
         number, out = vehicle_number(options.name), options.out
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)

@@ -73,6 +73,8 @@ def test_blueos_reads_the_labels() -> None:
     assert set(labels) >= {"version", "permissions", "authors", "company", "type", "tags", "readme", "links"}
     (version,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert labels["version"] == version
+    variables = json.loads(labels["permissions"])["Env"]
+    assert variables == ["AUV_LSE_VEHICLE=", "AUV_LSE_MISSION=/data/vehicle.yaml"], "to be edited in BlueOS"
     host = json.loads(labels["permissions"])["HostConfig"]
     assert host["NetworkMode"] == "host", "the autopilot's endpoint is there"
     assert any(bind.endswith(":/data") for bind in host["Binds"])
@@ -81,9 +83,12 @@ def test_blueos_reads_the_labels() -> None:
         json.loads(labels[name])
     words = dict(instructions())
     assert words["USER"] == "ubuntu", "not root"
-    assert json.loads(words["CMD"]) == ["auv1", "/data/vehicle.yaml"]
+    assert "CMD" not in words, "no vehicle is guessed"
+    assert "AUV_LSE_VEHICLE= AUV_LSE_MISSION=/data/vehicle.yaml" in [
+        text for word, text in instructions() if word == "ENV"
+    ]
     entry = json.loads(words["ENTRYPOINT"])
-    assert "exec python3 -m auv_lse_common.commands.vehicle" in entry[2], "takes SIGTERM itself"
+    assert "exec auv_lse vehicle --wait" in entry[2], "takes SIGTERM itself, and does not move by itself"
 
 
 @pytest.mark.ros
@@ -106,11 +111,13 @@ def test_the_build_stage_and_the_entry_point_run_here(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (entry,) = [json.loads(text)[2] for word, text in instructions() if word == "ENTRYPOINT"]
     entry = entry.replace("source /opt/ros/jazzy/setup.bash &&", "").replace("/opt/auv_lse/install", str(install))
-    entry = entry.replace("/data", str(tmp_path / "data")).replace("python3", sys.executable)
+    entry = entry.replace("/data", str(tmp_path / "data"))
+    file = tmp_path / "data" / "vehicle.yaml"
+    file.write_text("/**: {ros__parameters: {mission: {vehicles: 2}}}\n")
+    variables = {"AUV_LSE_ROOT": str(tmp_path), "AUV_LSE_VEHICLE": "", "AUV_LSE_MISSION": str(file)}
     started = subprocess.run(
-        ["bash", "-c", entry, "vehicle", "auv1", str(tmp_path / "data" / "vehicle.yaml")],
-        cwd=tmp_path / "data", env={**environment, "AUV_LSE_ROOT": str(tmp_path)}, capture_output=True, text=True,
-        check=False,
+        ["bash", "-c", entry, "vehicle"],
+        cwd=tmp_path / "data", env=environment | variables, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert started.returncode == 2
-    assert "vehicle.yaml" in started.stderr, "it asks for the mission file"
+    assert "has 2 vehicles, and none is named" in started.stderr, "it does not start as auv1"
