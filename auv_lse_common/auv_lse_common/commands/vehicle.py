@@ -51,6 +51,7 @@ class Crew:
     """The processes of one vehicle.
 
     Attributes:
+        file: The parameter file; that of a real vehicle is in memory (Linux).
         recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
         lockstep: Whether a simulator drives the nodes tick by tick.
@@ -72,7 +73,7 @@ class Crew:
         clock = ("-p", "use_sim_time:=true") if self.simulated else ()
         tasks = [node_task(process, self.file, *clock) for process in self.processes]
         if self.recording is not None:
-            tasks.insert(0, self._recorder(self.recording))
+            tasks.insert(1, self._recorder(self.recording))
         return tasks
 
     def _recorder(self, folder: Path) -> Task:
@@ -123,8 +124,16 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     if lockstep and not sim.get("lockstep", False):
         # Nodes read lockstep from their own parameters, where its default is false.
         patterns = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
-    if patterns != parse_parameters(file.read_text(), str(file)):  # lockstep, or places in degrees
-        file = _written(patterns, out / "mission.yaml")
+    text = file.read_text()
+    is_changed = patterns != parse_parameters(text, str(file))  # lockstep, or places in degrees
+    if is_changed:
+        text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
+    if not simulated and hasattr(os, "memfd_create"):
+        file = _in_memory(text)
+    elif is_changed:
+        file = out / "mission.yaml"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
     processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
     return Crew(
         vehicle=vehicle,
@@ -139,7 +148,7 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
 def unused_folder(folder: Path) -> Path:
     """`folder`, or the first of `folder`-2, -3, ... that does not exist: each start of a recorder needs its own."""
     number, unused = 1, folder
-    while unused.exists():
+    while os.path.lexists(unused):
         number += 1
         unused = folder.with_name(f"{folder.name}-{number}")
     return unused
@@ -211,13 +220,11 @@ def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any
     return found
 
 
-def _written(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
-    """Writes the parameters, unless the file has them already: a disk may be full when a dive continues."""
-    text = yaml.safe_dump({k: {"ros__parameters": v} for k, v in patterns.items()}, sort_keys=False)
-    if not path.is_file() or path.read_text() != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    return path
+def _in_memory(text: str) -> Path:
+    """A file in memory for as long as this process runs: a node must start although the disk is full or gone."""
+    file = os.memfd_create("mission.yaml")
+    os.write(file, text.encode())
+    return Path(f"/proc/{os.getpid()}/fd/{file}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -277,7 +284,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         tasks = crew.tasks()
-        (out / "logs").mkdir(parents=True, exist_ok=True)
         domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out, record))
     except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -308,7 +314,7 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
         while not interrupt.came:
             for name, code in keeper.tick(time.monotonic()):
                 early = keeper.loaded_for_s < _FIRST_START_S
-                if code == REFUSED and early and keeper.starts[name] == 1:
+                if code == REFUSED and early and keeper.starts[name] == 1 and not name.endswith(RECORDER.executable):
                     _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
                 if crew.lockstep:
@@ -331,7 +337,8 @@ def _mission_end(environment: dict[str, str]) -> Any:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    with suppress(OSError, ValueError):  # a terminal that is gone, or a full disk behind it, must stop no vehicle
+        print(text, flush=True)
 
 
 if __name__ == "__main__":

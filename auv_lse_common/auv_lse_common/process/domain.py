@@ -44,7 +44,11 @@ def lock_file(domain: int, vehicle: int = 0) -> Path:
         vehicle: Number of the vehicle whose nodes use it: vehicles may share a domain; 0: a simulation or a replay.
     """
     of_vehicle = f"_auv{vehicle}" if vehicle else ""
-    return Path(tempfile.gettempdir()) / f"auv_lse_domain_{domain}{of_vehicle}.lock"
+    try:
+        folder = tempfile.gettempdir()
+    except FileNotFoundError:  # the disk is full
+        folder = "/tmp"
+    return Path(folder) / f"auv_lse_domain_{domain}{of_vehicle}.lock"
 
 
 @contextlib.contextmanager
@@ -203,6 +207,9 @@ def _locked(path: Path) -> Iterator[bool]:
     except PermissionError:  # another user's
         yield False
         return
+    except OSError:  # a full or read-only disk must stop no vehicle
+        yield True
+        return
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -215,7 +222,8 @@ def _locked(path: Path) -> Iterator[bool]:
         try:
             yield True
         finally:
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
 
 
 def _is_still(path: Path, file: IO[str]) -> bool:

@@ -31,7 +31,7 @@ from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.process.processes import LaunchError, Process, die_with_parent, end
+from auv_lse_common.process.processes import LaunchError, Process, die_with_parent, end, open_log
 from auv_lse_common.support.free_memory import return_code_pages, return_free_memory
 
 #: Space (bytes) in the server's command line for that of a node.
@@ -110,13 +110,22 @@ class ForkServer:
     """The client of a fork server."""
 
     def __init__(
-        self, processes: Iterable[Process], log: Path, environment: Mapping[str, str], *, in_turn: bool = False
+        self,
+        processes: Iterable[Process],
+        log: Path,
+        environment: Mapping[str, str],
+        *,
+        first: Process | None = None,
+        in_turn: bool = False,
     ) -> None:
         """Starts the server, which begins to import.
 
         Args:
             processes: The processes to be started later.
-            log: File for errors of the server itself.
+            log: File for errors of the server itself. If a log file cannot be written, the output goes to this
+                process's standard error.
+            first: The process that is started before the modules of the others are imported; None: all are imported
+                first, and share more memory.
             in_turn: Whether the receiver of a message waits for the sender to finish its work (Linux: SCHED_BATCH).
                 In lockstep that saves a fifth of the processor time; otherwise it delays answers.
         """
@@ -126,7 +135,15 @@ class ForkServer:
         self._rest = b""
         modules = _modules_of(processes)
         self._server, _early = _early or _launch(environment), None
-        self._ask({"modules": modules, "log": str(log), "environment": dict(environment), "in_turn": in_turn})
+        self._ask(
+            {
+                "modules": modules,
+                "first": [] if first is None else _modules_of([first]),
+                "log": str(log),
+                "environment": dict(environment),
+                "in_turn": in_turn,
+            }
+        )
 
     def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
         """Starts a process; its output goes to the file `log`, appended if `append`."""
@@ -140,7 +157,6 @@ class ForkServer:
         }
         forked = ForkedProcess(self, process.name)
         self._started.append(forked)
-        log.touch()
         self._ask(request)
         return forked
 
@@ -274,6 +290,8 @@ def serve(modules: Sequence[str]) -> int:
         with contextlib.suppress(Exception):
             importlib.import_module(module)
     numbers: dict[int, int] = {}
+    later: list[str] = []  # modules that are loaded after the first process has been forked
+    terminal = os.dup(2)
     woken, wake = os.pipe()
     os.set_blocking(wake, False)
     signal.set_wakeup_fd(wake)
@@ -293,27 +311,39 @@ def serve(modules: Sequence[str]) -> int:
             for line in lines:
                 request = json.loads(line)
                 if "modules" in request:
-                    _begin(request)
+                    later = _begin(request)
                     continue
+                if later and numbers:
+                    _load(later)
+                    later = []
                 pid = os.fork()
                 if pid == 0:
                     os.close(woken)
                     os.close(wake)
-                    _run(request)
+                    _run(request, terminal)
                 numbers[pid] = request["number"]
                 _answer(number=request["number"], pid=pid)
 
 
-def _begin(request: Mapping[str, Any]) -> None:
-    """Takes environment and log file, and loads the modules."""
-    output = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND)  # keeps the log of an earlier server
-    os.dup2(output, 2)
-    os.close(output)
+def _begin(request: Mapping[str, Any]) -> list[str]:
+    """Takes environment and log file, and loads the modules of the first process, or all; returns the others."""
+    with open_log(Path(request["log"]), 2, append=True) as output:  # keeps the log of an earlier server
+        if output != 2:
+            os.dup2(output, 2)
     os.environ.update(request["environment"])
     if request["in_turn"] and hasattr(os, "SCHED_BATCH"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    prepare([*request["modules"], _OF_ALL])
+    if request["first"]:
+        prepare([*request["first"], _OF_ALL])
+        return list(request["modules"])
+    _load(request["modules"])
+    return []
+
+
+def _load(modules: Sequence[str]) -> None:
+    """Loads modules for all processes that are forked from now on."""
+    prepare([*modules, _OF_ALL])
     gc.collect()
     gc.freeze()  # keeps pages shared: the collector leaves objects from before the fork alone
     return_free_memory()
@@ -337,8 +367,12 @@ def _answer(**answer: Any) -> None:
     os.write(sys.stdout.fileno(), json.dumps(answer).encode() + b"\n")
 
 
-def _run(request: Mapping[str, Any]) -> None:
-    """In the forked process: runs the node, and does not return."""
+def _run(request: Mapping[str, Any], terminal: int) -> None:
+    """In the forked process: runs the node, and does not return.
+
+    Args:
+        terminal: Where its output goes if its log file cannot be written.
+    """
     code = 1
     try:
         signal.set_wakeup_fd(-1)
@@ -347,9 +381,9 @@ def _run(request: Mapping[str, Any]) -> None:
         die_with_parent()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         nothing = os.open(os.devnull, os.O_RDONLY)
-        log = os.open(request["log"], os.O_WRONLY | os.O_CREAT | (os.O_APPEND if request["append"] else os.O_TRUNC))
-        for target, source in enumerate((nothing, log, log)):
-            os.dup2(source, target)
+        with open_log(Path(request["log"]), terminal, append=request["append"]) as log:
+            for target, source in enumerate((nothing, log, log)):
+                os.dup2(source, target)
         show_command(request["command"])
         sys.argv = list(request["command"])
         mains = [EntryPoint(name="node", value=value, group="console_scripts").load() for value in request["entries"]]

@@ -2,9 +2,10 @@
 
 Theory of operation
 -------------------
-The caller calls `ProcessKeeper.tick` a few times a second; the first call starts every process. Nodes are forked by a
-fork server, which has imported their modules; other programs are started directly. A process that has ended is
-reported by `tick`. What follows depends on `restart`:
+The caller calls `ProcessKeeper.tick` a few times a second; the first call starts every process, in order. Nodes are
+forked by a fork server, which has imported their modules; other programs are started directly. With `restart` the
+first node is forked before the modules of the others are imported. No process depends on a log file. A process that has
+ended is reported by `tick`. What follows depends on `restart`:
 
 - False, for a mission in lockstep: nothing. A mission cannot go on without one of its nodes, so the caller ends it.
 - True, for a vehicle: the process is started again after a wait that doubles with each death, up to
@@ -38,6 +39,7 @@ from auv_lse_common.process.processes import (
     end,
     executable_path,
     last_lines,
+    log_problem,
     start,
 )
 
@@ -150,6 +152,7 @@ class ProcessKeeper:
         self._server: ForkServer | None = None
         self._first_tick_s = self._loading_s = self._ticked_s = math.nan
         self._loading_reported = False
+        self._log_problem = ""
 
     @property
     def running(self) -> dict[str, int]:
@@ -279,19 +282,31 @@ class ProcessKeeper:
         state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
 
     def _start(self, state: _State, now_s: float) -> None:
-        name, command = state.task.name, [str(part) for part in state.task.command(state.starts)]
+        name = state.task.name
+        self._check_logs()
         try:
+            command = [str(part) for part in state.task.command(state.starts)]
             state.process = self._launch(state.task, command)
         except (OSError, LaunchError) as error:
             if not self._restart:
-                raise LaunchError(f"{name} cannot be started ({command[0]}): {error}") from error
-            self._say(f"{name} cannot be started ({command[0]}): {error}; trying again in {state.wait_s:g} s")
+                raise LaunchError(f"{name} cannot be started: {error}") from error
+            self._say(f"{name} cannot be started: {error}; trying again in {state.wait_s:g} s")
             self._wait(state, now_s)
             return
         state.starts += 1
         state.started_s, state.reported, state.killed, state.silent_s = now_s, False, False, 0.0
         watched = state.task.node is not None and self._heartbeats is not None
         state.limit_s = _SILENT_AT_FIRST_S * 2.0**state.hangs if watched else math.inf
+
+    def _check_logs(self) -> None:
+        """Reports once that log files cannot be written, which stops no process, and once that they can be again."""
+        if not self._restart or (problem := log_problem(self._logs)) == self._log_problem:
+            return
+        self._log_problem = problem
+        if problem:
+            self._say(f"{self._logs}: log files cannot be written: {problem}; the nodes' output goes to this terminal")
+        else:
+            self._say(f"{self._logs}: log files can be written again")
 
     def _report_start(self, state: _State) -> None:
         """Reports a start once its process exists."""
@@ -308,5 +323,6 @@ class ProcessKeeper:
             return start(command, log, self._environment, append=append)
         if self._server is None or not self._server.running:
             server_log = self._logs / "fork_server.log"
-            self._server = ForkServer(self._forked, server_log, self._environment, in_turn=self._in_turn)
+            first = self._forked[0] if self._restart else None
+            self._server = ForkServer(self._forked, server_log, self._environment, first=first, in_turn=self._in_turn)
         return self._server.start(task.node, command, log, append=append)

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -63,8 +63,8 @@ def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
         link: Whether vehicle_link_node runs between the stack and an autopilot.
     """
     nodes = [
+        ("auv_lse_planner", "safety_node"),  # first: nothing moves without it, and it must answer soonest
         ("auv_lse_gp", "gp_node"),
-        ("auv_lse_planner", "safety_node"),
         ("auv_lse_planner", "planner_node"),
         ("auv_lse_comms", "modem_node"),
     ]
@@ -100,10 +100,12 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Starts a command that writes to a log file. The kernel kills it when this process ends, even by SIGKILL.
 
+    If the file cannot be written, the output goes to this process's standard error.
+
     Raises:
         OSError: if it cannot be started.
     """
-    with log.open("ab" if append else "wb") as output:
+    with open_log(log, 2, append=append) as output:
         return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -113,6 +115,41 @@ def start(
             start_new_session=True,
             preexec_fn=die_with_parent,
         )
+
+
+@contextlib.contextmanager
+def open_log(log: Path, otherwise: int, *, append: bool = False) -> Iterator[int]:
+    """A log file that is open for writing while the context lasts: its file descriptor.
+
+    Args:
+        log: The file; a missing folder is created.
+        otherwise: The descriptor if the file cannot be written; it stays open.
+        append: Whether to keep what the file has.
+    """
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | (os.O_APPEND if append else os.O_TRUNC), 0o644)
+    except OSError:
+        yield otherwise
+        return
+    try:
+        yield file
+    finally:
+        os.close(file)
+
+
+def log_problem(folder: Path) -> str:
+    """Why log files in a folder cannot be written, on a full disk too; "" if they can. A missing folder is created."""
+    probe = folder / f".probe-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            probe.write_bytes(bytes(4096))
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
 
 
 class Running(Protocol):
@@ -153,7 +190,9 @@ def end(processes: Iterable[Running], patience_s: float = _STOP_S) -> None:
 
 def last_lines(log: Path, lines: int = 15) -> str:
     """The last lines of a log, "(no output)" if there are none."""
-    text = log.read_text(errors="replace").splitlines() if log.exists() else []
+    text: list[str] = []
+    with contextlib.suppress(OSError):
+        text = log.read_text(errors="replace").splitlines()
     return "\n".join(text[-lines:]) or "(no output)"
 
 

@@ -139,7 +139,7 @@ def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
     keeper = ProcessKeeper([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
     assert keeper.tick(0.0) == []
     assert said == [
-        "x cannot be started (/no/such): [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"
+        "x cannot be started: [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"
     ]
     keeper.tick(0.4)
     assert len(said) == 1
