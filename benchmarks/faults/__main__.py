@@ -22,6 +22,7 @@ from benchmarks.faults.report import Report, summary
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
     "disk": "a full disk under real nodes, and kills while it is full",
+    "media": "a disk that becomes read-only, is deleted or full, and kills and power failures then (needs root)",
     "reboot": "power loss at random moments, with cut and torn files",
     "day": "a working day of a team's nodes, faster than real time, with kills and power losses",
     "soak": "a long mission of a large team, with mates that babble",

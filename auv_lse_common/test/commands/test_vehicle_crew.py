@@ -71,7 +71,7 @@ def test_an_edited_places_file_begins_a_new_dive(tmp_path: Path) -> None:
 
 def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
     found = crew(write(tmp_path))
-    names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
+    names = ["safety_node", "gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
     assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
     assert found.recording == tmp_path / "dive" / "bag"
     assert all(task.node is not None for task in found.tasks()), "forked, also the recorder, and watched"

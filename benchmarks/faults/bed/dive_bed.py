@@ -123,7 +123,7 @@ class Vehicle:
         self.program.wait(60.0)
         for path in self.out.glob("journal/*/*.state"):
             forget_copy(path)
-        with (self.out / "output").open("a") as output:
+        with contextlib.suppress(OSError), (self.out / "output").open("a") as output:
             output.write("".join(self.program.text))
         self.program = None
 
@@ -173,6 +173,7 @@ class DiveBed:
         speed_mps: float = 10.0,
         method: str = "plain",
         more: Mapping[str, Mapping[str, Any]] | None = None,
+        runs: Path | None = None,
     ) -> None:
         """Begins a new dive, and waits until every vehicle is under way.
 
@@ -182,6 +183,7 @@ class DiveBed:
             speed_mps: Speed of the vehicles.
             method: Planning method.
             more: Further sections of the mission file.
+            runs: Folder of the vehicles' run folders; None: beside the mission file.
 
         Raises:
             RuntimeError: if one does not get under way.
@@ -209,7 +211,7 @@ class DiveBed:
         file = self.out / "vehicles.yaml"
         file.write_text(yaml.safe_dump(patterns))
         for vehicle in self.vehicles.values():
-            vehicle.begin(file, self.out / f"auv{vehicle.number}")
+            vehicle.begin(file, (runs or self.out) / f"auv{vehicle.number}")
         for vehicle in self.vehicles.values():
             self.start(vehicle)
         ledgers = [vehicle.witness.ledger for vehicle in self.vehicles.values()]
