@@ -138,9 +138,7 @@ def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
     said: list[str] = []
     keeper = ProcessKeeper([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
     assert keeper.tick(0.0) == []
-    assert said == [
-        "x cannot be started: [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"
-    ]
+    assert said == ["x cannot be started: [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"]
     keeper.tick(0.4)
     assert len(said) == 1
     keeper.tick(1.0)
