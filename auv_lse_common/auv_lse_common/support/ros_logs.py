@@ -15,8 +15,11 @@ def init_arguments(arguments: Sequence[str] = (), environment: Mapping[str, str]
         arguments: The command line.
         environment: Where the folder is named; None: this process's.
     """
-    own = list(arguments)
-    return own if _can_write(log_folder(environment)) else [*own, "--ros-args", "--disable-external-lib-logs"]
+    own, variables = list(arguments), os.environ if environment is None else environment
+    is_known = any(variables.get(name) for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME"))  # rcl looks nowhere else
+    if is_known and _can_write(log_folder(variables)):
+        return own
+    return [*own, "--ros-args", "--disable-external-lib-logs"]
 
 
 def log_folder(environment: Mapping[str, str] | None = None) -> Path:
