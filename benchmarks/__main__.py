@@ -14,9 +14,9 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day", "missed", "until")
+GROUPS = ("mission", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day")
 #: Modules of groups that are not named after them.
-MODULES = {"day": "planning.day", "missed": "planning.missed", "until": "planning.quality.until"}
+MODULES = {"day": "planning.day"}
 
 
 def _number(value: Any) -> str:
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
     p.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
-    p.add_argument("--lake", type=Path, metavar="FILE", help="a real lake for the groups gp and missed")
+    p.add_argument("--lake", type=Path, metavar="FILE", help="a real lake for the group gp")
     return p
 
 
@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
     for group in options.groups or GROUPS:
         console.print(f"measuring {group} ...", style="dim")
         try:
-            lake = {"lake": options.lake} if group in ("gp", "missed") else {}
+            lake = {"lake": options.lake} if group == "gp" else {}
             rows = importlib.import_module(f"benchmarks.{MODULES.get(group, group)}").run(smoke=options.smoke, **lake)
         except Exception as error:  # one group's failure must not lose the others' figures
             console.print(f"bench {group} failed: {error!r}", style="red")

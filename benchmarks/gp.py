@@ -39,7 +39,6 @@ from auv_lse_gp import (
     expected_bayes_risk,
     read_soundings,
 )
-from auv_lse_gp.covariance.likelihood import fit
 from auv_lse_gp.inference.local_subset import predict_locally
 from benchmarks.rows import Row, row
 
@@ -127,9 +126,7 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
         *maps(sizes),
         *real_time(sizes),
         *local_subset(survey, sizes),
-        *merging(survey, sizes),
         *planned(sizes),
-        *hyperparameters(survey, sizes),
     ]
 
 
@@ -593,36 +590,6 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     return rows
 
 
-def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
-    """Error of the map with rejected soundings merged into the nearest center, and dropped."""
-    part = survey.middle(sizes)
-    locations, depths, where = part.locations_m, part.depths_m, part.name
-    rng = np.random.default_rng(1)
-    rows, errors = [], {}
-    lines = np.arange(len(locations)) // 40 % 5 == 0  # every fifth stretch is held back
-    rough = rng.normal(0.0, 0.5, len(depths))  # noise beyond the survey's own
-    for merge in (False, True):
-        gp = OnlineGp(
-            GpConfig(merge=merge, min_spacing_m=15.0, noise_std_m=0.6, length_scale_m=75.0, signal_std_m=10.0)
-        )
-        add_all(gp, locations[~lines], (depths + rough)[~lines])
-        near = np.array([np.hypot(*(gp.centers.locations_m - p).T).min() < 30.0 for p in locations[lines]])
-        errors[merge] = float(np.sqrt(np.mean((gp.posterior.mean_m(locations[lines]) - depths[lines])[near] ** 2)))
-        text = "merged" if merge else "dropped"
-        rows.append(
-            row(
-                f"rejected soundings {text}: RMS error at soundings held back ({where})",
-                errors[merge],
-                "m",
-                "" if not merge else "dropped",
-                errors[False] / errors[True] if merge else None,
-                "better than dropping" if merge else "",
-                errors[True] < errors[False] if merge else None,
-            )
-        )
-    return rows
-
-
 def planned(sizes: Sizes = FULL) -> list[Row]:
     """Benefit of measuring along a path by planning its end after its prefix, against planning the whole path."""
     locations, depths = made_up(sizes.data[0])
@@ -640,46 +607,4 @@ def planned(sizes: Sizes = FULL) -> list[Row]:
     return [
         row(f"benefit of a path of 120 locations, n = {len(locations)}", 1e3 * whole, "ms"),
         row("the same, extending one of 100 locations", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),
-    ]
-
-
-def hyperparameters(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
-    """The fit against scikit-learn's on soundings of the lake: both from as many starts, constant mean known."""
-    where = survey.name
-    pick = np.random.default_rng(0).choice(len(survey.locations_m), sizes.soundings, replace=False)
-    locations, depths = survey.locations_m[pick], survey.depths_m[pick]
-    begin = clock()
-    result = fit(locations, depths, mean_depth_m=float(depths.mean()), restarts=sizes.restarts)
-    seconds = clock() - begin
-    name = f"fit, {sizes.soundings} soundings of the {where}, {sizes.restarts} starts"
-    few, few_depths = made_up(20)
-    data = {
-        "locations": few,
-        "depths": few_depths,
-        "queries": few,
-        "new": few[:1],
-        "new_depths": few_depths[:1],
-        "signal_std": 8.0,
-        "length": 70.0,
-        "noise_std": 0.3,
-        "mean": 15.0,
-        "fit_positions": locations,
-        "fit_depths": depths,
-    }
-    theirs = rivals(data, sizes)["scikit-learn"]
-    if "fit_s" not in theirs:
-        return [row(name, seconds, "s", against=f"scikit-learn: {theirs['missing']}")]
-    less = theirs["fit_log_likelihood"] - result.log_likelihood
-    label = f"scikit-learn {theirs['version']}"
-    return [
-        row(
-            name,
-            seconds,
-            "s",
-            f"{label}: {theirs['fit_s']:.3g} s",
-            theirs["fit_s"] / seconds,
-            "faster",
-            theirs["fit_s"] > seconds,
-        ),
-        row("fit: log likelihood short of scikit-learn's best", less, "", label, None, "<= 1e-3", less <= 1e-3),
     ]

@@ -45,7 +45,7 @@ EVEN_WEIGHT = 3e-2
 #: value.
 BEND_WEIGHT = 3e-3
 #: An optimization of waypoints, or of a bend, stops at the first iteration with a lower gain, relative to the tour's
-#: value. Bends often improve again after iterations of little gain (docs/evidence/planner-trials.md).
+#: value. Bends often improve again after iterations of little gain.
 MIN_GAIN, MIN_BEND_GAIN = 1e-6, 1e-7
 #: Largest ratio of a polyline's length to that of its tour of equal segments, which cuts the corners.
 MAX_CORNER_RATIO = 1.25

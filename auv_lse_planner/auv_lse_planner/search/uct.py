@@ -26,8 +26,7 @@ Actions = tuple[int, ...]
 
 #: Share of the iterations that change single actions of the best sequences.
 POLISH = 0.4
-#: Longest horizon with polishing: over many legs the path with the best paper reward does not give the best map
-#: (docs/evidence/planner-trials.md).
+#: Longest horizon with polishing: over many legs the path with the best paper reward does not give the best map.
 POLISH_UP_TO = 4
 #: Largest number of sequences in a ranking.
 RANKED = 64

@@ -22,7 +22,7 @@ from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.stages import is_staged
 
 #: Legs between two judgements of the map, usually and close to the end, and judgements in a row that must find it
-#: (docs/evidence/gp.md#when-to-end).
+#: (docs/evidence/gp.md).
 JUDGE_LEGS, CLOSE_LEGS, IN_A_ROW = 5, 2, 2
 
 
@@ -115,7 +115,7 @@ def plans_to_horizon(settings: PlannerSettings) -> bool:
     """Whether a mission is planned for a share found (`methods/horizon.py`).
 
     Only a team's tours are, if they are optimized again and not in stages. A single vehicle gains nothing by it
-    (docs/evidence/gp.md#distance-to-a-quality).
+    (docs/evidence/gp.md).
     """
     planner, mission = settings.planner.complete(), settings.mission
     is_tour = mission.until.found is not None and planner.family_name == "tour" and bool(planner.tour_interval)

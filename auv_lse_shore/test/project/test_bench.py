@@ -6,7 +6,6 @@ import math
 import os
 import re
 import sys
-import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,9 +19,7 @@ from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import __main__ as bench
 from benchmarks import vehicle
 from benchmarks.command import end_with
-from benchmarks.planning import missed, peer
-from benchmarks.planning.missed import missed_pieces, pairs, table
-from benchmarks.planning.planner_loop import settings_for
+from benchmarks.planning import peer
 from benchmarks.rows import KEYS
 
 
@@ -49,46 +46,11 @@ def survey(tmp_path):
     return file
 
 
-@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet", "until"])
+@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet"])
 def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     file = tmp_path / "rows.json"
     assert bench.main([group, "--smoke", "--json", str(file)]) == 0
     check(json.loads(file.read_text()))
-
-
-def test_a_rule_ends_a_mission_at_the_first_run_of_judgements_that_is_long_enough():
-    stop_rule = importlib.import_module("benchmarks.planning.quality.stop_rule")
-    met = [False, True, False, True, True, True]
-    assert [stop_rule.ended(met, rule) for rule in (1, 2, 3, 4)] == [1, 4, 5, None]
-
-
-def test_the_path_along_a_known_isobath_takes_the_nearer_part_of_it():
-    until = importlib.import_module("benchmarks.planning.quality.until")
-    near = np.array([[0.0, 0.0], [0.0, 300.0]])
-    far = near + np.array([400.0, 0.0])
-    half, whole = (until.along_isobath([near, far], np.zeros(2), share) for share in (0.5, 1.0))
-    assert until.length_m(half) == pytest.approx(290.0), "to the middle of the last 20 m"
-    assert until.length_m(whole) == pytest.approx(290.0 + 400.0 + 280.0, rel=0.02)
-
-
-def test_decisions_report_certificate_and_export_of_a_recording_are_timed():
-    report_time = importlib.import_module("benchmarks.planning.report_time")
-    rows = report_time.run(smoke=True)
-    check(rows)
-    subjects = list(dict.fromkeys(row["name"].split(":")[0] for row in rows))
-    assert subjects == ["auv1", "recording", "report", "certificate", "export"]
-    assert all(row["value"] > 0.0 for row in rows if "beyond" not in row["name"])
-
-
-def test_late_decisions_are_compared_with_early_ones():
-    report_time = importlib.import_module("benchmarks.planning.report_time")
-    times = [(step, 5000.0 if step == 0 else 10.0 if step <= 200 else 600.0 if step == 300 else 30.0)
-             for step in range(500)]  # fmt: skip
-    rows = {row["name"]: row for row in report_time._of_decisions(1, times)}
-    assert rows["auv1: first decision"]["value"] == 5000.0
-    assert rows["auv1: other decisions, longest"]["holds"] is False
-    assert rows["auv1: other decisions beyond 500 ms"]["value"] == 1
-    assert rows["auv1: mean of the last 200 legs"]["ratio"] == pytest.approx(3.0 + 570.0 / 200.0 / 10.0, rel=0.02)
 
 
 @pytest.mark.ros
@@ -116,15 +78,6 @@ def test_memory_counts_the_pages_of_this_process_alone_and_by_share():
     twice_mb, _ = vehicle.memory_mb([os.getpid(), os.getpid()])
     assert twice_mb < 2.0 * alone_mb, "a file's pages count once"
     assert vehicle.memory_mb([2**22]) == (0.0, {}), "it has ended"
-
-
-def test_gp_measures_its_choices_on_soundings_of_a_real_lake(survey):
-    gp = importlib.import_module("benchmarks.gp")
-    lake = gp.Survey.of(survey)
-    warnings.simplefilter("ignore", UserWarning)  # short supports are what is measured
-    rows = [*gp.local_subset(lake, gp.SMOKE), *gp.merging(lake, gp.SMOKE), *gp.hyperparameters(lake, gp.SMOKE)]
-    check(rows)
-    assert any("real lake, lake" in row["against"] for row in rows)
 
 
 def test_the_made_up_survey_can_be_sounded():
@@ -161,19 +114,9 @@ def test_the_figure_of_the_channel_is_drawn(tmp_path):
     assert (tmp_path / "channel.png").stat().st_size > 10_000
 
 
-def test_the_fuzzer_runs(capsys):
-    importlib.import_module("benchmarks.comms_fuzz").main(["300"])
-    assert "300 inputs, only PacketError escaped" in capsys.readouterr().out
-
-
 def test_the_navigation_consistency_is_measured(capsys):
     assert importlib.import_module("benchmarks.navigation.navigation_consistency").main(["2", "60"]) == 0
     assert capsys.readouterr().out.count("drift at the end") == 3
-
-
-def test_the_search_is_held_against_the_optimum(capsys):
-    importlib.import_module("benchmarks.planning.planner_yardstick").main(["--situations", "1", "--iterations", "20"])
-    assert capsys.readouterr().out.count("of 1 situations") == 2
 
 
 def test_methods_are_held_against_hindsight(capsys):
@@ -184,30 +127,6 @@ def test_methods_are_held_against_hindsight(capsys):
     assert "| hindsight on the isobath |" in out
     assert "| random |" in out
     assert out.count("100% |") == 2  # each aim by its own paths
-
-
-def test_the_worth_of_corrected_positions_is_measured(tmp_path, monkeypatch, capsys):
-    from benchmarks.navigation import positions_drift
-
-    monkeypatch.setattr(positions_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
-    wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "new" / "rows.jsonl")]
-    assert positions_drift.main(wanted) == 0
-    first = capsys.readouterr().out
-    assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(positions_drift.WAYS)
-    monkeypatch.setattr(positions_drift, "flown", None)  # what the file has is not flown again
-    assert positions_drift.main(wanted) == 0
-    assert capsys.readouterr().out == first
-
-
-def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch, capsys):
-    from benchmarks.navigation import surfacing_time
-    from benchmarks.planning import planner_memory
-
-    monkeypatch.setattr(surfacing_time, "PARTS", (0.5,))
-    assert surfacing_time.main(["--seeds", "7500", "1", "--steps", "6"]) == 0
-    assert capsys.readouterr().out.splitlines()[2].startswith("| 50% | 1 | ")
-    assert planner_memory.main(["--most", "100"]) in (0, 1)
-    assert capsys.readouterr().out.splitlines()[2].startswith("| 100 | ")
 
 
 def test_settings_of_a_campaign_are_compared_with_their_first():
@@ -254,30 +173,6 @@ def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, ca
     assert "| two: tour against lanes | 1 | +50 %" in capsys.readouterr().out
     assert positions_table.main([str(tmp_path)]) == 0
     assert positions_table.main([str(tmp_path / "none")]) == 2
-
-
-def test_missions_below_their_bound_are_counted(tmp_path, capsys):
-    bound = importlib.import_module("benchmarks.planning.planner_bound")
-    lines = tmp_path / "bound.jsonl"
-    for number in (0, 12):  # a synthetic lake, and one of the planner's own prior with a quarter of the packets lost
-        for method in bound.METHODS:
-            row = bound.mission(number, method, rule=True, steps=2, iterations=4)
-            lines.open("a").write(json.dumps(row) + "\n")
-    bound.main(["--table", str(lines)])
-    assert capsys.readouterr().out.count("| kept |") == 2 * len(bound.METHODS)
-
-
-def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
-    prior = importlib.import_module("benchmarks.navigation.gp_prior")
-    monkeypatch.setitem(prior.SMALL, "mission.steps", 2)
-    lines = tmp_path / "new" / "prior.jsonl"
-    options = ["--small", "--method", "lawnmower", "--lakes", "1", "--stds", "8", "--out", str(lines)]
-    prior.main(options)
-    prior.main(options)  # nothing is flown twice
-    assert len(lines.read_text().splitlines()) == 4
-    out = capsys.readouterr().out
-    assert out.count("lake 8200 done") == 1
-    assert out.count("| matern52, 70 m, 8 m | 1 |") == 2
 
 
 def test_methods_are_flown_over_lakes(tmp_path, capsys):
@@ -364,14 +259,6 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
     assert ended.value.code == 2
 
 
-def test_the_table_of_a_file_that_is_not_there_is_refused(tmp_path, capsys):
-    """It once was a table of nothing."""
-    for name in ("planning.planner_bound", "planning.planner_methods", "navigation.gp_prior"):
-        with pytest.raises(SystemExit, match="2"):
-            importlib.import_module(f"benchmarks.{name}").main(["--table", str(tmp_path / "none.jsonl")])
-        assert "none.jsonl: there is no such file" in capsys.readouterr().err
-
-
 def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
     def stopped():
         raise KeyboardInterrupt
@@ -381,90 +268,6 @@ def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
             end_with(main)
         assert ended.value.code == code
     assert capsys.readouterr().err == "interrupted\n"
-
-
-def test_surfacing_is_compared_at_the_drift_that_is_asked_for(capsys):
-    loop = importlib.import_module("benchmarks.navigation.surfacing_loop")
-    assert loop.main(["--seeds", "7700", "1", "--drifts", "3", "--steps", "6"]) == 0
-    rows = [line.split("|") for line in capsys.readouterr().out.splitlines()[2:]]
-    assert [(row[1].strip(), row[2].strip()) for row in rows] == [("x3", "nobody"), ("x3", "where it pays")]
-    assert float(rows[0][4]) == 0.0  # nobody surfaced
-    with_it, without = (loop.settings_of(1, 3.0, surfaces, 6) for surfaces in (True, False))
-    assert [own.vehicle.surfacings for own in without.vehicles] == [0, 0, 0]
-    assert all(own.vehicle.surfacings != 0 for own in with_it.vehicles)
-    assert with_it.sim.dvl.scale == pytest.approx(0.009)
-
-
-NORTH = np.arange(0.0, 200.5, 1.0)
-LINE = np.column_stack([NORTH, np.zeros_like(NORTH)])
-#: A closed line of 160 m that begins in the middle of its eastern side.
-SQUARE = np.array([[20.0, 340.0], [40.0, 340.0], [40.0, 300.0], [0.0, 300.0], [0.0, 340.0], [20.0, 340.0]])
-
-
-def missed_m(truth, estimate):
-    return [piece.length_m for piece in missed_pieces(truth, estimate)]
-
-
-def test_a_stretch_that_the_estimate_does_not_come_near_is_missed():
-    assert missed_m([LINE], [np.add(LINE, (0.0, 9.0))]) == []
-    assert missed_m([LINE], [LINE[:101]]) == [pytest.approx(90.0, abs=3.0)]  # it is near up to 10 m beyond its end
-    assert missed_m([LINE], [LINE[:171]]) == []  # 20 m is short
-    assert missed_m([LINE], []) == [pytest.approx(200.0, abs=3.0)]
-
-
-def test_a_stretch_through_a_closed_lines_start_is_one_piece():
-    west = np.column_stack([np.linspace(0.0, 40.0, 21), np.full(21, 300.0)])
-    (piece,) = missed_pieces([SQUARE, LINE], [LINE, west])
-    assert piece.length_m == pytest.approx(40.0 + 2.0 * 30.0, abs=4.0)
-    assert piece.line_m == pytest.approx(160.0)
-    east, north = piece.locations_m[:, 1], piece.locations_m[:, 0]
-    assert east.min() > 309.0  # the positions are those of the stretch
-    assert north[0] == pytest.approx(0.0, abs=2.0)
-    assert north[-1] == pytest.approx(40.0, abs=2.0)
-    assert missed_m([SQUARE], [LINE]) == [pytest.approx(160.0, abs=4.0)]
-
-
-PIECE = {"length_m": 50.0, "line_m": 90.0, "track_m": 31.0, "std_m": 1.2, "error_stds": 2.5, "slope": 0.3}
-
-
-def test_variants_are_compared_lake_by_lake():
-    def line(variant, lake, error, missed):
-        figures = {"isobath_error_m": error, "isobath_found": 0.9, "risk_third": 2.0, "risk_after": error / 10.0}
-        losses = {"loss_expected": 0.1, "loss_after": 0.2, "isobath_undiscovered_m": 1.0}
-        names = {"variant": variant, "vehicles": 3, "lake": lake, "pieces": [PIECE] * missed}
-        names["lengths_m"] = {"near": [60.0, 0.0], "middle": [30.0, 10.0], "far": [10.0, 10.0], "border": [20.0, 5.0]}
-        within = {"isobath_found_within_m": 9.0, "isobath_found_error_p95_m": None}
-        return {**names, **figures, **losses, **within, "isobath_undiscovered_limit_m": 2.0}
-
-    lines = [line("tour", "1", 2.0, 0), line("tour", "2", 4.0, 1), line("another", "2", 5.0, 0)]
-    text = table(lines)
-    assert "| made up, 3: tour | 2 | 0.50 (0.09 to 0.91) | 1 | 50 | 3.0 | 4.0 |" in text[2]
-    assert "| made up, 3: tour | far | 0.100 | 1.000 | 0.500 |" in text
-    assert "| made up, 3: tour | border | 0.200 | 0.250 | 0.250 |" in text
-    assert "| 3, 2: tour | 50 | 90 | 31 | 1.2 | 2.5 | 0.30 | 4.0 |" in text[-1]
-    assert "| 3: another | 1 | +1.00 (" in pairs(lines)[-1]
-    assert "+25 %" in pairs(lines)[-1]
-
-
-@pytest.mark.parametrize("north", [True, False])
-def test_ideal_lanes_are_as_long_as_the_distance_and_equally_far_apart(north):
-    positions = missed.lanes((0.0, 600.0, 0.0, 700.0), 7000.0, north)
-    across = np.unique(positions[:, 1 if north else 0])
-    assert np.ptp(np.diff(across)) < 1e-9
-    along_m = len(positions) * missed.ALONG_M  # the ways between the lanes add the area's breadth
-    assert along_m + np.ptp(across) == pytest.approx(7000.0, rel=0.1)
-
-
-def test_free_soundings_go_where_the_isobath_is():
-    settings = settings_for("tour", 1)
-    cells = np.stack(np.meshgrid(np.arange(0.0, 300.0, 20.0), np.arange(0.0, 300.0, 20.0)), axis=-1).reshape(-1, 2)
-
-    def depth_m(north, east):  # the isobath lies at 200 m north
-        return 15.0 + 0.1 * (200.0 - north) + 0.0 * east
-
-    positions = missed.free_locations(settings, depth_m, cells, 60, np.random.default_rng(0))
-    assert len(np.unique(positions, axis=0)) == 60
-    assert np.mean(np.abs(positions[20:, 0] - 200.0)) < 0.8 * np.mean(np.abs(cells[:, 0] - 200.0))
 
 
 def test_calibration_is_judged_where_the_depth_is_known(monkeypatch):

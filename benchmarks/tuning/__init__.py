@@ -1,1 +1,0 @@
-"""The pictures and the table of docs/evidence/tuning.md."""
