@@ -6,6 +6,7 @@ Chunks are closed every few seconds, so that little is lost in a power failure. 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,15 @@ _RULE = 80 * "=" + "\n"
 
 class RecorderError(ValueError):
     """A recording cannot be written: the folder exists, the disk is full, or a type is unknown."""
+
+
+def unused_folder(folder: Path) -> Path:
+    """`folder`, or the first of `folder`-2, -3, ... that does not exist."""
+    number, unused = 1, folder
+    while os.path.lexists(unused):
+        number += 1
+        unused = folder.with_name(f"{folder.name}-{number}")
+    return unused
 
 
 def message_types(folders: Sequence[Path]) -> Any:

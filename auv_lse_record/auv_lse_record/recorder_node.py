@@ -29,7 +29,7 @@ from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
-from auv_lse_record.bag_writer import RecorderError
+from auv_lse_record.bag_writer import RecorderError, unused_folder
 from auv_lse_record.guard import GuardedWriter, free_mb
 from auv_lse_record.message_types import frame_of
 from auv_lse_record.ration import Ration
@@ -58,6 +58,8 @@ class RecorderNode(BaseNode):
         snapshot = {"software": version(), "seed": str(mission.seed)}
         try:
             folder = Path(config.folder)
+            if vehicle_of(self.dive):  # started again in this dive: each start needs a folder of its own
+                folder = unused_folder(folder)
             writer = make_writer(folder, list(self._share.values()), snapshot, config.flush_s)
             self._bag = GuardedWriter(writer, folder, config.least_free_mb)
         except RecorderError as error:
@@ -78,9 +80,9 @@ class RecorderNode(BaseNode):
         self._reported = False
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
         self.create_timer(_SPACE_PERIOD_S, self._check_space)
-        self._log_size(config, mission)
+        self._log_size(config, mission, folder)
 
-    def _log_size(self, config: RecordConfig, mission: MissionConfig) -> None:
+    def _log_size(self, config: RecordConfig, mission: MissionConfig, folder: Path) -> None:
         """Logs the expected size, with a warning if the disk lacks the room."""
         motion, area, gp, vehicle = (
             section(kind, self.parameters, name, self.where)
@@ -93,8 +95,8 @@ class RecorderNode(BaseNode):
         )
         size = estimate_size(mission, motion, area, gp, config, vehicle.speed_mps)
         expected_mb = size.vehicle_mb if vehicle_of(self.dive) else size.mission_mb
-        self.get_logger().info(f"recording to {config.folder}, about {expected_mb:.0f} MB")
-        if lack := lack_of_space(expected_mb, free_mb(Path(config.folder)), config.least_free_mb):
+        self.get_logger().info(f"recording to {folder}, about {expected_mb:.0f} MB")
+        if lack := lack_of_space(expected_mb, free_mb(folder), config.least_free_mb):
             self.get_logger().warning(lack)
 
     def _write_text(self, topic: str, text: str) -> None:

@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from auv_lse_record.bag_writer import BagWriter, RecorderError, message_texts, message_types
+from auv_lse_record.bag_writer import BagWriter, RecorderError, message_texts, message_types, unused_folder
 from auv_lse_record.guard import GuardedWriter
 from auv_lse_record.message_types import frame_of
 from auv_lse_record.recording import Recording, RecordingError, recording_in
@@ -60,6 +60,13 @@ def test_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) ->
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
         header = make_reader(file).get_header()
     assert header.profile == "ros2"
+
+
+def test_each_start_finds_a_folder_that_does_not_exist(tmp_path: Path) -> None:
+    assert unused_folder(tmp_path / "bag") == tmp_path / "bag"
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag-2").symlink_to("nowhere")
+    assert unused_folder(tmp_path / "bag") == tmp_path / "bag-3"
 
 
 def test_definitions_are_complete_and_keep_their_comments(tmp_path: Path, types: Any) -> None:

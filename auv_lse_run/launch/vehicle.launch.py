@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 
 from auv_lse_common.support.confinement import confined
 from auv_lse_run.process.processes import LAST_STOP_S, RECORDER
-from auv_lse_run.vehicle.run_vehicle import begun_dive, crew_of, open_dive, unused_folder
+from auv_lse_run.vehicle.run_vehicle import begun_dive, crew_of, open_dive
 
 #: The reserved ROS domain, until the launch ends.
 _RESERVED = ExitStack()
@@ -48,11 +48,9 @@ def _nodes(context):
         for process in crew.processes
     ]
     if crew.recording is not None:
-        # Not restarted, because its folder exists then. scripts/vehicle gives each start a new folder.
         out.mkdir(parents=True, exist_ok=True)
-        folder = {"record.folder": str(unused_folder(crew.recording))}
-        recorder = {"package": RECORDER.package, "executable": RECORDER.executable, "output": "screen"}
-        files = [str(crew.file), folder]
+        recorder = {"package": RECORDER.package, "executable": RECORDER.executable, **common}
+        files = [str(crew.file), {"record.folder": str(crew.recording)}]
         nodes.insert(0, Node(**recorder, parameters=files, additional_env=dive, sigterm_timeout=str(LAST_STOP_S)))
     return nodes
 

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -78,12 +78,8 @@ class Crew:
         return tasks
 
     def _recorder(self, folder: Path) -> Task:
-        once = node_task(RECORDER, self.file)
-
-        def command(start_number: int) -> Sequence[str]:
-            return [*once.command(0), "-p", f"record.folder:={unused_folder(folder)}"]
-
-        return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True, node=once.node)
+        task = node_task(RECORDER, self.file, "-p", f"record.folder:={folder}")
+        return replace(task, name=f"auv{self.vehicle}.{RECORDER.executable}")
 
 
 def vehicle_number(name: str) -> int:
@@ -144,15 +140,6 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
         simulated=simulated,
         lockstep=lockstep,
     )
-
-
-def unused_folder(folder: Path) -> Path:
-    """`folder`, or the first of `folder`-2, -3, ... that does not exist: each start of a recorder needs its own."""
-    number, unused = 1, folder
-    while os.path.lexists(unused):
-        number += 1
-        unused = folder.with_name(f"{folder.name}-{number}")
-    return unused
 
 
 def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: bool) -> tuple[DiveRecord, Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -65,7 +66,13 @@ FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
 def draw_all(e: Evaluation, folder: Path) -> list[tuple[str, str]]:
     """Draws every figure into `folder`, half of them beside the others; file name and caption of each one drawn."""
     rest = run_in_background(partial(_draw, e, folder, 1))
-    drawn = {*_draw(e, folder, 0), *rest()}
+    try:
+        half = _draw(e, folder, 0)
+    except BaseException:
+        with contextlib.suppress(Exception):  # the first error is the one to report
+            rest()
+        raise
+    drawn = {*half, *rest()}
     return [(name, caption) for name, caption, _ in FIGURES if name in drawn]
 
 

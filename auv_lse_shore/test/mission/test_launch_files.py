@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.confinement import is_confined
 from auv_lse_run.process import domain
 from auv_lse_run.process.domain import SIMULATOR_DOMAINS, DomainError, busy_domains
 
@@ -98,6 +99,7 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert int(variables["ROS_DOMAIN_ID"]) in busy_domains()
     assert int(variables["ROS_DOMAIN_ID"]) in SIMULATOR_DOMAINS, "a free one: the shell has none"
     assert variables["AUV_LSE_DIVE"].startswith("sim-")
+    assert is_confined(variables)
     assert all(action.kwargs["additional_env"] == variables for action in (*nodes, report))
     assert report.kwargs["cmd"][1:] == ["-m", "auv_lse_shore.mission.launched", str(out)]
     assert all(action.kwargs["on_exit"] for action in (*nodes, report)), "the launch ends with any of them"
@@ -134,8 +136,8 @@ def test_a_vehicle(launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert names(nodes) == ["/recorder_node", *of_vehicle]
     assert nodes[0].kwargs["parameters"][1] == {"record.folder": str(tmp_path / "dive" / "bag")}
     assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
-    assert all(node.kwargs["respawn"] for node in nodes[1:])
-    variables = nodes[0].kwargs["additional_env"]
+    assert all(node.kwargs["respawn"] for node in nodes), "also the recorder, which finds a new folder"
+    assert is_confined(variables := nodes[0].kwargs["additional_env"])
     assert variables["ROS_DOMAIN_ID"] == "82"
     assert variables["AUV_LSE_DIVE"].startswith("auv2-")
     assert nodes[1].kwargs["additional_env"] == variables
