@@ -74,7 +74,7 @@ def launch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
         yield load
 
 
-VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node")
+VEHICLE_NODES = ("safety_node", "gp_node", "planner_node", "modem_node")
 
 
 def names(nodes: list[Action]) -> list[str]:
