@@ -8,6 +8,8 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -129,3 +131,38 @@ def test_a_simulated_mission(tmp_path: Path) -> None:
     command = module("auv_lse_shore.mission.command", *small, "--live")
     with started(command, log, SHELL | {"AUV_LSE_ROOT": str(ROOT)}) as process:
         assert beyond(sockets_of(process, 4, log)) == [], log.read_text()
+
+
+needs_launch = pytest.mark.skipif(
+    shutil.which("ros2") is None or importlib.util.find_spec("launch_ros") is None,
+    reason="needs ros2 launch, which PyPI does not have; the job ros:jazzy of CI runs this",
+)
+
+
+@needs_launch
+def test_ros2_launch_starts_a_vehicle(tmp_path: Path, vehicles_file: Path) -> None:
+    """The real launch, in the name of the vehicle: its nodes, then the recorder again after it was killed."""
+    log, out = tmp_path / "launch.log", tmp_path / "dive"
+    words = ("name:=auv1", f"params_file:={vehicles_file}", f"out:={out}")
+    with own_domain(VEHICLE_DOMAINS) as domain:
+        environment = SHELL | {"ROS_DOMAIN_ID": str(domain)}
+        with started(["ros2", "launch", "auv_lse_common", "vehicle.launch.py", *words], log, environment) as process:
+            assert beyond(sockets_of(process, 6, log)) == [], log.read_text()
+            (recorder,) = re.findall(r"\[recorder_node-\d+\]: process started with pid \[(\d+)\]", log.read_text())
+            os.kill(int(recorder), signal.SIGKILL)
+            until = time.monotonic() + 30.0
+            while not (out / "bag-2").is_dir():
+                assert time.monotonic() < until, log.read_text()
+                time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60.0) == 0, log.read_text()
+
+
+@needs_launch
+def test_ros2_launch_flies_a_mission(tmp_path: Path) -> None:
+    log, run = tmp_path / "launch.log", tmp_path / "run"
+    words = ("vehicles:=1", "steps:=3", f"out:={run}")
+    with started(["ros2", "launch", "auv_lse_sim", "mission.launch.py", *words], log, SHELL) as process:
+        assert beyond(sockets_of(process, 6, log)) == [], log.read_text()
+        assert process.wait(200.0) == 0, log.read_text()
+    assert (run / "report.html").is_file(), log.read_text()
