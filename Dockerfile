@@ -21,6 +21,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
         python3-numpy \
         python3-pip \
         python3-pyproj \
+        python3-rich \
         python3-scipy \
         python3-serial \
         python3-yaml \

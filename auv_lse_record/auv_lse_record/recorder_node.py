@@ -1,4 +1,4 @@
-"""Records every topic of a mission, raw, into one rosbag2 directory (MCAP)."""
+"""Records the topics of a mission, and others that it names, raw, into one rosbag2 directory (MCAP)."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_record.bag_writer import RecorderError, unused_folder
+from auv_lse_record.extra_topics import ExtraTopics
 from auv_lse_record.guard import GuardedWriter, free_mb
 from auv_lse_record.message_types import frame_of
 from auv_lse_record.ration import Ration
@@ -46,7 +47,7 @@ _SPACE_PERIOD_S = 2.0
 
 
 class RecorderNode(BaseNode):
-    """recorder_node: writes every topic of the mission, and any other it discovers, to `record.folder`."""
+    """recorder_node: writes the topics of the stack, and those of `record.topics`, to `record.folder`."""
 
     def __init__(self) -> None:
         super().__init__("recorder_node")
@@ -65,6 +66,7 @@ class RecorderNode(BaseNode):
         except RecorderError as error:
             raise ParameterError(f"{self.where}: {error}") from error
         self._ration = Ration(config.map_bytes_per_s)
+        self._extra = ExtraTopics(config.topics, config.topics_mb)
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._written_ns = 0  # stamp of the last message
@@ -134,10 +136,12 @@ class RecorderNode(BaseNode):
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
         clock, found = self.get_clock(), find_topic(topic)
         with_dive = found is not None and found.topic.decode is not None
-        rationed = self._ration.concerns(found)
+        rationed, limited = self._ration.concerns(found), found is None and self._extra.concerns(topic)
 
         def write(data: bytes) -> None:
             if with_dive and self._is_strangers(found, data):
+                return
+            if limited and not self._takes(topic, len(data)):
                 return
             self._written_ns = clock.now().nanoseconds
             if not rationed:
@@ -147,6 +151,14 @@ class RecorderNode(BaseNode):
                 self._bag.write(name, self._written_ns, kept)
 
         return write
+
+    def _takes(self, topic: str, size: int) -> bool:
+        """Whether a message of `record.topics` is recorded; logs once that the limit is reached."""
+        before = self._extra.problem
+        taken = self._extra.take(topic, size)
+        if self._extra.problem != before:
+            self.get_logger().warning(self._extra.problem)
+        return taken
 
     def _is_strangers(self, found: Found, data: bytes) -> bool:
         """Whether a message is another dive's. Team mates in the same domain are recorded, too."""
@@ -165,7 +177,9 @@ class RecorderNode(BaseNode):
                 self._subscribe(topic, message, latched, best_effort=True)
         for topic, kinds in self.get_topic_names_and_types():
             found = find_topic(topic)
-            if topic in self._topics or topic in self._refused or (found is not None and found.topic.lockstep):
+            if topic in self._topics or topic in self._refused:
+                continue
+            if (not self._extra.wants(topic)) if found is None else found.topic.lockstep:
                 continue
             try:
                 package = kinds[0].split("/")[0]

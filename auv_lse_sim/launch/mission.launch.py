@@ -110,7 +110,7 @@ def generate_launch_description():
         "steps": ("", "number of legs per vehicle; empty: as in the mission file"),
         "seed": ("", "seed of every random stream; empty: as in the mission file"),
         "real_time_factor": ("", "speed in multiples of real time; empty: lockstep, as fast as possible"),
-        "record": ("true", "true: record every topic in the run folder; false: no recording"),
+        "record": ("true", "true: record in the run folder; false: no recording"),
         "modem": ("direct", "direct, or emulated: through serial ports, drivers and Micromodem-2 sentences"),
         "vehicle_link": ("direct", "direct, or mavlink: through simulated MAVLink autopilots"),
     }

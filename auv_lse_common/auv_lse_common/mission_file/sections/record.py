@@ -22,6 +22,16 @@ class RecordConfig:
         help="bytes of maps recorded each second, for each vehicle, before compression; 0: every map, from which "
         "the decisions of a paced mission can be recomputed",
     )
+    topics: tuple[str, ...] = parameter(
+        (), help="full names of further topics to record; * stands for any text: [/imu, /camera/*]"
+    )
+    topics_mb: float = parameter(
+        500.0,
+        unit="MB",
+        low=0.0,
+        help="size of the messages of `topics`, before compression, beyond which they are not recorded, with a "
+        "warning; 0: no limit",
+    )
     least_free_mb: float = parameter(
         200.0, unit="MB", low=0.0, help="recording stops when the disk has less free space; the mission continues"
     )
