@@ -136,7 +136,7 @@ def test_the_unit_starts_a_vehicle_that_waits(set_up, tmp_path: Path) -> None:
         )
         try:
             state, until = "", time.monotonic() + 60.0
-            ask = [sys.executable, "-m", "auv_lse_run.inspect.run", "state", "--domain", str(domain)]
+            ask = [sys.executable, "-m", "auv_lse_run", "state", "--domain", str(domain)]
             while "auv2" not in state:
                 assert process.poll() is None, log.read_text()
                 assert time.monotonic() < until, log.read_text() + state

@@ -128,7 +128,7 @@ def test_a_vehicle(launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     file = tmp_path / "vehicles.yaml"
     modem, record = {"kind": "micromodem", "port": "/dev/ttyS0"}, {"folder": "bag"}
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "record": record}}}))
-    path = "auv_lse_common/launch/vehicle.launch.py"
+    path = "auv_lse_run/launch/vehicle.launch.py"
     monkeypatch.setenv("ROS_DOMAIN_ID", "82")
     _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "dive"))
     nodes = start()

@@ -110,12 +110,12 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
     with own_domain(VEHICLE_DOMAINS) as domain, contextlib.ExitStack() as stack:
         here = ("--domain", str(domain))
         commands = {
-            "vehicle": (6, module("auv_lse_run.vehicle.run_vehicle", "auv1", str(vehicles_file), *here)),
+            "vehicle": (6, module("auv_lse_run", "vehicle", "auv1", str(vehicles_file), *here)),
             "live": (
                 1,
-                module("auv_lse_shore.live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
+                module("auv_lse_run", "live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
             ),
-            "topics": (1, module("auv_lse_run.inspect.topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
+            "topics": (1, module("auv_lse_run", "topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
         }
         for name, (participants, command) in commands.items():
             log = tmp_path / f"{name}.log"
@@ -128,7 +128,7 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
 def test_a_simulated_mission(tmp_path: Path) -> None:
     log = tmp_path / "mission.log"
     small = ("--vehicles", "1", "--steps", "40", "--out", str(tmp_path / "run"), "--no-report")
-    command = module("auv_lse_shore.mission.command", *small, "--live")
+    command = module("auv_lse_run", "mission", *small, "--live")
     with started(command, log, SHELL | {"AUV_LSE_ROOT": str(ROOT)}) as process:
         assert beyond(sockets_of(process, 4, log)) == [], log.read_text()
 
@@ -146,7 +146,7 @@ def test_ros2_launch_starts_a_vehicle(tmp_path: Path, vehicles_file: Path) -> No
     words = ("name:=auv1", f"params_file:={vehicles_file}", f"out:={out}")
     with own_domain(VEHICLE_DOMAINS) as domain:
         environment = SHELL | {"ROS_DOMAIN_ID": str(domain)}
-        with started(["ros2", "launch", "auv_lse_common", "vehicle.launch.py", *words], log, environment) as process:
+        with started(["ros2", "launch", "auv_lse_run", "vehicle.launch.py", *words], log, environment) as process:
             assert beyond(sockets_of(process, 6, log)) == [], log.read_text()
             (recorder,) = re.findall(r"\[recorder_node-\d+\]: process started with pid \[(\d+)\]", log.read_text())
             os.kill(int(recorder), signal.SIGKILL)
