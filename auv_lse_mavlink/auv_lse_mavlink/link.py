@@ -52,13 +52,11 @@ from auv_lse_mavlink.messages.events import (
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.origin import OriginExchange
 from auv_lse_mavlink.messages.status import ORIGIN_REFUSED, AutopilotStatus
+from auv_lse_mavlink.messages.strangers import StrangerFilter
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_mavlink.raw_track import RawTrack
 from auv_lse_mavlink.targets.limits import TargetLimits
 from auv_lse_mavlink.targets.sender import TargetSender
-
-#: Between two calls of `receive` or `poll`, at most so many bytes of strangers are parsed to find the autopilot.
-EXAMINED_BYTES = 16384
 
 
 class LinkState(enum.Enum):
@@ -112,6 +110,7 @@ class VehicleLink:
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
         self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
+        self._strangers = StrangerFilter(self._codec, self._autopilot, self.counts)
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -123,8 +122,8 @@ class VehicleLink:
         latitude_deg = None if origin is None else origin.lat_deg
         self.gauge = DepthGauge(config, latitude_deg, self._report_event, self.counts, limits.is_afloat)
         self._fix_s = -math.inf  # when GPS last had a fix
+        self._spoke_s = -math.inf  # when any of its messages arrived
         self._heard_s = self._beat_s = self._now_s = self._attitude_s = self._placed_s = -math.inf
-        self._examined_bytes = 0
         self._attitude: Message | None = None
         self._position: AutopilotEstimate | None = None
         self._problem = (0.0, "")  # how long (s) the autopilot has refused or ignored its targets, and how
@@ -139,6 +138,7 @@ class VehicleLink:
             if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
                 self.counts["from_others"] += 1
                 continue
+            self._spoke_s = self._now_s
             handler = HANDLERS.get(message.get_type())
             if handler is not None:
                 handler(self, message)
@@ -186,13 +186,8 @@ class VehicleLink:
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
-        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not.
-
-        Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
-        """
-        found = bytes(self._autopilot) in datagram and self._examine(datagram)
-        self.counts["strangers"] += not found
-        return found
+        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not."""
+        return self._strangers.recognizes(datagram)
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now, one message each; each is returned once."""
@@ -241,8 +236,14 @@ class VehicleLink:
             battery=self.status.battery,
             leak=1 if self.status.leaks(self._now_s) else -1,
             disobeys=self._origin.contradiction or (self._problem[1] if self._problem[0] else ""),
-            depth_problem=self.gauge.problem(self._now_s),
+            depth_problem=self._depth_problem,
+            stamp_s=self._heard_s,
         )
+
+    @property
+    def _depth_problem(self) -> str:
+        """Reason not to trust the depth; silence of the whole autopilot is none."""
+        return self.gauge.problem(min(self._now_s, self._spoke_s)) if self.state is LinkState.UP else ""
 
     @property
     def problem(self) -> tuple[float, str]:
@@ -275,12 +276,13 @@ class VehicleLink:
             self._placed_s = min(self._placed_s, now_s)
             self.status.host_stepped(now_s)
             self._fix_s = min(self._fix_s, now_s)
+            self._spoke_s = min(self._spoke_s, now_s)
             self.gauge.host_stepped(now_s)
             self._targets.host_stepped(now_s)
             self._origin.host_stepped(now_s)
             self._clock.forget_utc()
         self._now_s = now_s
-        self._examined_bytes = 0
+        self._strangers.renew()
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:
@@ -326,13 +328,6 @@ class VehicleLink:
 
     def _autopilot_state(self) -> AutopilotState:
         return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self.status.battery_v)
-
-    def _examine(self, datagram: bytes) -> bool:
-        self._examined_bytes += len(datagram)
-        if self._examined_bytes > EXAMINED_BYTES:
-            self.counts["strangers_unread"] += 1
-            return False
-        return self._autopilot in self._codec.senders(datagram)
 
     # ------------------------------------------------------------------ messages
 

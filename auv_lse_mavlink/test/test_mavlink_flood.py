@@ -9,8 +9,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.transport.ports import MAX_BYTES, MAX_DATAGRAMS
-from auv_lse_mavlink.link import EXAMINED_BYTES, LinkState
+from auv_lse_mavlink.link import LinkState
 from auv_lse_mavlink.messages.events import AutopilotEstimate
+from auv_lse_mavlink.messages.strangers import EXAMINED_BYTES
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 from auv_lse_mavlink.port import AutopilotPort
 

@@ -7,7 +7,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from recordings import recording
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_common.safety.watch import SafetyWatch
+from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, Stop
 from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import Target
@@ -15,7 +18,19 @@ from auv_lse_mavlink.messages.datum import Origin
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 OWN = (465002698, 66003907)  # 1e-7 deg: 30 m north and east of it
+POLL_S = 0.1
 POSITION = "SET_POSITION_TARGET_LOCAL_NED"
+
+
+def without_gaps(rows):
+    """Time since the begin, time, packet of each message; in between at least every `POLL_S`, without a packet."""
+    last_s = 0.0
+    for elapsed_s, now_s, packet, _ in rows:
+        while elapsed_s - last_s > POLL_S:
+            last_s += POLL_S
+            yield last_s, now_s - elapsed_s + last_s, b""
+        last_s = elapsed_s
+        yield elapsed_s, now_s, packet
 
 
 class Replay:
@@ -26,7 +41,7 @@ class Replay:
         reported: Its events, each with its time (s).
     """
 
-    def __init__(self, name, command=lambda replay, now_s: None, **values):
+    def __init__(self, name, command=lambda replay, now_s: None, silent_s=(0.0, 0.0), **values):
         self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 1, ORIGIN)
         self.link.gauge.restore(101325.0)
         self.sent, self.reported, self.position = [], [], None
@@ -34,10 +49,11 @@ class Replay:
         reader.robust_parsing = True
         writer = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.link.receive(recording(name)[0][1], mavlink.MAVLink_gps_global_origin_message(*OWN, 0, 0).pack(writer))
-        for elapsed_s, now_s, packet, _ in recording(name):
+        for elapsed_s, now_s, packet in without_gaps(recording(name)):
             self.now_s, self.elapsed_s = now_s, elapsed_s
             command(self, elapsed_s)
-            self.link.receive(now_s, packet)
+            if packet and not silent_s[0] < elapsed_s < silent_s[1]:
+                self.link.receive(now_s, packet)
             self.link.poll(now_s)
             self.sent += [
                 (elapsed_s, message) for data in self.link.outgoing() for message in reader.parse_buffer(data) or ()
@@ -121,6 +137,37 @@ def test_after_the_end_a_restarted_autopilot_is_not_sent_away():
     ((_, *first, _), *later) = [row for row in replay.targets() if row[0] > 20.0]
     assert math.dist(first, (30.0, 30.0)) < 0.5, "where it stood"
     assert all(math.dist(position, (30.0, 30.0)) < 0.5 for _, *position, _ in later)
+
+
+@pytest.mark.parametrize("link_age_s", [20.0, 30.0])
+def test_30_s_without_link_are_one_loss_with_one_limit(link_age_s):
+    """The stack heard nothing from 138 s to 168 s of this recording, which another listener made."""
+    name = "sub45_mode_change_disarm_linkdrop"
+    watch = SafetyWatch(
+        SafetyConfig(link_age_s=link_age_s),
+        Fence((-1e3, -1e3, 1e3, -1e3, 1e3, 1e3, -1e3, 1e3), 0.0),
+        50.0,
+        has_autopilot=True,
+    )
+    run = MissionRun(at_once=True, on_abort=Stop(action=Action.SURFACE))
+    run.command(Command.GO, "test")
+    seen, stepped_s = [], 0.0
+
+    def step(replay, elapsed_s):
+        nonlocal stepped_s
+        for _, event in replay.reported[len(seen) :]:
+            seen.append(event)
+            if isinstance(event, events.AutopilotState):
+                watch.autopilot(event.report)
+            elif isinstance(event, events.AutopilotEstimate):
+                here = event.north_m, event.east_m, event.depth_m
+                watch.odometry(event.stamp_s, event.heading_rad, *here, event.speed_mps)
+        if replay.now_s - stepped_s >= 0.1:
+            stepped_s = replay.now_s
+            watch.step(replay.now_s, run)
+
+    Replay(name, step, silent_s=(138.0, 168.0))
+    assert set(run.limits) == ({"link"} if link_age_s == 20.0 else set())
 
 
 def test_a_mission_that_is_complete_is_restarted_until_it_is_active():

@@ -65,6 +65,7 @@ class AutopilotReport:
         leak: 1 water inside, 0 none, -1 unknown.
         disobeys: How it has refused or ignored its targets or a stop for some seconds; "" if it follows them.
         depth_problem: Reason not to trust the depth of its odometry; "" if there is none.
+        stamp_s: When it was last heard (s, the host's clock); NaN unknown.
     """
 
     heard: bool
@@ -75,6 +76,7 @@ class AutopilotReport:
     leak: int = -1
     disobeys: str = ""
     depth_problem: str = ""
+    stamp_s: float = math.nan
 
     @property
     def problem(self) -> str:
@@ -172,7 +174,12 @@ class SafetyWatch:
         self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
     def autopilot(self, report: AutopilotReport) -> None:
-        """Takes the autopilot's state."""
+        """Takes the autopilot's state.
+
+        While it is silent, only the limit *link* counts: no odometry, altitude or pressure can arrive.
+        """
+        if self._link_known and not report.heard and not self._link_lost and report.stamp_s < self._link_s:
+            self._link_s = report.stamp_s
         self._autopilot = report
         self._link_known = self._link_known or report.heard
 
@@ -248,9 +255,17 @@ class SafetyWatch:
             self._stamps_behind_s, self._stamp_s = now_s - self._stamp_s, -math.inf
         if self._new_altitudes:
             self._altitude_s = now_s
-        if self._autopilot is None or self._autopilot.heard or not self._link_known:
+        if not self._link_lost:
             self._link_s = now_s
+        else:
+            self._odometry_s += passed_s  # one loss, one limit
+            self._altitude_s += passed_s
         return passed_s
+
+    @property
+    def _link_lost(self) -> bool:
+        """Whether the autopilot has been heard, and is silent now."""
+        return self._autopilot is not None and self._link_known and not self._autopilot.heard
 
     def _check_readings(self) -> None:
         """Compares each new position and altitude with its limits."""
@@ -304,13 +319,13 @@ class SafetyWatch:
                 found["odometry"] += f". It arrives with stamps {self._stamps_behind_s:.0f} s old: check its clock"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
             found["link"] = f"no autopilot heartbeat for {age_s:.0f} s; expected one every {config.link_age_s:g} s"
-        if self._autopilot is not None and self._autopilot.disobeys:
+        if self._autopilot is not None and self._autopilot.disobeys and not self._link_lost:
             found["autopilot"] = self._autopilot.disobeys
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:
             found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:
             found["leak"] = "the autopilot reports a leak"
-        if self._autopilot is not None and self._autopilot.depth_problem:
+        if self._autopilot is not None and self._autopilot.depth_problem and not self._link_lost:
             found["pressure"] = self._autopilot.depth_problem
         if 0.0 < config.mission_time_s < self._ran_s:
             found["mission time"] = f"running for {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"

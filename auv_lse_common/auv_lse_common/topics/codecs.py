@@ -245,7 +245,7 @@ def decode_pressure(message: Any) -> Pressure:
 def encode_autopilot(state: Any, vehicle: int) -> Fields:
     """AutopilotStatus of an object with `stamp_s`, `report` (an AutopilotReport) and `battery_v`."""
     report: AutopilotReport = state.report
-    values = {f.name: getattr(report, f.name) for f in fields(report)}
+    values = {f.name: getattr(report, f.name) for f in fields(report) if f.name != "stamp_s"}
     return {"header": header_fields(state.stamp_s), **values, "battery_v": float(state.battery_v)}
 
 

@@ -122,6 +122,34 @@ def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, 
         assert vehicle.wait(5.0).run.status.state is RunState.RUNNING
 
 
+@pytest.mark.parametrize("silent_s", [20.0, 60.0])
+def test_a_silent_autopilot_is_one_loss_and_trips_one_limit(silent_s: float) -> None:
+    """No odometry, altitude or pressure arrives with it; the link reports the loss 5 s late."""
+    vehicle = Vehicle()
+    vehicle.watch.autopilot(OK)
+    vehicle.watch.altitude(20.0)
+    lost_s = vehicle.wait(5.0).now_s
+    vehicle.blind = True
+    vehicle.wait(5.0)
+    lost = dataclasses.replace(OK, heard=False, stamp_s=lost_s, depth_problem="no pressure", disobeys="no answer")
+    vehicle.watch.autopilot(lost)
+    tripped_s = None
+    while vehicle.now_s < lost_s + silent_s:
+        vehicle.wait(0.1)
+        tripped_s = vehicle.now_s if vehicle.run.limits and tripped_s is None else tripped_s
+    assert set(vehicle.run.limits) == ({"link"} if silent_s > 35.0 else set())
+    if tripped_s is not None:
+        assert tripped_s - lost_s == pytest.approx(33.0, abs=0.5), "30 s, and its patience"
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(10.0)  # the first odometry takes a moment
+    vehicle.blind = False
+    vehicle.wait(5.0)
+    assert set(vehicle.run.limits) <= {"link"}
+    vehicle.blind = True
+    vehicle.wait(35.0)
+    assert "odometry" in vehicle.run.limits, "the autopilot is heard, and its odometry is missing"
+
+
 def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
     vehicle = Vehicle(depth_response="warn")
     too_deep(vehicle)

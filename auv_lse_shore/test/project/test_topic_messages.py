@@ -299,7 +299,7 @@ def test_no_echo_is_infinite_and_depth_is_pressure(make: Any) -> None:
 
 
 def test_an_autopilot_is_reported_as_it_reports_itself(make: Any) -> None:
-    says = AutopilotReport(heard=True, armed=True, mode=4, mode_obeys=True, battery=0.5, leak=-1)
+    says = AutopilotReport(heard=True, armed=True, mode=4, mode_obeys=True, battery=0.5, leak=-1, stamp_s=1.0)
     message = make(TOPICS["autopilot"], SimpleNamespace(stamp_s=1.0, report=says, battery_v=15.5))
     assert TOPICS["autopilot"].decode(message) == says
     assert message.battery_v == 15.5

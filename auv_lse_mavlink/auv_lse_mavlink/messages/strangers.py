@@ -1,0 +1,39 @@
+"""Tells the autopilot's datagrams from those of strangers on the same port, at a bounded cost."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from auv_lse_mavlink.messages.wire import MavlinkCodec
+
+#: Until `renew`, at most so many bytes of strangers are parsed to find the autopilot.
+EXAMINED_BYTES = 16384
+
+
+class StrangerFilter:
+    """Recognizes one autopilot's datagrams."""
+
+    def __init__(self, codec: MavlinkCodec, autopilot: tuple[int, int], counts: Counter[str]) -> None:
+        """Uses `codec` to read; counts "strangers" and "strangers_unread" in `counts`."""
+        self._codec, self._autopilot, self._counts = codec, autopilot, counts
+        self._examined_bytes = 0
+
+    def renew(self) -> None:
+        """Allows another `EXAMINED_BYTES`."""
+        self._examined_bytes = 0
+
+    def recognizes(self, datagram: bytes) -> bool:
+        """Whether a datagram contains a message of the autopilot; counts it if not.
+
+        Without the autopilot's ids, or beyond `EXAMINED_BYTES`, it is rejected before it is parsed.
+        """
+        found = bytes(self._autopilot) in datagram and self._examine(datagram)
+        self._counts["strangers"] += not found
+        return found
+
+    def _examine(self, datagram: bytes) -> bool:
+        self._examined_bytes += len(datagram)
+        if self._examined_bytes > EXAMINED_BYTES:
+            self._counts["strangers_unread"] += 1
+            return False
+        return self._autopilot in self._codec.senders(datagram)
