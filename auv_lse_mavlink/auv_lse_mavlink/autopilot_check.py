@@ -1,24 +1,28 @@
 """Checks an autopilot before the dive: its messages and their rates, its origin, mode and parameters.
 
 `AutopilotCheck` opens no port and reads no clock: `receive` takes bytes and times, `outgoing` returns datagrams to
-send, `findings` lists what was seen and what is missing. It uses a `VehicleLink`, so it finds what the link will find.
+send, `findings` lists what was seen and what is missing, `changes` the parameters to set. It uses a `VehicleLink`, so
+it finds what the link will find.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import struct
 from collections import Counter
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.support.device_findings import Finding
+from auv_lse_mavlink.check.parameters import Change, ParameterReader
+from auv_lse_mavlink.check.rules import STREAMS, Setting, after_silence, rules
+from auv_lse_mavlink.depth_gauge import LEAST_PA
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import DOWN, Target
+from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, LinkUp, Problem
 from auv_lse_mavlink.messages.modes import obeying_modes
-from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
+from auv_lse_mavlink.messages.wire import SIGNING_EPOCH_S, SIGNING_PARTS, MavlinkCodec, Message, mavlink
 
 #: Required messages: their lowest rate (1/s) and their purpose.
 NEEDED = {
@@ -37,45 +41,25 @@ USEFUL = {
 LEG_M, LEG_S = 20.0, 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Parameter:
-    """A parameter of an autopilot: its name, the accepted values (None: any), and the reason."""
-
-    name: str
-    good: tuple[float, ...] | None
-    why: str
+#: Sounder readings beyond the range finder's greatest distance (m) give no soundings.
+_REACH = "RNGFND1_MAX_CM (RNGFND1_MAX since 4.8)"
 
 
-def _parameters(kind: tuple[int, int], system_id: int) -> tuple[_Parameter, ...]:
-    """The parameters to ask an autopilot of this kind for (docs/guide/mavlink-vehicle.md)."""
-    autopilot, vehicle = kind
-    own = _Parameter("SYSID_MYGCS", (float(system_id),), "FS_GCS_ENABLE watches this system: link.system_id")
-    if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle == mavlink.MAV_TYPE_SUBMARINE:
-        return (
-            _Parameter("FS_PILOT_INPUT", (0.0, 1.0), "2 disarms after 3 s without a pilot"),
-            _Parameter("FS_GCS_ENABLE", None, "what it does when the link is lost"),
-            own,
-            _Parameter("FS_LEAK_ENABLE", (1.0, 2.0), "0 does not report a leak"),
-            _Parameter("RNGFND1_ORIENT", (25.0,), "the range finder looks down"),
-            _Parameter("BARO_PRIMARY", None, "the barometer that it zeroes itself: the water's"),
-            _Parameter("BARO_SPEC_GRAV", None, "density for its own depth: link.water_density_kgpm3 / 1000"),
-            _Parameter("WPNAV_SPEED", None, "cm/s"),
-        )
-    if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return (
-            _Parameter("FS_THR_ENABLE", (0.0,), "there is no radio"),
-            _Parameter("FS_GCS_ENABLE", None, "what it does when the link is lost"),
-            own,
-            _Parameter("RNGFND1_ORIENT", (25.0,), "the range finder looks down"),
-            _Parameter("WP_SPEED", None, "m/s"),
-        )
-    if autopilot == mavlink.MAV_AUTOPILOT_PX4:
-        return (
-            _Parameter("COM_OF_LOSS_T", None, "s after the last set-point until Offboard ends"),
-            _Parameter("COM_RC_IN_MODE", (4.0,), "no radio is expected"),
-            _Parameter("NAV_DLL_ACT", None, "what it does when the link is lost"),
-        )
-    return ()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckOptions:
+    """What is checked.
+
+    Attributes:
+        mission: Whether missions are uploaded, which takes another flight mode.
+        origin: The mission's origin, which a vehicle without GPS is given; None: none is set.
+        depth_m: Greatest water depth to be sounded (m); NaN: unknown.
+        port: Number of the autopilot's port, n in SRn_....
+    """
+
+    mission: bool = False
+    origin: Origin | None = None
+    depth_m: float = math.nan
+    port: int = 0
 
 
 class AutopilotCheck:
@@ -85,19 +69,21 @@ class AutopilotCheck:
         link: The link to it.
         messages: Number of its messages by type; DISTANCE_SENSOR only those that look down.
         problems: Problems that the link has reported.
+        parameters: The autopilot's parameters.
     """
 
     def __init__(
         self,
         config: LinkConfig,
         vehicle: int,
-        mission: bool = False,
+        options: CheckOptions | None = None,
         key: bytes | None = None,
         nonce: int | None = None,
     ) -> None:
-        """Prepares the check; arguments as for `VehicleLink`, `mission`: uploads are used, in another flight mode."""
-        self.link = VehicleLink(config, vehicle, None, key=key, nonce=nonce)
-        self._mission = mission
+        """Prepares the check; arguments as for `VehicleLink`."""
+        self._options = options or CheckOptions()
+        self.link = VehicleLink(config, vehicle, self._options.origin, key=key, nonce=nonce)
+        self._key = key
         self.messages: Counter[str] = Counter()
         self.problems: list[str] = []
         self._config = config
@@ -106,7 +92,9 @@ class AutopilotCheck:
         self._others: Counter[int] = Counter()
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._origin = False
-        self._values: dict[str, float] = {}
+        self.parameters = ParameterReader(self.link.send, self._system, config.autopilot_component_id)
+        self._has_gps: bool | None = None
+        self._distance: tuple[float, float] | None = None  # the last one and the greatest possible (m)
         self._since_s = math.nan
         self._now_s = math.nan
         self._position: AutopilotEstimate | None = None
@@ -146,12 +134,36 @@ class AutopilotCheck:
 
     def ask(self) -> None:
         """Requests the parameters that are still unknown; call it repeatedly, because datagrams get lost."""
-        for parameter in _parameters(self._kind, self._config.system_id):
-            if parameter.name not in self._values:
-                request = mavlink.MAVLink_param_request_read_message(
-                    self._system, self._config.autopilot_component_id, parameter.name.encode(), -1
-                )
-                self.link.send(request)
+        self.parameters.ask(rules(self._setting))
+
+    def changes(self) -> list[Change]:
+        """The parameters to change, in the order of the findings."""
+        return self.parameters.judge(rules(self._setting))[1]
+
+    def send_key(self, now_s: float) -> None:
+        """Gives the autopilot the key (SETUP_SIGNING): it signs from then on, and accepts signed messages only."""
+        if self._key is not None:
+            started_at = max(0, int((now_s - SIGNING_EPOCH_S) * SIGNING_PARTS))
+            to = self._system, self._config.autopilot_component_id
+            self.link.send(mavlink.MAVLink_setup_signing_message(*to, list(self._key), started_at))
+
+    @property
+    def _setting(self) -> Setting:
+        heard_s = max(self._now_s - self._since_s, 1e-9)
+        return Setting(
+            kind=self._kind,
+            own_id=self._config.system_id,
+            density_kgpm3=self._config.water_density_kgpm3,
+            depth_m=self._options.depth_m,
+            has_gps=self._has_gps,
+            port=self._options.port,
+            rates_hz={kind: count / heard_s for kind, count in self.messages.items()},
+        )
+
+    @property
+    def farewell(self) -> str:
+        """What the vehicle does when this check ends and its heartbeats stop; "" if that is unknown."""
+        return after_silence(self._setting, self.parameters.values)
 
     def fly(self, now_s: float) -> str:
         """Begins three legs: ahead, to starboard, and back.
@@ -200,9 +212,15 @@ class AutopilotCheck:
         elif kind == "GPS_GLOBAL_ORIGIN":
             self._origin = message.latitude != 0 or message.longitude != 0
         elif kind == "PARAM_VALUE":
-            self._values[message.param_id] = _value(message, self._kind[0])
+            self.parameters.take(message, self._kind[0] == mavlink.MAV_AUTOPILOT_PX4)
+        elif kind == "GPS_RAW_INT":
+            self._has_gps = bool(self._has_gps) or message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
         elif kind == "DISTANCE_SENSOR" and message.orientation != DOWN:
             return
+        elif kind.startswith("SCALED_PRESSURE") and message.press_abs < LEAST_PA / 100.0:
+            return  # ArduSub's temperature sensor
+        elif kind == "DISTANCE_SENSOR":
+            self._distance = message.current_distance / 100.0, message.max_distance / 100.0
         self.messages[kind] += 1
 
     def _note(self, events: list[Event]) -> None:
@@ -230,11 +248,27 @@ class AutopilotCheck:
             rate_hz = self.messages[kind] / heard_s
             text = f"{kind}: {rate_hz:.1f} Hz"
             ok = rate_hz >= least_hz
-            found.append(Finding(ok=ok, text=text if ok else f"{text}; expected at least {least_hz:g} Hz for {use}"))
+            short = f"{text}; expected at least {least_hz:g} Hz for {use}. {self._cure(kind)}"
+            found.append(Finding(ok=ok, text=text if ok else short.rstrip()))
         for kind, without in USEFUL.items():
             if not self.messages[kind]:
-                found.append(Finding(ok=None, text=f"{kind}: not sent; {without}"))
+                found.append(Finding(ok=None, text=f"{kind}: not sent; {without}. {self._cure(kind)}".rstrip()))
+        if self._distance is not None and self._distance[0] > self._distance[1]:
+            text = "the ground is {:.1f} m below, and distances beyond {:.1f} m give no soundings. Raise " + _REACH
+            found.append(Finding(ok=False, text="DISTANCE_SENSOR: " + text.format(*self._distance)))
         return found
+
+    def _cure(self, kind: str) -> str:
+        """The parameter that makes an ArduPilot send a message, or what else it waits for."""
+        if self._kind[0] != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            return ""
+        if kind == "LOCAL_POSITION_NED" and not self._origin:
+            how = "--origin LAT LON sets one" if self._options.origin is None else "it has not taken that of --origin"
+            return f"Without GPS it begins when an origin is set: {how}"
+        group = next((group for group, kinds in STREAMS.items() if kind in kinds), "")
+        n = self._options.port
+        cure = f"Set SR{n}_{group} (MAV{n + 1}_{group} since 4.8), then reboot" if group else ""
+        return f"{cure}; check RNGFND1_TYPE" if kind == "DISTANCE_SENSOR" else cure
 
     def _depth_findings(self) -> list[Finding]:
         """Which pressure is sent and how often, its zero, and how it agrees with the autopilot's own depth."""
@@ -244,50 +278,43 @@ class AutopilotCheck:
             return [Finding(ok=None, text="link.pressure is none: depth is the autopilot's own")]
         if wanted not in sent:
             text = f"{wanted}: not sent; expected it for depth (link.pressure; none for a boat)"
-            return [Finding(ok=False, text=f"{text}. Sent instead: {', '.join(sorted(sent))}" if sent else text)]
+            text += f". Sent instead: {', '.join(sorted(sent))}" if sent else ""
+            return [Finding(ok=False, text=f"{text}. {self._cure(wanted)}".rstrip(". ") if not sent else text)]
         rate_hz = sent[wanted] / max(self._now_s - self._since_s, 1e-9)
         text = f"{wanted}: {rate_hz:.1f} Hz"
         found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; expected at least 1 Hz")]
         problem = gauge.problem(self._now_s)
         if problem:
             return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]
-        zero = f"depth is zeroed at {gauge.zero_pa / 100.0:.1f} hPa"
+        zero = f"depth is zeroed at {gauge.zero_pa / 100.0:.1f} hPa, where the sensor is now, on deck or afloat"
         agrees = f"the autopilot's own depth is {gauge.offset_m:+.2f} m off pressure depth; targets are shifted by it"
         return [*found, Finding(ok=True, text=f"{zero}; {agrees}")]
 
     def _states(self) -> list[Finding]:
         report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # that one is reported already
-        modes = self._config.modes or obeying_modes(*self._kind, self._mission)
+        modes = self._config.modes or obeying_modes(*self._kind, self._options.mission)
         obeys = report.mode in modes if modes else None
         expected = f"expected one of {list(modes)}" if modes else "unknown which modes follow targets: set link.modes"
+        first = "" if report.armed or obeys is not False else ". Arm first, then choose it: arming clears it"
+        silent = f". If it is armed while no stack runs: {self.farewell}" if self.farewell else ""
+        unarmed = f"not armed: the mission waits until it is{silent}"
+        origin = "origin known" if self._origin else f"no GPS_GLOBAL_ORIGIN: expected one. {self._origin_cure()}"
         return [
-            Finding(ok=self._origin, text="origin known" if self._origin else "no GPS_GLOBAL_ORIGIN: expected one"),
-            Finding(ok=report.armed, text="armed" if report.armed else "not armed: the mission waits until it is"),
-            Finding(ok=obeys, text=f"mode {report.mode}; {expected}"),
+            Finding(ok=self._origin, text=origin),
+            Finding(ok=report.armed, text="armed" if report.armed else unarmed),
+            Finding(ok=obeys, text=f"mode {report.mode}; {expected}{first}"),
             *(Finding(ok=None, text=problem) for problem in dict.fromkeys(self.problems) if problem != depth),
         ]
 
+    def _origin_cure(self) -> str:
+        if self._options.origin is not None:
+            return "It has not taken that of --origin: it may wait for its GPS"
+        return "Wait for GPS; without GPS, --origin LAT LON sets it"
+
     def _parameter_findings(self) -> list[Finding]:
-        found = []
-        for parameter in _parameters(self._kind, self._config.system_id):
-            value = self._values.get(parameter.name)
-            if value is None:
-                found.append(Finding(ok=None, text=f"{parameter.name}: no answer ({parameter.why})"))
-            elif parameter.good is None or value in parameter.good:
-                found.append(Finding(ok=True, text=f"{parameter.name} = {value:g} ({parameter.why})"))
-            else:
-                good = " or ".join(f"{v:g}" for v in parameter.good)
-                found.append(Finding(ok=False, text=f"{parameter.name} = {value:g}; expected {good}: {parameter.why}"))
-        return found
+        return self.parameters.judge(rules(self._setting))[0]
 
     def _flight_findings(self) -> list[Finding]:
         if self._flight:
             return [Finding(ok=False, text=f"flight: {self._flight}")]
         return [Finding(ok=True, text=f"flight: {self._flown} legs flown")] if self._flown else []
-
-
-def _value(message: Message, autopilot: int) -> float:
-    """The value of a PARAM_VALUE; PX4 stores an integer's bytes in the float."""
-    if autopilot == mavlink.MAV_AUTOPILOT_PX4 and message.param_type == mavlink.MAV_PARAM_TYPE_INT32:
-        return float(int.from_bytes(struct.pack("<f", message.param_value), "little", signed=True))
-    return float(message.param_value)

@@ -22,13 +22,13 @@ try:
 except ImportError as error:
     raise missing(error, "MAVLink links (vehicle_link_node, emulated autopilots)") from error
 
-__all__ = ["MavlinkCodec", "Message", "mavlink"]
+__all__ = ["SIGNING_EPOCH_S", "SIGNING_PARTS", "MavlinkCodec", "Message", "mavlink"]
 
 #: A pymavlink message object; its type is `get_type()`, its fields are attributes.
 Message = Any
 
 #: Signatures count time from 2015-01-01 (s since 1970), in this many units per second.
-_SIGNING_EPOCH_S, _SIGNING_PARTS = 1_420_070_400.0, 100_000
+SIGNING_EPOCH_S, SIGNING_PARTS = 1_420_070_400.0, 100_000
 #: Sizes of a key and of a signature in bytes.
 KEY_BYTES = 32
 _SIGNATURE_BYTES, _SIGNATURE_BLOCK_BYTES = 6, 13
@@ -124,7 +124,7 @@ class MavlinkCodec:
     def set_time(self, now_s: float) -> None:
         """Sets the time (s since 1970) with which messages are signed; it never goes back."""
         signing = self._mav.signing
-        signing.timestamp = max(signing.timestamp, int((now_s - _SIGNING_EPOCH_S) * _SIGNING_PARTS))
+        signing.timestamp = max(signing.timestamp, int((now_s - SIGNING_EPOCH_S) * SIGNING_PARTS))
 
     def proven(self, sender: tuple[int, int]) -> bool:
         """Whether a system and component has answered the nonce, or need not."""

@@ -6,15 +6,19 @@ import math
 import socket
 import threading
 import time
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.support.device_findings import Finding
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_mavlink.autopilot_check import AutopilotCheck
+from auv_lse_mavlink.autopilot_check import AutopilotCheck, CheckOptions
 from auv_lse_mavlink.check_command import main
 from auv_lse_mavlink.messages.datum import Origin
+from auv_lse_sim.emulated.ardupilot.parameter_protocol import ParameterProtocol
+from auv_lse_sim.emulated.ardupilot.parameters import ROVER_DEFAULTS, SUB_DEFAULTS, Parameters
 from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
@@ -76,7 +80,7 @@ def test_the_simulated_autopilot_lacks_nothing_and_flies_three_legs(
     for words in (
         "ok      LOCAL_POSITION_NED: ",
         "ok      SCALED_PRESSURE2: ",
-        "ok      depth is zeroed at 980.0 hPa; the autopilot's own depth is ",
+        "ok      depth is zeroed at 980.0 hPa, where the sensor is now",
         "ok      origin known",
         "ok      armed",
         "3 legs flown",
@@ -117,19 +121,21 @@ class Sub:
 def test_a_missing_package_is_named() -> None:
     sub = Sub()
     sub.listen(5)
-    sub.answer({"FS_PILOT_INPUT": 2.0, "RNGFND1_ORIENT": 25.0, "SYSID_MYGCS": 255.0})
+    sub.answer({"FS_PILOT_INPUT": 2.0, "RNGFND1_ORIENT": 25.0, "SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 2.0})
     texts = {finding.text: finding.ok for finding in sub.check.findings()}
     for words in (
-        "LOCAL_POSITION_NED: 0.0 Hz; expected at least 1 Hz for odometry",
-        "no GPS_GLOBAL_ORIGIN: expected one",
-        "not armed: the mission waits until it is",
-        "mode 19; expected one of [4]",
-        "FS_PILOT_INPUT = 2; expected 0 or 1: 2 disarms after 3 s without a pilot",
-        "SYSID_MYGCS = 255; expected 245: FS_GCS_ENABLE watches this system: link.system_id",
+        "LOCAL_POSITION_NED: 0.0 Hz; expected at least 1 Hz for odometry. Without GPS it begins when an origin is set: "
+        "--origin LAT LON sets one",
+        "no GPS_GLOBAL_ORIGIN: expected one. Wait for GPS; without GPS, --origin LAT LON sets it",
+        "not armed: the mission waits until it is. If it is armed while no stack runs: the vehicle disarms and drifts",
+        "mode 19; expected one of [4]. Arm first, then choose it: arming clears it",
+        "FS_PILOT_INPUT = 2; set 1 (the vehicle disarms 3 s after a joystick stops, or without one)",
+        "FS_GCS_ENABLE = 2; set 4 (the vehicle disarms and drifts)",
+        "SYSID_MYGCS = 255; set 245 (FS_GCS_ENABLE watches this system: link.system_id)",
     ):
         assert texts[words] is False, texts
     assert texts["RNGFND1_ORIENT = 25 (the range finder looks down)"] is True
-    assert texts["FS_LEAK_ENABLE: no answer (0 does not report a leak)"] is None
+    assert texts["FS_LEAK_ENABLE: no answer"] is None
     assert sub.check.fly(sub.now_s) == "the autopilot is not armed"
     assert not sub.check.flying
     assert sub.check.findings()[-1].text == "flight: the autopilot is not armed"
@@ -152,7 +158,10 @@ def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
     def found() -> dict[str, bool | None]:
         return {finding.text: finding.ok for finding in sub.check.findings()}
 
-    assert found()["SCALED_PRESSURE2: not sent; expected it for depth (link.pressure; none for a boat)"] is False
+    missing = "SCALED_PRESSURE2: not sent; expected it for depth (link.pressure; none for a boat)"
+    assert found()[f"{missing}. Set SR0_RAW_SENS (MAV1_RAW_SENS since 4.8), then reboot"] is False
+    sub.say(mavlink.MAVLink_scaled_pressure3_message(1000, 0.0, 0.0, 4001))  # ArduSub's temperature sensor
+    assert not any("Sent instead" in text for text in found())
     sub.say(mavlink.MAVLink_scaled_pressure3_message(1000, 960.0, 0.0, 1000))
     assert any(text.endswith("Sent instead: SCALED_PRESSURE3") for text in found())
     for _ in range(20):  # disarmed at 10 m
@@ -164,6 +173,116 @@ def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
         sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 960.0, 0.0, 1000))
         sub.say(mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 8.0, 0.0, 0.0, 0.0))
     wanted = (
-        "depth is zeroed at 960.0 hPa; the autopilot's own depth is +8.00 m off pressure depth; targets are shifted"
+        "depth is zeroed at 960.0 hPa, where the sensor is now, on deck or afloat; the autopilot's own depth is "
+        "+8.00 m off pressure depth; targets are shifted"
     )
     assert any(text.startswith(wanted) and ok for text, ok in found().items()), found()
+
+
+class Firmware(Sub):
+    """An ArduPilot with all the parameters of a new one, under the names of 4.5 or of 4.8."""
+
+    def __init__(self, defaults: dict[str, tuple[float, int]], renamed: bool, **options: Any) -> None:
+        super().__init__()
+        self.check = AutopilotCheck(LinkConfig(), 2, CheckOptions(**options))
+        self.kind = 12 if "FS_PILOT_INPUT" in defaults else 11
+        self.has = Parameters(defaults, renamed)
+        self.protocol = ParameterProtocol(self.has, self.say)
+
+    def listen(self, seconds: int, mode: int = 19, flags: int = 0) -> None:
+        for _ in range(seconds):
+            self.now_s += 1.0
+            self.say(mavlink.MAVLink_heartbeat_message(self.kind, 3, flags, mode, mavlink.MAV_STATE_ACTIVE, 3))
+            self.check.ask()
+            self.answer({})
+
+    def answer(self, values: dict[str, float]) -> None:
+        for datagram in self.check.outgoing():
+            for message in self.reader.parse_buffer(datagram) or ():
+                self.protocol.handle(message)
+
+    def apply(self) -> list[Finding]:
+        parameters = self.check.parameters
+        parameters.apply(self.check.changes())
+        while parameters.is_applying:
+            parameters.step()
+            self.answer({})
+        return parameters.applied()
+
+
+@pytest.mark.parametrize("renamed", [False, True])
+def test_a_new_ardusub_is_set_up_and_verified(renamed: bool) -> None:
+    sub = Firmware(SUB_DEFAULTS, renamed, depth_m=15.0)
+    sub.listen(5)
+    changes = {change.name: (change.before, change.after) for change in sub.check.changes()}
+    assert changes["FS_GCS_ENABLE"] == (2.0, 4.0)
+    assert changes["FS_PILOT_INPUT"] == (2.0, 1.0)
+    assert changes["RNGFND1_TYPE"] == (0.0, 10.0)
+    assert changes["MAV_GCS_SYSID" if renamed else "SYSID_MYGCS"] == (255.0, 245.0)
+    reach = changes["RNGFND1_MAX" if renamed else "RNGFND1_MAX_CM"]
+    assert reach == pytest.approx((7.0, 23.0) if renamed else (700.0, 2300.0))
+    for group in ("POSITION", "EXTRA1", "EXTRA3", "RAW_SENS", "EXT_STAT"):
+        assert changes[f"MAV1_{group}" if renamed else f"SR0_{group}"] == (0.0, 4.0)
+    found = sub.apply()
+    assert [finding for finding in found if finding.ok is False] == []
+    assert "reboot the autopilot" in found[-1].text
+    assert ("MAV1_RAW_SENS" if renamed else "SR0_RAW_SENS") in found[-1].text
+    assert sub.has["RNGFND1_MAX_CM"] == pytest.approx(2300.0)
+    assert sub.check.changes() == []
+
+
+def test_a_parameter_that_cannot_be_set_is_named() -> None:
+    boat = Firmware(ROVER_DEFAULTS, False)
+    boat.listen(5)
+    boat.has.change = lambda name, value: boat.has.on_wire(name)  # type: ignore[method-assign]
+    texts = [finding.text for finding in boat.apply() if finding.ok is False]
+    assert "not set: FS_THR_ENABLE: 1 -> 0; it still is 1. Set it in a ground station" in texts
+
+
+@pytest.mark.parametrize(
+    ("value", "ok", "words"),
+    [(0.0, False, "stays there under water"), (2.0, False, "disarms"), (3.0, None, "holds"), (4.0, True, "surfaces")],
+)
+def test_a_failsafe_is_judged_by_what_the_vehicle_does(value: float, ok: bool | None, words: str) -> None:
+    sub = Firmware(SUB_DEFAULTS, False)
+    sub.has.put(FS_GCS_ENABLE=value)
+    sub.listen(5)
+    (finding,) = [finding for finding in sub.check.findings() if finding.text.startswith("FS_GCS_ENABLE")]
+    assert (finding.ok, words in finding.text) == (ok, True)
+    assert words in sub.check.farewell
+
+
+def test_ground_beyond_the_range_finders_reach_is_missing() -> None:
+    sub = Firmware(SUB_DEFAULTS, False)
+    sub.listen(3)
+    sub.say(mavlink.MAVLink_distance_sensor_message(1000, 20, 700, 885, 1, 0, 25, 255))
+    (finding,) = [finding for finding in sub.check.findings() if "give no soundings" in finding.text]
+    assert finding.ok is False
+    assert "distances beyond 7.0 m" in finding.text
+
+
+def test_a_vehicle_without_gps_gets_the_origin() -> None:
+    sub = Firmware(SUB_DEFAULTS, False, origin=Origin(lat_deg=46.5, lon_deg=6.6))
+    sent: list[Any] = []
+    for _ in range(6):
+        sub.now_s += 1.0
+        sub.say(mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, mavlink.MAV_STATE_ACTIVE, 3))
+        sub.say(mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0))
+        sent += [m for datagram in sub.check.outgoing() for m in sub.reader.parse_buffer(datagram) or ()]
+    origins = [(m.latitude, m.longitude) for m in sent if m.get_type() == "SET_GPS_GLOBAL_ORIGIN"]
+    assert origins[:1] == [(465000000, 66000000)]
+    sub.say(mavlink.MAVLink_gps_global_origin_message(465000000, 66000000, 0, 0))
+    texts = {finding.text: finding.ok for finding in sub.check.findings()}
+    assert texts["origin known"] is True
+    assert "VISO_TYPE: no answer" in texts, "without GPS the DVL's settings matter"
+
+
+def test_the_key_is_given_to_the_autopilot() -> None:
+    sub = Sub()
+    key = bytes(range(32))
+    sub.check = AutopilotCheck(LinkConfig(), 2, key=key, nonce=5)
+    sub.check.send_key(1_700_000_000.0)
+    (message,) = [m for datagram in sub.check.outgoing() for m in sub.reader.parse_buffer(datagram) or ()]
+    assert (message.get_type(), message.target_system, bytes(message.secret_key)) == ("SETUP_SIGNING", 2, key)
+    assert message.initial_timestamp == round((1_700_000_000.0 - 1_420_070_400.0) * 1e5)
+    assert main(["udpin://127.0.0.1:1", "--send-key"]) == 2
