@@ -1,30 +1,26 @@
-"""scripts/recover: repairs a recording that was cut off by a power failure or a killed recorder.
+"""auv_lse recover: repairs a recording that a power failure or a killed recorder cut off, or that a disk damaged.
 
-Such an MCAP file ends within a record and has no index. Every complete record is copied to a new file with an index.
-The damaged file is kept as `.torn`.
+Such an MCAP file ends within a record and has no index, or some of its bits are wrong. Every whole record and chunk is
+copied to a new file with an index. The damaged file is kept as `.torn`.
 """
 
 from __future__ import annotations
 
 import argparse
-import struct
+import mmap
 import sys
-import zlib
-from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_record.recording import STORAGES, Recording, RecordingError, recording_in
+from auv_lse_record.salvage import MAGIC, whole_pieces
 
 _KEPT = ".torn"
 _METADATA = "metadata.yaml"
-#: First and last bytes of an MCAP file.
-_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,12 +29,14 @@ class Recovered:
 
     Attributes:
         file: The MCAP file, now complete.
-        lost_bytes: Bytes at the end of the damaged file without a complete record.
+        lost_bytes: Bytes of the damaged file outside of whole records.
+        nameless: Messages in whole chunks whose topic is described in none.
     """
 
     file: Path
     messages: int
     lost_bytes: int
+    nameless: int = 0
 
 
 def recover(path: Path) -> Recovered:
@@ -58,91 +56,102 @@ def recover(path: Path) -> Recovered:
     if found is None:
         raise _Complete(f"{recording}: is complete; nothing to recover")
     torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
-    with found.open("rb") as source, new.open("wb") as target:
-        messages, end = _copy(source, target)
+    with _content(found) as data, new.open("wb") as target:
+        messages, nameless, lost = _copy(data, target)
     if not messages:
         new.unlink()
         raise RecordingError(f"{found}: no message can be read; the file is unchanged")
-    lost = found.stat().st_size - end
     found.replace(torn)
     new.replace(found)
     if len(files) == 1 and recording.is_dir():  # the index beside it counts messages that are lost
         (recording / _METADATA).replace(recording / (_METADATA + _KEPT))
-    return Recovered(file=found, messages=messages, lost_bytes=lost)
+    return Recovered(file=found, messages=messages, lost_bytes=lost, nameless=nameless)
 
 
 class _Complete(RecordingError):
     """The recording is complete already."""
 
 
+@contextmanager
+def _content(file: Path) -> Iterator[bytes]:
+    """The content of a file, which may be larger than the memory."""
+    with file.open("rb") as source:
+        if not file.stat().st_size:
+            yield b""
+            return
+        with mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+            yield cast(bytes, mapped)  # it is only sliced
+
+
 def _is_whole(file: Path) -> bool:
-    """Whether every record can be read, up to the marks at the end, and the recording can be opened."""
+    """Whether every record can be read, up to the marks at the end, and every message by the index."""
     try:
-        from mcap.records import Footer
+        from mcap.records import Footer, Message
     except ImportError as error:
         raise missing(error, "recovering recordings") from error
-    with file.open("rb") as source:
-        last, end = deque(chain([(None, 0)], _records(source)), maxlen=1).pop()
-        source.seek(end)
-        if not isinstance(last, Footer) or source.read(len(_MAGIC) + 1) != _MAGIC:
+    end, last, messages = len(MAGIC), None, 0
+    with _content(file) as data:
+        for piece in whole_pieces(data):
+            if piece.start != end:
+                return False
+            end, last = piece.end, piece.records[-1] if piece.records else None
+            messages += sum(isinstance(record, Message) for record in piece.records)
+        if not isinstance(last, Footer) or data[end:] != MAGIC:
             return False
-    with suppress(RecordingError), Recording(file):
-        return True
+    with suppress(RecordingError), Recording(file) as recording:
+        return messages == sum(1 for _ in recording.raw(recording.topics))
     return False
 
 
-def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:
-    """Copies complete records; returns the number of messages and the offset of their end in the source."""
+def _copy(data: bytes, target: BinaryIO) -> tuple[int, int, int]:
+    """Copies whole records; returns the numbers of messages, of those without a topic, and of the bytes left out."""
     try:
         from mcap.records import Channel, Message, Metadata, Schema
         from mcap.writer import Writer
     except ImportError as error:
         raise missing(error, "recovering recordings") from error
+    # A chunk that describes a topic may be damaged; the description is repeated at the end of a file.
+    described: dict[type, dict[int, Any]] = {Schema: {}, Channel: {}}
+    for piece in whole_pieces(data):
+        for record in piece.records:
+            if type(record) in described:
+                described[type(record)].setdefault(record.id, record)
     writer = Writer(target)
     writer.start(profile="ros2", library="auv_lse recover")
     schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    messages = end = 0
-    for record, at in _records(source):
-        end = at
-        match record:
-            case Schema():
-                if record.id not in schemas:
-                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-            case Channel():
-                if record.id not in channels:
-                    channels[record.id] = writer.register_channel(
-                        record.topic, record.message_encoding, schemas[record.schema_id], dict(record.metadata)
-                    )
-            case Message():
-                channel = channels[record.channel_id]
-                writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
-                messages += 1
-            case Metadata():
-                writer.add_metadata(record.name, record.metadata)
+    for number, schema in described[Schema].items():
+        schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
+    channels = {
+        number: writer.register_channel(
+            channel.topic, channel.message_encoding, schemas[channel.schema_id], dict(channel.metadata)
+        )
+        for number, channel in described[Channel].items()
+        if channel.schema_id in schemas
+    }
+    messages = nameless = 0
+    lost = max(0, len(data) - 2 * len(MAGIC))
+    for piece in whole_pieces(data):
+        lost -= piece.end - piece.start
+        for record in piece.records:
+            match record:
+                case Message() if record.channel_id in channels:
+                    channel = channels[record.channel_id]
+                    writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+                    messages += 1
+                case Message():
+                    nameless += 1
+                case Metadata():
+                    writer.add_metadata(record.name, record.metadata)
     writer.finish()
-    return messages, end
-
-
-def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
-    """The complete records of a file, including those in chunks, each with the offset of its end."""
-    from mcap.exceptions import McapError
-    from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    try:
-        for record in StreamReader(source, emit_chunks=True).records:
-            for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]:
-                yield part, source.tell()
-    except (McapError, EOFError, ValueError, struct.error, zlib.error, OverflowError, MemoryError):
-        return  # the file is incomplete from here on
+    return messages, nameless, max(0, lost)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/recover."""
     p = argparse.ArgumentParser(
         prog="scripts/recover",
-        description="Repairs a recording that was cut off by a power failure or a killed recorder.",
+        description="Repairs a recording that was cut off by a power failure or a killed recorder, or damaged by a "
+        "disk.",
         epilog="Exit codes: 0 recovered, or already complete; 1 failed; 2 wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("path", type=Path, metavar="RUN", help="run folder, rosbag2 directory, or its .mcap")
@@ -162,7 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    print(f"{done.file}: {done.messages} messages recovered, {done.lost_bytes} bytes at the end lost")
+    nameless = f", {done.nameless} messages of topics without a description" if done.nameless else ""
+    print(f"{done.file}: {done.messages} messages recovered; {done.lost_bytes} damaged bytes left out{nameless}")
     print(f"damaged file kept as {done.file}{_KEPT}")
     return 0
 

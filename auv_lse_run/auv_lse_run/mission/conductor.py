@@ -13,6 +13,7 @@ from rich.console import Console
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.mission.display import Display, progress_of
 from auv_lse_run.mission.watch_node import MissionWatch
+from auv_lse_run.process.death import cause
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.keeper import ProcessKeeper, node_task
 from auv_lse_run.process.processes import Process, last_lines
@@ -119,7 +120,7 @@ def _check(
     """
     for name, code in died:
         log = keeper.log(name)
-        raise MissionError(f"{name} ended unexpectedly (exit code {code}); the end of {log}:\n{last_lines(log)}")
+        raise MissionError(f"{name} ended unexpectedly ({cause(code)}); the end of {log}:\n{last_lines(log)}")
     if state == "failed":
         raise MissionError(f"the simulator stopped the mission: {message}; logs: {logs}")
     if state == "waiting" and late:

@@ -30,6 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from auv_lse_common.node.heartbeat import SOCKET_VARIABLE, Heartbeats
+from auv_lse_run.process.death import cause
 from auv_lse_run.process.fork_server import ForkedProcess, ForkServer, can_fork
 from auv_lse_run.process.processes import (
     LAST_STOP_S,
@@ -60,7 +61,6 @@ _LONGEST_TICK_S = 1.0
 _LOADING_REPORTED_S = 10.0
 #: Exit code of a node that refuses its parameters (`auv_lse_common.node.entry_point.Main`).
 REFUSED = 2
-_SIGNALS = {sign.value: sign.name for sign in signal.Signals}  # most real-time signals have no name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,11 +269,10 @@ class ProcessKeeper:
         name, ran_s = state.task.name, now_s - state.started_s
         if ran_s >= STEADY_S:
             state.wait_s = FIRST_WAIT_S
-        how = _SIGNALS.get(-code, f"signal {-code}") if code < 0 else f"exit code {code}"
         lines = last_lines(self.log(name), 3).replace("\n", "\n    ")
         self._say(
-            f"{name} died ({how}) after {ran_s:.0f} s; restarting in {state.wait_s:g} s; the end of {self.log(name)}:"
-            f"\n    {lines}"
+            f"{name} died after {ran_s:.0f} s ({cause(code, hung=state.killed)}); restarting in {state.wait_s:g} s; "
+            f"the end of {self.log(name)}:\n    {lines}"
         )
         self._wait(state, now_s)
 

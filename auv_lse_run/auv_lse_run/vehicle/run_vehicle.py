@@ -25,6 +25,7 @@ from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
+from auv_lse_run.process.death import cause
 from auv_lse_run.process.domain import (
     DomainError,
     dive_on,
@@ -306,7 +307,7 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
                     _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
                 if crew.lockstep:
-                    _say(f"error: {name} died; a lockstep mission cannot continue")
+                    _say(f"error: {name} died ({cause(code)}); a lockstep mission cannot continue")
                     return 1
             if (ended := mission_end()) is not None:
                 _say(f"auv{crew.vehicle}: the simulated mission has {ended}")

@@ -104,7 +104,7 @@ def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None
             waited += 0.5
         waits.append(waited)
     assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
-    assert desk.said[1].startswith("node died (exit code 3) after 0 s; restarting in 0.5 s")
+    assert desk.said[1].startswith("node died after 0 s (exit code 3); restarting in 0.5 s")
     assert "start 0" in desk.said[1], "with its last words"
     assert "node restarted (start 2)" in desk.said[2]
     assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
@@ -118,7 +118,7 @@ def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None
         desk.after(STEADY_S)
         os.kill(desk.keeper.running["node"], signal.SIGKILL)
         assert desk.death() == ("node", -9)
-        assert f"node died (SIGKILL) after {STEADY_S:.0f} s; restarting in 0.5 s" in desk.said[-1]
+        assert f"node died after {STEADY_S:.0f} s (SIGKILL: " in desk.said[-1]
         desk.after(FIRST_WAIT_S)
     assert desk.keeper.running
     desk.keeper.stop()
@@ -130,7 +130,7 @@ def test_unnamed_signal_is_reported_by_its_number(tmp_path: Path) -> None:
     desk = Desk(tmp_path, node="kill -40 $$")
     desk.after(0.0)
     assert desk.death() == ("node", -40)
-    assert "node died (signal 40) after 0 s" in desk.said[-1]
+    assert "node died after 0 s (signal 40)" in desk.said[-1]
     desk.keeper.stop()
 
 
