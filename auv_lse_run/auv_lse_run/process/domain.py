@@ -28,6 +28,8 @@ _MOST = 232
 #: UDP ports of RTPS (DDSI-RTPS 9.6.1): the first one, that of the next domain, that of its first and next participant.
 _FIRST_PORT, _DOMAIN_GAIN, _PARTICIPANT, _PARTICIPANT_GAIN = 7400, 250, 10, 2
 _PARTICIPANTS = 40
+#: How long (s) this computer may take to reach itself.
+_LOOPBACK_S = 2.0
 #: Environment of a process whose linear algebra runs on one thread: a mission is many processes on few cores.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -72,18 +74,23 @@ def own_domain(domains: Sequence[int] = SIMULATOR_DOMAINS) -> Iterator[int]:
 
 
 @contextlib.contextmanager
-def simulation_domain(wanted: str | None, run: Path) -> Iterator[int]:
+def simulation_domain(wanted: str | None, run: Path, vehicles: int = 0) -> Iterator[int]:
     """The ROS domain of a simulation, reserved for as long as the context lasts, with a note of its folder and new id.
 
     Args:
         wanted: As `simulator_domain` takes it.
         run: The run folder.
+        vehicles: Number of vehicles whose nodes the simulation runs itself: a second `auv1` is refused.
 
     Raises:
         DomainError: as `simulator_domain`.
     """
-    with simulator_domain(wanted) as domain:
-        note_run(domain, run, new_dive(SIMULATION))
+    with simulator_domain(wanted) as domain, contextlib.ExitStack() as taken:
+        dive = new_dive(SIMULATION)
+        note_run(domain, run, dive)
+        for vehicle in range(1, vehicles + 1):
+            taken.enter_context(_locked(lock_file(domain, vehicle)))
+            note_run(domain, run, dive, vehicle)
         yield domain
 
 
@@ -95,8 +102,10 @@ def simulator_domain(wanted: str | None) -> Iterator[int]:
         wanted: The domain; None: a free one.
 
     Raises:
-        DomainError: if it is invalid, a vehicle's, or in use.
+        DomainError: if it is invalid, a vehicle's, or in use, or if this computer cannot reach itself.
     """
+    if problem := loopback_problem():
+        raise DomainError(problem)
     if wanted is None:
         with own_domain() as domain:
             yield domain
@@ -188,6 +197,22 @@ def domains_with_participants() -> list[int]:
     Ports of higher domains are in Linux's ephemeral range: any program may have them.
     """
     return [domain for domain in range(VEHICLE_DOMAINS[-1] + 1) if has_participants(domain)]
+
+
+def loopback_problem() -> str:
+    """Why nodes on this computer cannot reach each other by 127.0.0.1; "" if they can."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.settimeout(_LOOPBACK_S)
+        try:
+            own.bind(("127.0.0.1", 0))
+            own.sendto(b"x", own.getsockname())
+            own.recv(1)
+        except OSError as error:
+            return (
+                f"The network of this computer itself (127.0.0.1, interface lo) is down ({error.strerror or error}), so "
+                "its nodes cannot find each other. Bring it up: sudo ip link set lo up"
+            )
+    return ""
 
 
 def _is_bound(port: int) -> bool:

@@ -30,6 +30,7 @@ from auv_lse_run.process.domain import (
     DomainError,
     dive_on,
     domain_number,
+    loopback_problem,
     node_environment,
     note_run,
     simulator_of,
@@ -283,7 +284,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with stack:
         follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
-        for text in filter(None, (record.doubt and f"holds until RESET: {record.doubt}", record.copies_problem)):
+        doubt = record.doubt and f"holds until RESET: {record.doubt}"
+        for text in filter(None, (doubt, record.copies_problem, loopback_problem())):
             _say(f"auv{number}: {text}")
         waits = {WAIT_VARIABLE: "1"} if options.wait else {}
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")

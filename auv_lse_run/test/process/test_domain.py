@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +21,12 @@ from auv_lse_run.process.domain import (
     domains_with_participants,
     has_participants,
     lock_file,
+    loopback_problem,
     node_environment,
     note_run,
     own_domain,
     run_on,
+    simulation_domain,
     simulator_domain,
     simulator_of,
     vehicle_domain,
@@ -50,6 +54,27 @@ def test_no_two_missions_get_the_same_domain_and_busy_ones_are_found(tmp_path: P
         assert simulator_of(tmp_path) is None
     assert busy_domains() == []
     assert dive_on(first) is None
+
+
+def test_a_vehicle_that_a_simulation_runs_itself_is_refused_a_second_time(tmp_path: Path) -> None:
+    with simulation_domain(None, tmp_path / "a run", 2) as number:
+        for vehicle in (1, 2):
+            taken = rf"the nodes of auv{vehicle} run already \(sim-\S+ in {tmp_path}/a run\)"
+            with pytest.raises(DomainError, match=taken), vehicle_domain(number, vehicle, True):
+                pass
+        with vehicle_domain(number, 3, True) as same:
+            assert same == number
+    with simulation_domain(None, tmp_path / "a run") as number, vehicle_domain(number, 1, True):
+        assert number in busy_domains(), "without vehicles of its own, as the verb sim"
+
+
+def test_a_network_of_this_computer_that_is_down_is_named_at_once(tmp_path: Path) -> None:
+    code = "from auv_lse_run.process.domain import simulator_domain; simulator_domain(None).__enter__()"
+    done = subprocess.run(["unshare", "--net", sys.executable, "-c", code], capture_output=True, text=True)
+    if "unshare failed" in done.stderr or "Operation not permitted" in done.stderr:
+        pytest.skip("this process may make no network of its own")
+    assert "interface lo) is down" in done.stderr
+    assert loopback_problem() == ""
 
 
 @pytest.mark.parametrize("number", [0, 81, 101, 150])
@@ -103,6 +128,7 @@ def test_a_domain_with_nodes_that_reserved_nothing_is_not_taken() -> None:
 
 def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     lock, removed = domain.fcntl.flock, []
+    monkeypatch.setattr(domain, "has_participants", lambda number: False)  # a vehicle may run on this computer
 
     def slow(file: Any, how: int) -> None:
         if not removed:  # the mission before ends between opening and locking: its file goes, and others make a new one

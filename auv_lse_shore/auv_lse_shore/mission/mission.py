@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
     with ExitStack() as beside:
         live = beside if options.live else None
-        domain = simulation_domain(None, folder)
+        domain = simulation_domain(None, folder, vehicles)
         return fly(settings, folder, console, processes, domain, report=not options.no_report, live=live)
 
 
