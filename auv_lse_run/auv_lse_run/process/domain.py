@@ -209,8 +209,8 @@ def loopback_problem() -> str:
             own.recv(1)
         except OSError as error:
             return (
-                f"The network of this computer itself (127.0.0.1, interface lo) is down ({error.strerror or error}). Its "
-                "nodes cannot find each other. Bring it up: sudo ip link set lo up"
+                f"The network of this computer itself (127.0.0.1, interface lo) is down ({error.strerror or error}). "
+                "Its nodes cannot find each other. Bring it up: sudo ip link set lo up"
             )
     return ""
 
