@@ -1,12 +1,14 @@
-"""Power loss: every program of a vehicle is killed at a random moment, its files are cut or torn, and it starts again.
+"""Power loss: every program of a vehicle is killed at a random moment, its files are damaged, and it starts again.
 
-Journals are cut at any byte. One time in three a state file is torn as well: cut, or its newest slot half written.
+Journals are cut at any byte. One time in two a state file or the record of the dive is damaged as well: cut, its newest
+slot half written, filled with zeros, or removed. Sometimes the whole run folder is removed.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +29,21 @@ def cut(path: Path, rng: np.random.Generator) -> None:
         file.truncate(int(rng.integers(path.stat().st_size + 1)))
 
 
+#: What happens to a state file, and to everything that a dive has left.
+_DAMAGE = ("torn", "zeroed", "removed")
+_RUN_FOLDER = "run folder"
+
+
+def spoil(path: Path, how: str, rng: np.random.Generator) -> None:
+    """Damages a state file in one of the ways of `_DAMAGE`."""
+    if how == "torn":
+        tear(path, rng)
+    elif how == "zeroed":
+        path.write_bytes(bytes(path.stat().st_size))
+    else:
+        path.unlink()
+
+
 def tear(path: Path, rng: np.random.Generator) -> None:
     """Damages a state file: cuts it, or writes its newest slot only in part."""
     data = bytearray(path.read_bytes())
@@ -42,15 +59,18 @@ def tear(path: Path, rng: np.random.Generator) -> None:
 
 
 def damage(vehicle: Vehicle, rng: np.random.Generator) -> str:
-    """Damages the files of a dive; returns which state file is torn, "" if none is."""
+    """Damages the files of a dive; returns which state file and how, "" if none is, `_RUN_FOLDER` if all are gone."""
     for journal in sorted(vehicle.out.glob("journal/*/*.journal")):
         cut(journal, rng)
-    if rng.random() < 2.0 / 3.0:
+    if rng.random() < 0.5:
         return ""
+    if rng.random() < 0.2:
+        shutil.rmtree(vehicle.out)
+        return _RUN_FOLDER
     files = [*sorted(vehicle.out.glob("journal/*/*.state")), vehicle.out / "auv1.dive"]
-    torn = files[int(rng.integers(len(files)))]
-    tear(torn, rng)
-    return torn.name
+    path, how = files[int(rng.integers(len(files)))], _DAMAGE[int(rng.integers(len(_DAMAGE)))]
+    spoil(path, how, rng)
+    return f"{path.name} {how}"
 
 
 def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
@@ -70,7 +90,7 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
     before = water.state.state
     vehicle.cut_power()
     torn = damage(vehicle, rng)
-    what = f"{after_reboot}, {order or 'under way'}, {torn or 'journals'} damaged"
+    what = f"{after_reboot}, {order or 'under way'}, {torn or 'journals cut'}"
     began_s = time.monotonic()
     try:
         bed.start(vehicle)
@@ -84,7 +104,7 @@ def reboot(bed: DiveBed, after_reboot: str, rng: np.random.Generator) -> tuple[s
     if state is None or math.isnan(back_s):
         return what, math.nan, [*wrong, "never back"]
     surfaced = state.action == MissionState.SURFACE
-    if before == MissionState.ABORTED and torn not in ("auv1.safety_node.state", "auv1.dive"):
+    if before == MissionState.ABORTED and torn.split()[0:1] not in (["auv1.safety_node.state"], ["auv1.dive"], ["run"]):
         good = state.state == MissionState.ABORTED
     elif before == MissionState.RUNNING and after_reboot == "resume" and not torn:
         good = state.state == MissionState.RUNNING
@@ -129,7 +149,8 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             wrong += ledger.broken[broken:]
             survived += not wrong
             lost += [f"{what}: {text}" for text in wrong]
-            rows.setdefault("a state file, too" if ".state" in what or ".dive" in what else "journals", []).append(
+            kind = what.rpartition(", ")[2]
+            rows.setdefault(kind if kind in (_RUN_FOLDER, "journals cut") else f"a file {kind.split()[1]}", []).append(
                 back_s
             )
             more = f"; {'; '.join(wrong)}" if wrong else ""
