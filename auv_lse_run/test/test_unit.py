@@ -130,7 +130,7 @@ def test_the_unit_starts_a_vehicle_that_waits(set_up, tmp_path: Path) -> None:
     words[words.index("/etc/auv_lse/vehicles.yaml")] = str(file)
     log = tmp_path / "log"
     with own_domain(VEHICLE_DOMAINS) as domain, log.open("w") as output:
-        environment |= {"ROS_DOMAIN_ID": str(domain), "AUV_LSE_ROOT": str(home)}
+        environment |= {"ROS_DOMAIN_ID": str(domain), "AUV_LSE_ROOT": str(home), "STATE_DIRECTORY": str(tmp_path)}
         process = subprocess.Popen(
             words, cwd=home, env=environment, stdout=output, stderr=output, start_new_session=True
         )
