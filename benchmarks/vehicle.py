@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
-from benchmarks.faults.kills import NODES, Program
+from benchmarks.faults.kills import NODES, Program, give_go
 from benchmarks.faults.sockets import family_of
 from benchmarks.rows import Row, row
 
@@ -94,6 +94,8 @@ def _fly(folder: Path, window_s: float, domains: tuple[int, ...]) -> list[Row]:
             programs.append(Program("auv_lse_run.vehicle.run_vehicle", *own, "--domain", str(domains[k])))
         os.sched_setaffinity(0, set(cores))
         _await(lambda: all(set(NODES) <= set(program.nodes) for program in programs[1:]), programs)
+        for k in (2, 1):
+            give_go(k, domains[k])
         time.sleep(1.0 if window_s < 10.0 else _START_S)
         return _measured(programs[-1], window_s)
     finally:

@@ -129,6 +129,18 @@ class Program:
         self._reader.join(10.0)
 
 
+def give_go(vehicle: int, domain: int) -> None:
+    """Starts the mission of a vehicle, which waits for GO because it has an autopilot.
+
+    Raises:
+        RuntimeError: if it does not accept that.
+    """
+    go = Program("auv_lse_run.inspect.run", "go", f"auv{vehicle}", "--domain", str(domain))
+    go.wait(60.0)
+    if go.process.returncode:
+        raise RuntimeError(f"GO was not accepted: {''.join(go.text)[-1000:]}")
+
+
 def fly(
     folder: Path,
     steps: int,
@@ -178,6 +190,8 @@ def _fly(
         _until(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )
+        for k in (1, 2):
+            give_go(k, domains[k])
         under_way_s = time.time() + 10.0
         for after_s, vehicle, node in kills(steps * LEG_S):
             time.sleep(max(0.0, under_way_s + after_s - time.time()))
