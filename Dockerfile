@@ -50,13 +50,14 @@ RUN usermod --append --groups dialout ubuntu && \
     install --directory --owner=ubuntu /data && \
     ln -s /data/dives /opt/auv_lse/dives
 USER ubuntu
-ENV AUV_LSE_ROOT=/opt/auv_lse OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Second copies of the vehicle's state outlive the container; safety.state_copies may name a volume on another disk.
+ENV AUV_LSE_ROOT=/opt/auv_lse OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 STATE_DIRECTORY=/data/state
 WORKDIR /data
 VOLUME /data
 STOPSIGNAL SIGTERM
 # Which vehicle this is (auv2), if the file has several, and its mission file.
 ENV AUV_LSE_VEHICLE= AUV_LSE_MISSION=/data/vehicle.yaml
-ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && mkdir -p /data/dives && exec auv_lse vehicle --wait \"$@\"", "vehicle"]
+ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source /opt/auv_lse/install/local_setup.bash && { mkdir -p /data/dives || true; } && exec auv_lse vehicle --wait \"$@\"", "vehicle"]
 
 # BlueOS reads these. It runs the container on the host's network, where the autopilot's endpoint is.
 LABEL version="0.2.0"
