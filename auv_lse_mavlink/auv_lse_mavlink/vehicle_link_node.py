@@ -159,7 +159,10 @@ class VehicleLinkNode(DriverNode):
                 self.diagnose()
             case events.Zeroed():
                 self.journal.write("zero", event.pressure_pa)
-                log.info(f"depth is zeroed: {event.pressure_pa / 100.0:.1f} hPa at the surface")
+                log.info(
+                    f"depth is zeroed: {event.pressure_pa / 100.0:.1f} hPa where the sensor is now. If the vehicle "
+                    "floats, all depths are too small by the sensor's depth: zero it on deck"
+                )
             case events.Surfaced():
                 log.info(f"at the surface the depth gauge shows {event.drift_m:+.2f} m")
             case events.Problem():
