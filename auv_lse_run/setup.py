@@ -23,7 +23,7 @@ setup(
     name=package,
     version=version,
     packages=find_packages(exclude=["test", "test.*"]),
-    package_data={package: ["py.typed"]},
+    package_data={package: ["py.typed", "shipped/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

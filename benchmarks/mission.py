@@ -65,7 +65,7 @@ def _fly(*arguments: str, **environment: str) -> _Flight:
     """
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        command = [sys.executable, "-m", "auv_lse_shore.mission.command", "--out", str(folder), *arguments]
+        command = [sys.executable, "-m", "auv_lse_run", "mission", "--out", str(folder), *arguments]
         before_s, began = _children_s(), time.monotonic()
         process = subprocess.run(
             command, capture_output=True, text=True, check=False, env={**os.environ, **environment}

@@ -84,14 +84,14 @@ def _fly(folder: Path, window_s: float, domains: tuple[int, ...]) -> list[Row]:
     file = folder / "run" / "vehicles.yaml"
     steps = str(int((window_s + 120.0) / 15.7))
     team = ("--apart", "--vehicles", "2", "--steps", steps, "--seed", "5", "--no-report", "--out", str(file.parent))
-    programs = [Program("auv_lse_shore.mission.sim", *team, "--domain", str(domains[0]))]
+    programs = [Program("sim", *team, "--domain", str(domains[0]))]
     cores = sorted(os.sched_getaffinity(0))
     try:
         _await(file.is_file, programs)
         for k in (2, 1):
             os.sched_setaffinity(0, set(cores[:1] if k == 1 else cores[1:] or cores))  # inherited
             own = (f"auv{k}", str(file), "--out", str(folder / f"auv{k}"))
-            programs.append(Program("auv_lse_run.vehicle.run_vehicle", *own, "--domain", str(domains[k])))
+            programs.append(Program("vehicle", *own, "--domain", str(domains[k])))
         os.sched_setaffinity(0, set(cores))
         _await(lambda: all(set(NODES) <= set(program.nodes) for program in programs[1:]), programs)
         for k in (2, 1):

@@ -88,13 +88,3 @@ run_auv_lse() {
     "${wait_with[@]}" true 2> /dev/null || wait_with=()
     exec "${wait_with[@]}" python -m auv_lse_run "$@"
 }
-
-# Runs a Python module in the environment, in place of this script: run_module MODULE ARGUMENTS...
-run_module() {
-    trap 'echo interrupted >&2; exit 130' INT
-    use_environment || exit $?
-    export AUV_LSE_SCRIPT="scripts/$(basename "$0")"
-    local wait_with=(env --block-signal=INT)
-    "${wait_with[@]}" true 2>/dev/null || wait_with=()
-    exec "${wait_with[@]}" python -m auv_lse_common.support.command "$@"
-}

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -31,11 +30,13 @@ _SOUND_MPS = 1500.0
 #: The test packet: no packet of a mission, so that nodes that hear it reject it.
 TEST_PACKET = (b"auv_lse modem-check " * 13)[:PAYLOAD_BYTES]
 
+ERRORS = (ParameterError, AddressError, yaml.YAMLError)
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
-        prog="scripts/modem-check",
+        prog="auv_lse modem-check",
         description="Connects to a WHOI Micromodem-2 and reports its settings, clock and firmware, what differs from "
         "the mission file, and what to type. Without further options it only asks: it changes and transmits nothing. "
         "Run it while the vehicle's nodes are not running.",
@@ -58,27 +59,19 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Checks a modem. Returns 0, 1, 2 or 130, as the help says."""
-    options = parser().parse_args(arguments)
-    try:
-        config = _config(options)
-        read_address(options.port, config.baud)
-        for name, low, high in (("vehicle", 1, 127), ("ping", 1, 127), ("send", 0, 127), ("count", 1, 1000)):
-            value = getattr(options, name)
-            if value is not None and not low <= value <= high:
-                raise ParameterError(f"--{name}: got {value}; expected {low} to {high}")
-        if options.vehicle in (options.ping, options.send):
-            raise ParameterError(f"--ping, --send: got {options.vehicle}; expected another modem than --vehicle's")
-        if options.listen is not None and not options.listen > 0.0:
-            raise ParameterError(f"--listen: got {options.listen:g}; expected more than 0 s")
-    except (ParameterError, AddressError, yaml.YAMLError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    try:
-        return print_findings(_findings(config, options))
-    except KeyboardInterrupt:
-        return 130
+def run(options: argparse.Namespace) -> int:
+    """Checks a modem. Returns 0 or 1, as the help says."""
+    config = _config(options)
+    read_address(options.port, config.baud)
+    for name, low, high in (("vehicle", 1, 127), ("ping", 1, 127), ("send", 0, 127), ("count", 1, 1000)):
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise ParameterError(f"--{name}: got {value}; expected {low} to {high}")
+    if options.vehicle in (options.ping, options.send):
+        raise ParameterError(f"--ping, --send: got {options.vehicle}; expected another modem than --vehicle's")
+    if options.listen is not None and not options.listen > 0.0:
+        raise ParameterError(f"--listen: got {options.listen:g}; expected more than 0 s")
+    return print_findings(_findings(config, options))
 
 
 def _config(options: argparse.Namespace) -> ModemConfig:
@@ -259,7 +252,3 @@ class _Trial:
                 self._show(event)
         pings = self._port.modem.counts["pings_heard"]
         self._note(self._heard + pings > 0, f"listen: {self._heard} packets, {pings} pings heard")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,11 +25,13 @@ _HEARD_S, _ASK_S = 10.0, 2.0
 #: Time (s) for an answer to a changed parameter, and number of times that a key is sent.
 _SET_S, _KEY_TRIES = 0.5, 3
 
+ERRORS = (ParameterError, AddressError, KeyFileError)
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
-        prog="scripts/autopilot-check",
+        prog="auv_lse autopilot-check",
         description="Connects to a MAVLink autopilot, or a simulation of one (SITL), checks its message rates, origin, "
         "mode, arming and parameters, and reports what is missing. It neither arms the vehicle nor changes its mode. "
         "Only --apply changes parameters.",
@@ -74,28 +76,21 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Checks an autopilot. Returns 0, 1, 2 or 130, as the help says."""
-    options = parser().parse_args(arguments)
-    try:
-        config = from_mapping(LinkConfig, {"endpoint": options.endpoint, "pressure": options.pressure}, "command line")
-        address = read_address(options.endpoint, _BAUD)
-        key = read_key(options.key) if options.key else None
-        if options.send_key and key is None:
-            raise ParameterError("--send-key needs --key FILE.")
-        if not 1 <= options.vehicle <= 255:
-            raise ParameterError(f"--vehicle: got {options.vehicle}; expected 1 to 255")
-    except (ParameterError, AddressError, KeyFileError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+def run(options: argparse.Namespace) -> int:
+    """Checks an autopilot. Returns 0 or 1, as the help says."""
+    config = from_mapping(LinkConfig, {"endpoint": options.endpoint, "pressure": options.pressure}, "command line")
+    address = read_address(options.endpoint, _BAUD)
+    key = read_key(options.key) if options.key else None
+    if options.send_key and key is None:
+        raise ParameterError("--send-key needs --key FILE.")
+    if not 1 <= options.vehicle <= 255:
+        raise ParameterError(f"--vehicle: got {options.vehicle}; expected 1 to 255")
     origin = Origin(lat_deg=options.origin[0], lon_deg=options.origin[1]) if options.origin else None
     wanted = CheckOptions(mission=options.mode == "mission", origin=origin, depth_m=options.depth, port=options.port)
     check = AutopilotCheck(config, options.vehicle, wanted, key, new_nonce())
     connection = Connection(lambda: open_transport(address, check.link.recognizes), 0.2, 1.0)
     try:
         return _run(Session(check, connection), options)
-    except KeyboardInterrupt:
-        return 130
     finally:
         connection.close(time.monotonic(), "done")
 
@@ -181,7 +176,3 @@ def _apply(session: Session) -> int:
         check.parameters.step()
         session.wait(_SET_S, lambda: not check.parameters.is_applying)
     return print_findings(check.parameters.applied())
-
-
-if __name__ == "__main__":
-    sys.exit(main())

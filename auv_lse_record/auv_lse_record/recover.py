@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import mmap
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,7 +149,7 @@ def _copy(data: bytes, target: BinaryIO) -> tuple[int, int, int]:
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/recover."""
     p = argparse.ArgumentParser(
-        prog="scripts/recover",
+        prog="auv_lse recover",
         description="Repairs a recording that was cut off by a power failure or a killed recorder, or damaged by a "
         "disk.",
         epilog="Exit codes: 0 recovered, or already complete; 1 failed; 2 wrong command line; 130 Ctrl-C.",
@@ -158,24 +158,17 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Repairs a recording. Returns 0, 1 if that fails, 2 for a wrong command line, 130 after Ctrl-C."""
-    path = parser().parse_args(arguments).path
+def run(options: argparse.Namespace) -> int:
+    """Repairs a recording. Returns 0, or 1 if that fails."""
     try:
-        done = recover(path)
+        done = recover(options.path)
     except _Complete as complete:
         print(complete)
         return 0
     except (RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        return 130
     nameless = f", {done.nameless} messages of topics without a description" if done.nameless else ""
     print(f"{done.file}: {done.messages} messages recovered; {done.lost_bytes} damaged bytes left out{nameless}")
     print(f"damaged file kept as {done.file}{_KEPT}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -17,13 +17,16 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
+from verb_main import verb_main
 
 from auv_lse_record.bag_writer import BagWriter, RecorderError, message_texts, message_types, unused_folder
 from auv_lse_record.guard import GuardedWriter
 from auv_lse_record.message_types import frame_of
 from auv_lse_record.recording import Recording, RecordingError, recording_in
-from auv_lse_record.recover import main, recover
+from auv_lse_record.recover import recover
 from auv_lse_record.salvage import whole_pieces
+
+main = verb_main("recover")
 
 MESSAGES = Path(__file__).resolve().parents[2] / "auv_lse_msgs" / "msg"
 

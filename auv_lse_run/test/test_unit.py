@@ -16,9 +16,10 @@ from pathlib import Path
 import pytest
 
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
+from auv_lse_run.shipped_files import shipped_file
 
 ROOT = Path(__file__).resolve().parents[2]
-(UNIT,) = [*ROOT.glob("config/systemd/*.service"), *ROOT.glob("auv_lse_run/auv_lse_run/shipped/systemd/*.service")]
+UNIT = shipped_file("auv_lse@.service")
 #: What systemd sets for a service with User=, here without a home.
 SYSTEMD = {
     "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",

@@ -10,8 +10,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
@@ -28,6 +27,8 @@ from auv_lse_record.recording import Recording
 Array = NDArray[np.float64]
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
+
+ERRORS = (OSError, ValueError)
 
 
 def recorded_soundings(path: Path) -> Array:
@@ -160,7 +161,7 @@ def _plain_exponent(text: str) -> str:
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/fit."""
     p = argparse.ArgumentParser(
-        prog="scripts/fit",
+        prog="auv_lse fit",
         description=__doc__,
         epilog="Exit codes: 0 success; 2 soundings that cannot be read or fitted, or wrong command line; 130 Ctrl-C.",
     )
@@ -173,73 +174,66 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--level", type=float, metavar="M",
                    help="depth of the isobath to search for: if the fitted prior nearly excludes it, a wider one is "
                    "proposed")  # fmt: skip
-    p.add_argument("--points", type=int, default=500, metavar="N",
+    p.add_argument("--points", type=whole_from(10), default=500, metavar="N",
                    help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
-    p.add_argument("--restarts", type=int, default=5, metavar="N",
+    p.add_argument("--restarts", type=whole_from(1), default=5, metavar="N",
                    help="starts of the search (default: %(default)s)")  # fmt: skip
-    p.add_argument("--seed", type=int, default=0, help="seed of the draw (default: %(default)s)")
+    p.add_argument("--seed", type=whole_from(0), default=0, help="seed of the draw (default: %(default)s)")
     p.add_argument("--out", type=Path, metavar="FILE", help="write a ROS 2 parameter file")
     return p
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Fits a Gaussian process to soundings. Returns the exit code."""
-    command_line = parser()
-    options = command_line.parse_args(argv)
-    for name, low in (("points", 10), ("restarts", 1), ("seed", 0)):
-        if getattr(options, name) < low:
-            command_line.error(f"--{name}: got {getattr(options, name)}; expected at least {low}")
+def _fitted(options: argparse.Namespace) -> tuple[list[Fit], Array, str]:
+    """The fits of all wanted kernels, the positions (n, 2) that they used, and what was made of lat, lon."""
+    soundings, origin = read(options.source)
+    where = ""
+    if origin is not None:
+        where = f"lat, lon taken as metres north and east of their middle, {origin[0]:.6f}, {origin[1]:.6f} deg"
+        if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
+            where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
+        print(where)
+    rng = np.random.default_rng(options.seed)
+    if len(soundings) > options.points:
+        print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
+        soundings = soundings[np.sort(rng.choice(len(soundings), options.points, replace=False))]
+    results = [
+        fit(
+            soundings[:, :2],
+            soundings[:, 2],
+            kernel=kernel,
+            mean=options.mean,
+            two_axes=options.two_axes,
+            restarts=options.restarts,
+            rng=rng,
+        )
+        for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
+    ]
+    return results, soundings[:, :2], where
+
+
+def run(options: argparse.Namespace) -> None:
+    """Fits a Gaussian process to soundings.
+
+    Raises:
+        ValueError: if the soundings cannot be read or fitted.
+        OSError: if a file cannot be read or written.
+    """
     if options.level is not None and not math.isfinite(options.level):
-        command_line.error(f"--level: got {options.level}; expected a depth in metres")
+        raise ValueError(f"--level: got {options.level}; expected a depth in metres")
     if options.out is not None and not options.out.resolve().parent.is_dir():
-        command_line.error(f"--out {options.out}: there is no folder {options.out.parent}")
+        raise ValueError(f"--out {options.out}: there is no folder {options.out.parent}")
     try:
-        soundings, origin = read(options.source)
-        where = ""
-        if origin is not None:
-            where = f"lat, lon taken as metres north and east of their middle, {origin[0]:.6f}, {origin[1]:.6f} deg"
-            if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
-                where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
-            print(where)
-        rng = np.random.default_rng(options.seed)
-        if len(soundings) > options.points:
-            print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
-            soundings = soundings[np.sort(rng.choice(len(soundings), options.points, replace=False))]
-        results = [
-            fit(
-                soundings[:, :2],
-                soundings[:, 2],
-                kernel=kernel,
-                mean=options.mean,
-                two_axes=options.two_axes,
-                restarts=options.restarts,
-                rng=rng,
-            )
-            for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
-        ]
+        results, points_m, where = _fitted(options)
         result = max(results, key=lambda r: r.log_likelihood)
         if options.level is not None:
-            result = _widened(result, options.level, soundings[:, :2])
-    except OSError as error:
-        print(f"error: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
-        return 2
+            result = _widened(result, options.level, points_m)
     except ValueError as error:
         named = str(error).startswith((str(options.source), "--level"))
-        print(f"error: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
-        return 2
+        raise ValueError(f"{'' if named else f'{options.source}: '}{error}") from error
     if len(results) > 1:
         for other in sorted(results, key=lambda r: -r.log_likelihood):
             print(f"{other.config.kernel:20} {other.log_likelihood:.3f}")
     print(report(result))
     if options.out is not None:
-        try:
-            write_whole(options.out, parameter_file(result, options.source.name, where))
-        except OSError as error:
-            print(f"error: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
-            return 2
+        write_whole(options.out, parameter_file(result, options.source.name, where))
         print(f"written: {options.out}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

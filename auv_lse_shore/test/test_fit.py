@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import section
@@ -13,7 +14,9 @@ from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, Kernel
 from auv_lse_gp.covariance.likelihood import MarginalLikelihood, fit
-from auv_lse_shore.fit import main, recorded_soundings
+from auv_lse_shore.fit import recorded_soundings
+
+main = verb_main("fit")
 
 SCATTERED = np.random.default_rng(0).uniform(0, 300, (40, 2))
 
@@ -155,6 +158,8 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
         (["empty.npz"], "error: empty.npz: got a file that is damaged or not npz"),
         (["."], "holds no recording; expected a run folder"),
         (["few.csv"], "error: few.csv: soundings: got 3; expected at least 10"),
+        (["x.csv", "--level", "nan"], "error: --level: got nan; expected a depth in metres"),
+        (["x.csv", "--out", "no/where/gp.yaml"], "there is no folder no/where"),
         (["line.csv", "--level", "1e9"], "error: --level: got 1e+09 m; expected a depth nearer to the prior mean"),
     ],
 )
@@ -171,9 +176,7 @@ def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["x.csv", "--level", "nan"], "--level: got nan; expected a depth in metres"),
-        (["x.csv", "--points", "3"], "--points: got 3; expected at least 10"),
-        (["x.csv", "--out", "no/where/gp.yaml"], "there is no folder no/where"),
+        (["x.csv", "--points", "3"], "--points: got 3; expected a whole number from 10"),
         (["x.csv", "--kernel", "cubic"], "invalid choice: 'cubic'"),
         ([], "SOUNDINGS|RUN"),
     ],
@@ -239,4 +242,4 @@ def test_reaches_the_best_of_scikit_learn():
 
 def test_an_unreadable_file_is_named(tmp_path, capsys):
     assert main([str(tmp_path / "nothing.csv")]) == 2
-    assert f"{tmp_path / 'nothing.csv'}: cannot be read: No such file or directory" in capsys.readouterr().err
+    assert f"{tmp_path / 'nothing.csv'}: No such file or directory" in capsys.readouterr().err

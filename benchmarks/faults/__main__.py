@@ -46,7 +46,7 @@ _EXIT_CODES = "Exit codes: 0 no fault; 1 something was lost or broke; 2 wrong co
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/faults."""
     p = argparse.ArgumentParser(
-        prog="scripts/faults",
+        prog="auv_lse faults",
         description="Breaks things on purpose, and prints a table of what happened.",
         epilog=_EXIT_CODES,
     )
@@ -92,9 +92,8 @@ def run_all(seed: int, folder: Path, say: Callable[[str], None]) -> tuple[dict[s
     return reports, False
 
 
-def main(arguments: list[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Runs one kind of fault. Returns 0, 1 or 130, as the help says."""
-    options = parser().parse_args(arguments)
     if options.out is not None and options.out.exists():
         print(f"error: --out {options.out}: is there already; expected a new folder", file=sys.stderr)
         return 1
@@ -111,8 +110,6 @@ def main(arguments: list[str] | None = None) -> int:
                 return 130
             if not all(report.good for report in reports):
                 raise _Broken("not all as it should be")
-    except KeyboardInterrupt:
-        return 130
     except (OSError, RuntimeError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -154,7 +151,3 @@ def _folder(out: Path | None) -> Iterator[Path]:
     finally:
         if not keep:
             shutil.rmtree(temporary, ignore_errors=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

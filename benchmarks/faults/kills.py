@@ -102,12 +102,12 @@ class Program:
         nodes: Process id of each node that it reported to have started.
     """
 
-    def __init__(self, module: str, *arguments: str) -> None:
-        """Starts a Python module with arguments."""
+    def __init__(self, verb: str, *arguments: str) -> None:
+        """Starts a verb of auv_lse with arguments."""
         self.text: list[str] = []
         self.nodes: dict[str, int] = {}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-m", "auv_lse_run", verb, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -180,13 +180,13 @@ def _fly(
     run = folder / "run"
     sets = [f"--set={name}={value}" for name, value in more.items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
-    processes = [Program("auv_lse_shore.mission.sim", *team, "--domain", str(domains[0]))]
+    processes = [Program("sim", *team, "--domain", str(domains[0]))]
     flight = Flight()
     try:
         _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
         for k in (1, 2):
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
-            processes.append(Program("auv_lse_run.vehicle.run_vehicle", *own, "--domain", str(domains[k])))
+            processes.append(Program("vehicle", *own, "--domain", str(domains[k])))
         _until(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )

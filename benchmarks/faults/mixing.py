@@ -88,7 +88,7 @@ def _domain(program: Program) -> int:
 
 
 def _mission(out: Path, *more: str) -> Program:
-    return Program("auv_lse_shore.mission.command", *_MISSION, *more, "--out", str(out))
+    return Program("mission", *_MISSION, *more, "--out", str(out))
 
 
 def _summary(run: Path) -> dict[str, object]:
@@ -111,7 +111,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
     file, pairs = _vehicle_file(folder / "vehicles.yaml", alone), []
     with own_domain(VEHICLE_DOMAINS) as free:
         first = Program(
-            "auv_lse_run.vehicle.run_vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
+            "vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
         )
         with _ended(first):
             _until(lambda: any("started" in line for line in first.text), first, "the vehicle does not start")
@@ -119,14 +119,14 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
             pairs.append(
                 _refused(
                     "two vehicles with one name",
-                    Program("auv_lse_run.vehicle.run_vehicle", *again),
+                    Program("vehicle", *again),
                     "where the nodes of auv1 run already",
                 )
             )
             pairs.append(
                 _refused(
                     "a replay beside a vehicle",
-                    Program("auv_lse_shore.replay", str(alone), "--domain", str(free)),
+                    Program("replay", str(alone), "--domain", str(free)),
                     "expected 1 to 80 for a simulation or a replay",
                 )
             )
@@ -134,22 +134,22 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
             pairs.append(
                 _refused(
                     "a simulation beside a vehicle",
-                    Program("auv_lse_shore.mission.sim", *sim),
+                    Program("sim", *sim),
                     "expected 1 to 80 for a simulation or a replay",
                 )
             )
-    sim = Program("auv_lse_shore.mission.sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
+    sim = Program("sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
     with _ended(sim):
         domain = _domain(sim)
         second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
         pairs.append(
-            _refused("two simulations", Program("auv_lse_shore.mission.sim", *second), f"got {domain}, which sim-")
+            _refused("two simulations", Program("sim", *second), f"got {domain}, which sim-")
         )
         vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))
         pairs.append(
             _refused(
                 "a vehicle beside a simulation",
-                Program("auv_lse_run.vehicle.run_vehicle", *vehicle),
+                Program("vehicle", *vehicle),
                 "expected 81 to 101 or 0 for a vehicle",
             )
         )

@@ -99,7 +99,7 @@ def soak(
     steps = max(4, int((minutes * 60.0 + _START_S * factor) / 15.7) + 2)  # it lasts longer than the looks
     team = ("--vehicles", str(vehicles), "--steps", str(steps), "--seed", str(seed), "--out", str(folder))
     load = ("--set", "sim.altimeter.sounding_every_s=0", "--set", f"sim.dvl.rate_hz={SOUNDINGS_HZ}")
-    program = Program("auv_lse_shore.mission.mission", *team, *load, "--real-time-factor", str(factor), "--no-report")
+    program = Program("mission", *team, *load, "--real-time-factor", str(factor), "--no-report")
     looks: list[dict[str, Look]] = []
     try:
         domain = _domain_of(program)

@@ -7,8 +7,6 @@ import hashlib
 import os
 import secrets
 import stat
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 _KEY_BYTES = 32
@@ -84,10 +82,13 @@ def make_key(path: str | Path) -> None:
         raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+ERRORS = (KeyFileError,)
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/key."""
     p = argparse.ArgumentParser(
-        prog="scripts/key",
+        prog="auv_lse key",
         description="Creates a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal "
         "digits that only you can read. Copy it to every vehicle of the team, and set packet.key_file.",
         epilog="Exit codes: 0 created; 2 the file exists or cannot be written.",
@@ -96,17 +97,7 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Creates a key. Returns 0, or 2 if no key could be created."""
-    options = parser().parse_args(argv)
-    try:
-        make_key(options.file)
-    except KeyFileError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+def run(options: argparse.Namespace) -> None:
+    """Creates a key."""
+    make_key(options.file)
     print(f"{options.file}: new key of {_KEY_BYTES} bytes, mode 0600; copy the file to every vehicle")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

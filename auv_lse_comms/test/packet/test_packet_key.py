@@ -8,8 +8,11 @@ import signal
 from pathlib import Path
 
 import pytest
+from verb_main import verb_main
 
-from auv_lse_comms.packet.key import KeyFileError, main, make_key, read_key
+from auv_lse_comms.packet.key import KeyFileError, make_key, read_key
+
+main = verb_main("key")
 
 KEY = bytes(range(32))
 

@@ -10,11 +10,12 @@ from auv_lse_common.support.verb import VERB_GROUP, Verb
 PACKAGE_OF = {
     **dict.fromkeys(("adjust", "bench", "campaign", "certify", "check", "export", "faults", "fit"), "auv_lse_shore"),
     **dict.fromkeys(("import", "live", "mission", "replay", "reproduce", "sim"), "auv_lse_shore"),
-    **dict.fromkeys(("abort", "go", "hold", "nodes", "params", "reset", "state"), "auv_lse_common"),
-    **dict.fromkeys(("surface", "topics", "vehicle"), "auv_lse_common"),
+    **dict.fromkeys(("abort", "go", "hold", "nodes", "params", "reset", "security-policy", "state"), "auv_lse_run"),
+    **dict.fromkeys(("surface", "topics", "vehicle"), "auv_lse_run"),
     **dict.fromkeys(("key", "modem-check"), "auv_lse_comms"),
     "autopilot-check": "auv_lse_mavlink",
     "recover": "auv_lse_record",
+    **dict.fromkeys(("completion", "files", "wheels"), "auv_lse_run"),
 }
 
 
@@ -37,4 +38,4 @@ def find_verbs() -> tuple[dict[str, Verb], list[str]]:
 
 
 def _order(entry: EntryPoint) -> tuple[bool, str]:
-    return entry.value.partition(".")[0] not in {*PACKAGE_OF.values(), "auv_lse_run"}, entry.name
+    return entry.value.partition(".")[0] not in PACKAGE_OF.values(), entry.name

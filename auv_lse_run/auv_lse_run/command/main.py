@@ -102,8 +102,6 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
     _check_needs(verb)
     try:
         module = importlib.import_module(verb.module)
-        if not hasattr(module, "run"):
-            return int(module.main([*verb.words, *arguments]) or 0)
         return _call(module, module.parser().parse_args([*verb.words, *arguments]))
     except ModuleNotFoundError as error:
         name = (error.name or "").split(".")[0]
@@ -135,10 +133,12 @@ def _check_needs(verb: Verb) -> None:
         copy = copy_of("auv_lse_run")
         if copy is None or copy.kind != "checkout":
             raise CommandError(
-                f"auv_lse {verb.name} needs a checkout of the project, which has the folder benchmarks. In the "
-                f"checkout: scripts/setup, then scripts/auv_lse {verb.name}"
+                f"auv_lse {verb.name} needs a checkout of the project, because no package installs its files. "
+                f"In the checkout: scripts/setup, then scripts/auv_lse {verb.name}"
             )
         sys.path.append(str(copy.folder))
+        paths = (os.environ.get("PYTHONPATH"), str(copy.folder))  # for the processes that the verb starts
+        os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     missing = [package for package in verb.needs if not is_installed(package)]
     if missing:
         cures = "; ".join(f"{package}: {install_command(package)}" for package in missing)

@@ -70,15 +70,14 @@ def _wanted(options: argparse.Namespace) -> str:
 
 
 def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespace, Any], int]) -> int:
-    """Runs a command on the graph of the chosen domain; returns its exit code, 1 for an error, 130 after Ctrl-C."""
-    try:
-        join(options.domain)
-        from auv_lse_run.inspect.graph_node import Graph, GraphError  # after the environment is set
-    except DomainError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    """Runs a command on the graph of the chosen domain; returns its exit code, 1 for an error.
+
+    Raises:
+        DomainError: if the domain is invalid, or must be chosen.
+    """
+    join(options.domain)
+    from auv_lse_run.inspect.graph_node import Graph, GraphError  # after the environment is set
+
     try:
         with Graph(options.spin_time, _wanted(options), getattr(options, "at_once", False)) as graph:
             if graph.missing:
@@ -87,8 +86,3 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     except (GraphError, FieldError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # its reader, such as `head`, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        return 130

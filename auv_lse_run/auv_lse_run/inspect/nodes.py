@@ -6,18 +6,20 @@ import argparse
 import difflib
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
+from auv_lse_run.process.domain import DomainError
 
 _ACTION = "/_action/"
+
+ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/nodes."""
     p = argparse.ArgumentParser(
-        prog="scripts/nodes",
+        prog="auv_lse nodes",
         description="Inspects running nodes, as `ros2 node` does, on machines without that command.",
         epilog="Exit codes: 0; 1 a node does not exist, or there is none to list; 2 a wrong command line; 130 Ctrl-C.",
     )
@@ -26,11 +28,11 @@ def parser() -> argparse.ArgumentParser:
     add_graph_options(c)
     c.add_argument("-a", "--all", action="store_true", help="also those with a leading underscore")
     c.add_argument("-c", "--count-nodes", action="store_true", help="only their number")
-    c.set_defaults(run=run_list)
+    c.set_defaults(call=run_list)
     c = commands.add_parser("info", help="subscriptions, publications, services and clients of a node")
     add_graph_options(c)
     c.add_argument("node", metavar="NODE", help="full name, as /auv1/planner_node")
-    c.set_defaults(run=run_info)
+    c.set_defaults(call=run_info)
     return p
 
 
@@ -85,11 +87,6 @@ def known_node(name: str, graph: Any) -> str:
     return full
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects nodes. Returns the exit code (see --help)."""
-    options = parser().parse_args(arguments)
-    return run_command(options, options.run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def run(options: argparse.Namespace) -> int:
+    """Returns the exit code (see --help)."""
+    return run_command(options, options.call)

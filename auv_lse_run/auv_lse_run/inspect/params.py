@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 import yaml
@@ -13,15 +12,18 @@ import yaml
 from auv_lse_common.mission_file.parameters import nest
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.inspect.nodes import known_node
+from auv_lse_run.process.domain import DomainError
 
 #: Names of the types of values in `ros2 param get`.
 _KINDS = {bool: "Boolean", int: "Integer", float: "Double", str: "String"}
+
+ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/params."""
     p = argparse.ArgumentParser(
-        prog="scripts/params",
+        prog="auv_lse params",
         description="Inspects and sets the parameters of running nodes, as `ros2 param` does, on machines without "
         "that command. docs/guide/tuning.md lists those that may change while a node runs.",
         epilog="Exit codes: 0; 1 a node or parameter does not exist, there is none to list, or a value is refused; 2 a "
@@ -33,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("node", nargs="?", metavar="NODE", help="full name, such as /auv1/planner_node")
     c.add_argument("--param-type", action="store_true", help="with their types")
     c.add_argument("--filter", metavar="TEXT", default="", help="only names that contain this text")
-    c.set_defaults(run=run_list)
+    c.set_defaults(call=run_list)
     texts = {
         "get": "value of a parameter",
         "set": "set a parameter",
@@ -48,11 +50,11 @@ def parser() -> argparse.ArgumentParser:
             c.add_argument("--hide-type", action="store_true", help="only the value")
         if name == "set":
             c.add_argument("value", metavar="VALUE", help="as YAML: 4000, 0.5, true, [240, 241], text")
-        c.set_defaults(run=run)
+        c.set_defaults(call=run)
     c = commands.add_parser("dump", help="all parameters of a node, as a parameter file")
     add_graph_options(c)
     c.add_argument("node", metavar="NODE")
-    c.set_defaults(run=run_dump)
+    c.set_defaults(call=run_dump)
     return p
 
 
@@ -157,11 +159,6 @@ def run_describe(options: argparse.Namespace, graph: Any) -> int:
     return 0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects parameters. Returns the exit code (see --help)."""
-    options = parser().parse_args(arguments)
-    return run_command(options, options.run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def run(options: argparse.Namespace) -> int:
+    """Returns the exit code (see --help)."""
+    return run_command(options, options.call)

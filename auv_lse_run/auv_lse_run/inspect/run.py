@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 from auv_lse_common.vocabulary.mission_run import Command, RunState
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
+from auv_lse_run.process.domain import DomainError
 
 _COMMANDS = {
     "go": (Command.GO, "start the mission, or continue after a hold"),
@@ -21,11 +21,13 @@ _COMMANDS = {
 #: Time (s) to wait for the states of missions.
 _LISTEN_S = 1.0
 
+ERRORS = (DomainError,)
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/run."""
     p = argparse.ArgumentParser(
-        prog="scripts/run",
+        prog="auv_lse",
         description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or "
         "shows their states. The table of states: docs/guide/during-the-dive.md.",
         epilog="Exit codes: 0 every vehicle has accepted the command; 1 a vehicle has refused it or does not answer; 2 "
@@ -38,10 +40,10 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all`")
         if command is Command.ABORT:
             c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
-        c.set_defaults(run=run_tell, what=command, at_once=True)
+        c.set_defaults(call=run_tell, what=command, at_once=True)
     c = commands.add_parser("state", help="show the state of each vehicle's mission")
     add_graph_options(c)
-    c.set_defaults(run=run_state)
+    c.set_defaults(call=run_state)
     return p
 
 
@@ -100,11 +102,6 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
     return int(len(heard) < len(there))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Commands vehicles. Returns the exit code (see --help)."""
-    options = parser().parse_args(arguments)
-    return run_command(options, options.run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def run(options: argparse.Namespace) -> int:
+    """Returns the exit code (see --help)."""
+    return run_command(options, options.call)

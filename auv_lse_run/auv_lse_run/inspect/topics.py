@@ -7,18 +7,21 @@ import difflib
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.inspect.message_text import TRUNCATE, csv_text, field_of, plain, yaml_text
 from auv_lse_run.inspect.rates import Bandwidth, Rate
+from auv_lse_run.process.domain import DomainError
+
+ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/topics."""
     p = argparse.ArgumentParser(
-        prog="scripts/topics",
+        prog="auv_lse topics",
         description="Inspects the topics of running nodes, as `ros2 topic` does, on machines without that command.",
         epilog="Exit codes: 0; 1 a topic or field does not exist, or there is none to list; 2 a wrong command line; "
         "130 Ctrl-C.",
@@ -28,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     def command(name: str, run: Callable[[argparse.Namespace, Any], int], text: str) -> argparse.ArgumentParser:
         c = commands.add_parser(name, help=text, description=text)
         add_graph_options(c)
-        c.set_defaults(run=run)
+        c.set_defaults(call=run)
         return c
 
     c = command("list", run_list, "names of the topics")
@@ -190,11 +193,6 @@ def _full(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Inspects topics. Returns the exit code (see --help)."""
-    options = parser().parse_args(arguments)
-    return run_command(options, options.run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def run(options: argparse.Namespace) -> int:
+    """Returns the exit code (see --help)."""
+    return run_command(options, options.call)

@@ -220,7 +220,7 @@ def _in_memory(text: str) -> Path:
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/vehicle."""
     p = argparse.ArgumentParser(
-        prog="scripts/vehicle",
+        prog="auv_lse vehicle",
         description="Runs the nodes of one vehicle: gp, safety, planner and modem, and, if the mission file asks for "
         "them, micromodem, vehicle link and recorder. Restarts a node that dies or hangs. SIGTERM or Ctrl-C ends all "
         "nodes, the recorder last.",
@@ -263,9 +263,8 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Runs a vehicle. Returns the exit code (see --help)."""
-    options = parser().parse_args(arguments)
     root = project_folder()
     stack = ExitStack()
     try:
@@ -330,7 +329,3 @@ def _mission_end(environment: dict[str, str]) -> Any:
 def _say(text: str) -> None:
     with suppress(OSError, ValueError):  # a terminal that is gone, or a full disk behind it, must stop no vehicle
         print(text, flush=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,12 +1,8 @@
-"""The SROS 2 policy of one vehicle, generated from the table of topics: what its nodes may publish, read and serve.
-
-python -m auv_lse_run.vehicle.security_policy auv2 > auv2.policy.xml
-"""
+"""The SROS 2 policy of one vehicle, generated from the table of topics: what its nodes may publish, read and serve."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -27,6 +23,8 @@ _SERVICES_OF_ALL = (
 )
 _NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
 _SERVICES = ("mission/run",)
+
+ERRORS = (ParameterError,)
 
 
 def policy(vehicle: int) -> str:
@@ -60,18 +58,18 @@ def _profile(
         ElementTree.SubElement(served, "service").text = name
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a vehicle's policy. Returns 0, or 2 for an invalid vehicle name."""
-    parser = argparse.ArgumentParser(prog="python -m auv_lse_run.vehicle.security_policy", description=__doc__)
-    parser.add_argument("vehicle", metavar="VEHICLE", help="the vehicle, such as auv2")
-    options = parser.parse_args(argv)
-    try:
-        print(policy(vehicle_number(options.vehicle)), end="")
-    except ParameterError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+def parser() -> argparse.ArgumentParser:
+    """The command line of auv_lse security-policy."""
+    p = argparse.ArgumentParser(
+        prog="auv_lse security-policy",
+        description="Prints the SROS 2 policy of one vehicle, generated from the table of topics: what its nodes may "
+        "publish, read and serve.",
+        epilog="Exit codes: 0; 2 not a vehicle's name, or wrong command line.",
+    )
+    p.add_argument("vehicle", metavar="VEHICLE", help="the vehicle, such as auv2")
+    return p
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def run(options: argparse.Namespace) -> None:
+    """Prints a vehicle's policy."""
+    print(policy(vehicle_number(options.vehicle)), end="")

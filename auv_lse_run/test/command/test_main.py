@@ -60,7 +60,7 @@ def test_help_shows_every_verb_in_its_group(
 def test_a_verb_of_a_missing_package_names_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    use_tables(monkeypatch, "auv_lse_common.verbs:VERBS")
+    use_tables(monkeypatch, "auv_lse_run.verbs:VERBS")
     assert command.main(["live"]) == 2
     assert capsys.readouterr().err.startswith("error: auv_lse live needs the package auv_lse_shore, which is not ")
 

@@ -6,10 +6,13 @@ import re
 from xml.etree import ElementTree
 
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.topics.table import VEHICLE_TOPICS
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
-from auv_lse_run.vehicle.security_policy import main, policy
+from auv_lse_run.vehicle.security_policy import policy
+
+main = verb_main("security-policy")
 
 
 def test_nodes_may_use_all_topics_of_their_vehicle() -> None:

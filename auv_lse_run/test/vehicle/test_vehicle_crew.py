@@ -6,13 +6,16 @@ from pathlib import Path
 
 import pytest
 import yaml
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import open_state
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_run.vehicle.run_vehicle import crew_of, main, open_dive, vehicle_number
+from auv_lse_run.vehicle.run_vehicle import crew_of, open_dive, vehicle_number
+
+main = verb_main("vehicle")
 
 FOR_ALL = {
     "mission": {"vehicles": 3},

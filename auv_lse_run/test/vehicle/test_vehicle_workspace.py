@@ -90,9 +90,9 @@ def dive(environment: dict[str, str], mission: Path, nodes: tuple[str, ...]) -> 
     """Runs a vehicle until its nodes have started, and ends it."""
     output = mission.with_name("out.txt")
     with own_domain(VEHICLE_DOMAINS) as domain, output.open("w") as file:
-        command = ("auv_lse_run.vehicle.run_vehicle", "auv1", str(mission), "--domain", str(domain))
+        command = ("vehicle", "auv1", str(mission), "--domain", str(domain))
         process = subprocess.Popen(
-            [sys.executable, "-m", "auv_lse_common.support.command", *command, "--out", str(mission.parent / "dive")],
+            [sys.executable, "-m", "auv_lse_run", *command, "--out", str(mission.parent / "dive")],
             env=environment, stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip
         try:
@@ -120,13 +120,12 @@ def test_every_node_of_a_vehicle_runs(vehicle_workspace: dict[str, str], tmp_pat
 def test_a_vehicle_with_a_driver_of_its_own_needs_no_mavlink(tmp_path: Path) -> None:
     without = workspace_of(tmp_path / "install", PACKAGES)
     dive(without, mission_file(tmp_path, "direct"), NODES[:-1])
-    command = ("-m", "auv_lse_common.support.command")
-    refused = run(without, *command, "auv_lse_run.vehicle.run_vehicle", "auv1", str(mission_file(tmp_path)))
+    refused = run(without, "-m", "auv_lse_run", "vehicle", "auv1", str(mission_file(tmp_path)))
     assert refused.returncode != 0
     assert "package auv_lse_mavlink is not installed; link it into ros_ws/src" in refused.stderr
-    refused = run({**without, "AUV_LSE_SCRIPT": "scripts/autopilot-check"}, *command, "auv_lse_mavlink.check_command")
+    refused = run(without, "-m", "auv_lse_run", "autopilot-check", "udpin://127.0.0.1:0")
     assert refused.returncode == 2
-    assert refused.stderr.startswith("error: scripts/autopilot-check needs the package auv_lse_mavlink; this ")
+    assert refused.stderr.startswith("error: auv_lse autopilot-check needs the package auv_lse_mavlink, which is not ")
 
 
 def test_the_launch_file_finds_every_node(vehicle_workspace: dict[str, str], tmp_path: Path) -> None:
@@ -149,7 +148,6 @@ def test_loops_are_compiled_and_commands_name_missing_packages(vehicle_workspace
         assert "Error" in run(vehicle_workspace, "-c", f"from {package} import engine, mission").stderr
     warmed = run(vehicle_workspace, "-m", "auv_lse_run.vehicle.warm_up")
     assert warmed.returncode == 0, warmed.stderr
-    environment = {**vehicle_workspace, "AUV_LSE_SCRIPT": "scripts/mission"}
-    refused = run(environment, "-m", "auv_lse_common.support.command", "auv_lse_shore.mission.command", "--steps", "3")
+    refused = run(vehicle_workspace, "-m", "auv_lse_run", "mission", "--steps", "3")
     assert refused.returncode == 2
-    assert refused.stderr.startswith("error: scripts/mission needs the packages auv_lse_sim and auv_lse_shore; this ")
+    assert refused.stderr.startswith("error: auv_lse mission needs the package auv_lse_shore, which is not installed: ")

@@ -20,6 +20,7 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine, watch_variables
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_run.process.domain import DomainError, busy_domains, domain_number, own_domain
+from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
@@ -38,10 +39,13 @@ class LiveError(ValueError):
     """An option of scripts/live has an invalid value."""
 
 
+ERRORS = (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError)
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/live."""
     p = argparse.ArgumentParser(
-        prog="scripts/live",
+        prog="auv_lse live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
         "plans, packets in their slots, reward and bound, health. See docs/guide/live-view.md.",
         epilog="Exit codes: 0 --write wrote the page; 2 wrong command line, or unusable RUN or port; "
@@ -91,7 +95,7 @@ def _add_viewers(p: argparse.ArgumentParser) -> None:
         const=FOXGLOVE_PORT,
         metavar="PORT",
         help=f"also serve Foxglove and Lichtblick on ws://127.0.0.1:PORT (default: {FOXGLOVE_PORT}); the layout is "
-        "config/foxglove/mission.json",
+        "that of auv_lse files mission.json",
     )
     p.add_argument(
         "--foxglove-origin",
@@ -104,7 +108,7 @@ def _add_viewers(p: argparse.ArgumentParser) -> None:
         "--rviz",
         action="store_true",
         help="also publish standard messages under /viz for RViz, on the mission's ROS domain (for a recording: on a "
-        "free domain); the configuration is config/rviz/mission.rviz",
+        "free domain); the configuration is that of auv_lse files mission.rviz",
     )
     p.add_argument(
         "--rate",
@@ -115,32 +119,23 @@ def _add_viewers(p: argparse.ArgumentParser) -> None:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Serves the live view. Returns the exit code; see `parser`."""
-    options = parser().parse_args(arguments)
+def run(options: argparse.Namespace) -> int:
+    """Serves the live view until Ctrl-C, or writes the page. Returns the exit code."""
     timeline, desk = Timeline(), CommandDesk() if options.control else None
-    try:
-        _check(options)
-        if options.run is None:
-            if options.write is not None:
-                raise RecordingError(
-                    "--write got no RUN; expected a recording. Name one: scripts/live RUN --write FILE"
-                )
-            work = listen_to_missions(timeline, options, desk)
-        else:
-            follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
-            if options.write is not None:
-                return write_page(follower, timeline, options.write)
-            work = follower.follow
-        with viewers_of(timeline, options) as viewers:
-            feed = Feed(timeline, viewers, options.playback)
-            works = [work, feed.run] if viewers else [work]
-            return asyncio.run(serve(timeline, works, options.port, options.open, desk))
-    except (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    _check(options)
+    if options.run is None:
+        if options.write is not None:
+            raise RecordingError("--write got no RUN; expected a recording. Name one: scripts/live RUN --write FILE")
+        work = listen_to_missions(timeline, options, desk)
+    else:
+        follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
+        if options.write is not None:
+            return write_page(follower, timeline, options.write)
+        work = follower.follow
+    with viewers_of(timeline, options) as viewers:
+        feed = Feed(timeline, viewers, options.playback)
+        works = [work, feed.run] if viewers else [work]
+        return asyncio.run(serve(timeline, works, options.port, options.open, desk))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -199,7 +194,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
     with ExitStack() as stack:
         if options.foxglove is not None:
             foxglove = FoxgloveViewer(options.foxglove, options.playback, options.foxglove_origin)
-            print(f"Foxglove or Lichtblick: connect to {foxglove.url}; layout: config/foxglove/mission.json")
+            print(f"Foxglove or Lichtblick: connect to {foxglove.url}; layout: {shipped_file('mission.json')}")
             viewers.append(foxglove)
         if options.rviz:
             from auv_lse_shore.live.viewers.viz_node import VizPublisher
@@ -207,7 +202,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
             own = None if options.run is None else stack.enter_context(own_domain())
             if own is not None:
                 confine(own)
-                print(f"RViz: {watch_variables(own)} rviz2 -d config/rviz/mission.rviz")
+                print(f"RViz: {watch_variables(own)} rviz2 -d {shipped_file('mission.rviz')}")
             viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
         yield viewers
 
@@ -256,6 +251,7 @@ async def serve(
     if open_browser and has_screen() and desk is None:  # other users see a browser's command line, and a token in it
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()
+    print("live view ended", flush=True)
     stop.set()
     await server.close()
     for thread in threads:

@@ -24,7 +24,7 @@ class LiveProcess:
             report: Shows a line: the page's address, or the reason why there is no page.
         """
         port = port_or_any(DEFAULT_PORT)  # another mission's page may use it
-        self._command = [sys.executable, "-m", "auv_lse_shore.live", "--domain", str(domain), "--port", str(port)]
+        self._command = [sys.executable, "-m", "auv_lse_run", "live", "--domain", str(domain), "--port", str(port)]
         self._environment = dict(environment)
         self._report = report
 

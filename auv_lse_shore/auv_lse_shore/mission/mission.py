@@ -7,7 +7,6 @@ import contextlib
 import importlib
 import json
 import shutil
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -35,8 +34,9 @@ from auv_lse_run.mission.conductor import MissionError, conduct
 from auv_lse_run.process.domain import DomainError, dive_on, node_environment, simulation_domain
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.processes import LaunchError, Process
+from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.live.process import LiveProcess
-from auv_lse_shore.mission.options import overrides_of, parser
+from auv_lse_shore.mission.options import overrides_of
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
@@ -56,16 +56,15 @@ def _complain(console: Console, error: object) -> None:
     console.print(Text.assemble(("error:", "red"), f" {error}"), highlight=False, soft_wrap=True)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Runs a mission. Returns 0, 1, 2 or 130, as the help says."""
-    options = parser().parse_args(arguments)
     console = Console(stderr=False)
     if options.parameters:
         print_parameters(console)
         return 0
     root = project_folder()
     try:
-        settings, notes = prepare(options, root)
+        settings, notes = prepare(options)
         if options.for_vehicles is not None:
             write_vehicle_file(settings, options.for_vehicles, overrides_of(options))
         else:
@@ -89,13 +88,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return fly(settings, folder, console, processes, domain, report=not options.no_report, live=live)
 
 
-def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
+def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     """The mission of the command line, and notes on what was changed to fit the ground.
 
     Raises:
         ValueError: naming what is impossible.
     """
-    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+    settings = Settings.load(options.mission or shipped_file("missions/default.yaml"), overrides_of(options))
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
         return clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
     return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
@@ -256,7 +255,3 @@ def conclude(
     page = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
     _say(console, f"{folder / page}   ({took})")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -21,7 +21,7 @@ _VEHICLE = re.compile(r"auv\d+")
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/mission."""
     p = argparse.ArgumentParser(
-        prog="scripts/mission",
+        prog="auv_lse mission",
         description="Runs a simulated team mission as real ROS 2 processes. The run folder gets the recording, figures "
         "and a report.",
         epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 wrong command line or impossible request; "

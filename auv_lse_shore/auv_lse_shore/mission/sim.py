@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,7 @@ VEHICLES = "vehicles.yaml"
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/sim."""
     p = argparse.ArgumentParser(
-        prog="scripts/sim",
+        prog="auv_lse sim",
         description="Runs the simulator of a mission, and its recorder. Start each vehicle with scripts/vehicle and "
         "the mission.yaml that this command writes. The mission begins when all vehicles have started. The result is "
         "that of scripts/mission.",
@@ -71,9 +70,8 @@ def _apart(settings: Settings, folder: Path) -> Settings:
     return settings
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Runs the simulator. Returns 0, 1, 2 or 130, as the help says."""
-    options = parser().parse_args(arguments)
     console = Console(stderr=False)
 
     def say(text: str) -> None:
@@ -82,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = project_folder()
     with ExitStack() as reserved:
         try:
-            settings, notes = prepare(options, root)
+            settings, notes = prepare(options)
             domain = reserved.enter_context(simulator_domain(wanted_domain(options.domain)))
             folder = run_folder(options.out, root)
             note_run(domain, folder, new_dive(SIMULATION))  # before a vehicle can look for it
@@ -117,7 +115,3 @@ def _written(settings: Settings, folder: Path, options: argparse.Namespace) -> S
 def _until_released(reserved: ExitStack, domain: int) -> Iterator[int]:
     with reserved:
         yield domain
-
-
-if __name__ == "__main__":
-    sys.exit(main())

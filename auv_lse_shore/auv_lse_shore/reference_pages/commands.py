@@ -1,4 +1,4 @@
-"""The commands in scripts/, by their argparse parsers."""
+"""The verbs of auv_lse by their argparse parsers, and the scripts of a checkout."""
 
 from __future__ import annotations
 
@@ -7,63 +7,37 @@ import importlib
 import re
 import textwrap
 from pathlib import Path
-from types import ModuleType
 
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_run.command.find_verbs import find_verbs
+from auv_lse_common.support.verb import GROUPS, Verb
+from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_shore.reference_pages.blocks import wrapped
-
-_MODULE = re.compile(r"run_module ([\w.]+) ")
-_VERB = re.compile(r"run_auv_lse ([\w-]+) ")
 
 
 def commands() -> str:
-    """Each command: what it does, its usage, its exit codes."""
+    """Each verb of auv_lse, and each script of a checkout: what it does, its usage, its exit codes."""
+    verbs = [verb for verb in find_verbs()[0].values() if verb.name in PACKAGE_OF]
     parts = []
+    for group, heading in GROUPS.items():
+        parts.append(f"## {heading}")
+        for verb in verbs:
+            if verb.group == group:
+                parts.append(f"### auv_lse {verb.name}\n{verb.text[0].upper()}{verb.text[1:]}.")
+                parts.append(_described(parser_of(verb)))
+    parts.append("## Scripts of a checkout")
     for script in sorted((project_folder() / "scripts").iterdir()):
         if script.suffix == "":
-            module = module_of(script)
             parts.append(f"### scripts/{script.name}\n{wrapped(_summary(script))}")
-            parts += [_described(parser_of(module))] if module else []
     return "\n\n".join(parts)
 
 
-def module_of(script: Path) -> str:
-    """The module that a script runs; "" for a script that is no Python command."""
-    text = script.read_text()
-    if verb := _VERB.search(text):
-        return find_verbs()[0][verb[1]].module
-    match = _MODULE.search(text)
-    return match[1] if match else ""
-
-
-def parser_of(name: str) -> argparse.ArgumentParser:
-    """The parser of a command's module.
-
-    Args:
-        name: Module, or package with a `__main__`.
-
-    Raises:
-        ValueError: if neither has a function `parser`.
-    """
-    module = importlib.import_module(name)
-    package = name if hasattr(module, "__path__") else name.rpartition(".")[0]
-    for candidate in (name, *(f"{package}.{part}" for part in ("__main__", "options", "command"))):
-        holder = _imported(candidate)
-        if holder is not None and callable(getattr(holder, "parser", None)):
-            found = holder.parser()
-            if isinstance(found, argparse.ArgumentParser):
-                return found
-    raise ValueError(f"command module got {name!r}; expected a function parser() in it, its __main__ or its options")
-
-
-def _imported(name: str) -> ModuleType | None:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is None or not name.startswith(error.name):
-            raise
-        return None
+def parser_of(verb: Verb) -> argparse.ArgumentParser:
+    """The parser of a verb's command line."""
+    found: argparse.ArgumentParser = importlib.import_module(verb.module).parser()
+    for word in verb.words:
+        (commands,) = (action for action in found._actions if isinstance(action, argparse._SubParsersAction))
+        found = commands.choices[word]
+    return found
 
 
 def _summary(script: Path) -> str:

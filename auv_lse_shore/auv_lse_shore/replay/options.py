@@ -12,7 +12,7 @@ PARTS = ("gp", "planner")
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/replay."""
     p = argparse.ArgumentParser(
-        prog="scripts/replay",
+        prog="auv_lse replay",
         description="Plays a recording on its own ROS domain, for any viewer; or recomputes its maps and decisions and "
         "reports what differs (--recompute); or renews its report (--report).",
         epilog="keys while it plays: space: pause or resume; right: next message during a pause; up, down: faster, "

@@ -6,14 +6,12 @@ The study's campaigns continue where they were stopped; then one mission of each
 from __future__ import annotations
 
 import argparse
-import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
 from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.progress_display import duration
@@ -23,11 +21,14 @@ from auv_lse_shore.reproduce.reproduce_page import write_page
 from auv_lse_shore.reproduce.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
 from auv_lse_shore.reproduce.study_runner import estimate_s, run_study
 
+ERRORS = (ParameterError, CampaignError, OSError)
+INTERRUPTED = "stopped; finished missions are kept. Run the same command again to continue"
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/reproduce."""
     p = argparse.ArgumentParser(
-        prog="scripts/reproduce",
+        prog="auv_lse reproduce",
         description="Reproduces the paper's results in simulation: figures, a table over seeds with confidence "
         "intervals, and its claims, one by one, with the evidence for and against them. Started again after an "
         "interruption, it continues.",
@@ -37,12 +38,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of results (default: runs/reproduce[-quick])")
     p.add_argument(
         "--seeds",
-        type=int,
+        type=whole_from(1),
         default=50,
         metavar="N",
         help="seeds of the field trials (default: 50; with a chart 20)",
     )
-    p.add_argument("--sweep-seeds", type=int, default=10, metavar="N", help="seeds of the sensitivities (default: 10)")
+    p.add_argument(
+        "--sweep-seeds", type=whole_from(1), default=10, metavar="N", help="seeds of the sensitivities (default: 10)"
+    )
     p.add_argument(
         "--sweep-methods",
         nargs="+",
@@ -76,57 +79,41 @@ def parser() -> argparse.ArgumentParser:
 QUICK_TOTAL_S, QUICK_S = 180.0, 90.0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Reproduces the paper; returns the exit code."""
     began = time.monotonic()
-    options = parser().parse_args(arguments)
-    try:
-        if options.seeds < 1 or options.sweep_seeds < 1:
-            raise CampaignError(
-                f"--seeds {options.seeds}, --sweep-seeds {options.sweep_seeds}: expected whole numbers from 1"
+    study = (
+        quick_study(QUICK_S)
+        if options.quick
+        else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
+    )
+    folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
+    if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
+        raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
+    if not options.estimate:
+        make_folder(folder)
+    states: dict[str, CampaignState] = {}
+    if options.page:
+        flown = examples(study, folder, None)
+    else:
+        with cluster(options.scheduler, options.workers) as client:
+            threads = max(sum(client.nthreads().values()), 1)
+            if options.quick:
+                left = duration(QUICK_TOTAL_S)
+            else:
+                print("estimating the time", flush=True)
+                left = duration(estimate_s(study, folder, client, threads))
+            print(f"about {left} on {threads} cores. Ctrl-C stops; the same command continues", flush=True)
+            if options.estimate:
+                return 0
+            states = run_study(
+                study,
+                folder,
+                client,
+                lambda name, state: write_results(study.campaigns[name], folder / name, state),
             )
-        study = (
-            quick_study(QUICK_S)
-            if options.quick
-            else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
-        )
-        folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
-        if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
-            raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
-        if not options.estimate:
-            make_folder(folder)
-        states: dict[str, CampaignState] = {}
-        if options.page:
-            flown = examples(study, folder, None)
-        else:
-            with cluster(options.scheduler, options.workers) as client:
-                threads = max(sum(client.nthreads().values()), 1)
-                if options.quick:
-                    left = duration(QUICK_TOTAL_S)
-                else:
-                    print("estimating the time", flush=True)
-                    left = duration(estimate_s(study, folder, client, threads))
-                print(f"about {left} on {threads} cores. Ctrl-C stops; the same command continues", flush=True)
-                if options.estimate:
-                    return 0
-                states = run_study(
-                    study,
-                    folder,
-                    client,
-                    lambda name, state: write_results(study.campaigns[name], folder / name, state),
-                )
-                flown = examples(study, folder, client if "trials" in study.only else None)
-        page = write_page(study, folder, flown)
-    except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; finished missions are kept. Run the same command again to continue", file=sys.stderr)
-        return 130
+            flown = examples(study, folder, client if "trials" in study.only else None)
+    page = write_page(study, folder, flown)
     failed = sum(state.failed for state in states.values())
     print(f"{page} ({failed} missions failed; {duration(time.monotonic() - began)})")
     return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.support.project_folder import project_folder
+from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.campaign.spec import CampaignSpec
 
 #: The project's own method.
@@ -153,7 +153,7 @@ class Study:
 
 def base_mission() -> Path:
     """The default mission: the paper's field trial."""
-    return project_folder() / "config" / "missions" / "default.yaml"
+    return shipped_file("missions/default.yaml")
 
 
 def full_study(

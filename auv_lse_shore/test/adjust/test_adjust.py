@@ -10,19 +10,21 @@ import math
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.adjust.__main__ import main
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
 from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged, on_one_clock
 from auv_lse_shore.positions.recordings import missing_in
+
+main = verb_main("adjust")
 
 
 def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):

@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 import yaml
 from sim_helpers import TINY
+from verb_main import verb_main
 
-from auv_lse_shore.campaign.__main__ import main
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
+
+main = verb_main("campaign")
 
 
 def test_the_command_simulates_and_lists(tmp_path, capsys):
@@ -66,8 +68,8 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     scratch.mkdir()
     path = os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(scratch)}
-    module = "auv_lse_shore.campaign"
-    command = [sys.executable, "-m", module, str(spec_file), "--out", str(out), "--workers", "1"]
+    module = "campaign"
+    command = [sys.executable, "-m", "auv_lse_run", module, str(spec_file), "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
         # The start imports and compiles, which takes seconds, and minutes on a machine that is busy. The limits are

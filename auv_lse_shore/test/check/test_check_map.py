@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.patches import Polygon
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import local_from_geodetic
-from auv_lse_shore.check.__main__ import check, main
+from auv_lse_shore.check.command import check
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.map_picture import mission_figure
+
+main = verb_main("check")
 
 MISSION = """\
 /**:

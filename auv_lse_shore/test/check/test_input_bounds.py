@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file, read_yaml
 from auv_lse_common.mission_file.parameters import ParameterError
@@ -18,9 +19,10 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.support.input_bounds import MAX_CORNERS, MAX_SOUNDINGS, MAX_TEXT_BYTES, MAX_YAML_BYTES
 from auv_lse_gp.soundings import SoundingsError, read_soundings
 from auv_lse_record.recording import Recording, RecordingError
-from auv_lse_shore.check.__main__ import main as check
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
+
+check = verb_main("check")
 
 MISSION = "/**:\n  ros__parameters:\n"
 

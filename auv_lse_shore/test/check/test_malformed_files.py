@@ -7,7 +7,7 @@ import pytest
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_shore.check.__main__ import check
+from auv_lse_shore.check.command import check
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.mission_file import check_file
 

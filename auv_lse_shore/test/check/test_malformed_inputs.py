@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
@@ -24,17 +25,18 @@ from auv_lse_record.recording import STORAGES
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.campaign.__main__ import main as campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
-from auv_lse_shore.check.__main__ import main as check
-from auv_lse_shore.export.__main__ import main as export
-from auv_lse_shore.fit import main as fit
-from auv_lse_shore.live.command import main as live
-from auv_lse_shore.mission.mission import main as mission
-from auv_lse_shore.mission.sim import main as sim
-from auv_lse_shore.replay.__main__ import main as replay
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
+
+campaign = verb_main("campaign")
+check = verb_main("check")
+export = verb_main("export")
+fit = verb_main("fit")
+live = verb_main("live")
+mission = verb_main("mission")
+sim = verb_main("sim")
+replay = verb_main("replay")
 
 CAMPAIGN = """\
 name: loss

@@ -28,7 +28,7 @@ def test_a_format_is_one_file(tmp_path, synthetic_run):
     (copy / "export" / "formats" / "gpx.py").write_text(code)
 
     path = os.pathsep.join([str(copy.parent), *sys.path])
-    command = [sys.executable, "-m", "auv_lse_shore.export"]
+    command = [sys.executable, "-m", "auv_lse_run", "export"]
 
     def said(*arguments):
         environment = {**os.environ, "PYTHONPATH": path}

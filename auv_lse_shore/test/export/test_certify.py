@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.topics.records import CentersReport, FieldReport
@@ -15,9 +16,10 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record import run_writer
 from auv_lse_shore.certify import calibration, checks
-from auv_lse_shore.certify.__main__ import main
 from auv_lse_shore.judge.evaluation import local_map
 from auv_lse_shore.judge.team_map import mission_settings
+
+main = verb_main("certify")
 
 ORIGIN = (46.5, 6.6)
 

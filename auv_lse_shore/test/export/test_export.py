@@ -11,17 +11,19 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from PIL import Image
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.export.__main__ import main
 from auv_lse_shore.export.content import NODATA, Export, ExportError
 from auv_lse_shore.export.formats import ascii_grid
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
 from auv_lse_sim.ground.geotiff_ground import read_geotiff_ground
+
+main = verb_main("export")
 
 ORIGIN = (46.5, 6.6)
 
@@ -257,6 +259,6 @@ def test_ctrl_c_leaves_no_traceback(tmp_path, monkeypatch, capsys):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("auv_lse_shore.export.__main__.export", stopped)
+    monkeypatch.setattr("auv_lse_shore.export.command.export", stopped)
     assert main([str(tmp_path)]) == 130
     assert "stopped" in capsys.readouterr().err

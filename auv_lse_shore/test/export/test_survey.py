@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 from pyproj import Transformer
+from verb_main import verb_main
 
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.export.__main__ import main
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.formats import contours, crowdsourced
@@ -18,6 +18,8 @@ from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
 from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
 from auv_lse_shore.judge.team_map import team_map
+
+main = verb_main("export")
 
 ORIGIN = (46.5, 6.6)
 #: The lake's surface sinks by 0.4 m in 20 minutes; its water is slower than the sounder assumed.

@@ -17,15 +17,17 @@ from pathlib import Path
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
+from verb_main import verb_main
 
 from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.live.command import main
 from auv_lse_shore.live.sources import running
 from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page
 from auv_lse_shore.live.viewers.server import LiveServer, PortTakenError, port_or_any
+
+main = verb_main("live")
 
 
 def served(talk, desk=None):
@@ -298,7 +300,7 @@ def test_impossible_options_are_named(tmp_path, capsys, synthetic_run, arguments
 def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
     folder = tmp_path / "a run"
     write_run(synthetic_run(), folder)
-    command = [sys.executable, "-m", "auv_lse_shore.live", str(folder), "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "auv_lse_run", "live", str(folder), "--port", "0", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         watchdog = threading.Timer(60.0, process.kill)
         watchdog.start()

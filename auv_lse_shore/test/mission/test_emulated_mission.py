@@ -33,8 +33,8 @@ SHORT += ("--set", "planner.tour_interval=6", "--set", "positions.correct=false"
 
 
 def fly(folder: Path, *options: str) -> RunData:
-    module = "auv_lse_shore.mission.mission"
-    command = [sys.executable, "-m", module, *SHORT, "--no-report", "--out", str(folder), *options]
+    module = "mission"
+    command = [sys.executable, "-m", "auv_lse_run", module, *SHORT, "--no-report", "--out", str(folder), *options]
     environment = {**os.environ, "AUV_LSE_ROOT": str(ROOT), "COLUMNS": "200"}
     process = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=environment, check=False)
     assert process.returncode == 0, process.stdout + process.stderr

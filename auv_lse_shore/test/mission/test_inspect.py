@@ -54,7 +54,8 @@ class Vehicle:
             [
                 sys.executable,
                 "-m",
-                "auv_lse_run.vehicle.run_vehicle",
+                "auv_lse_run",
+                "vehicle",
                 "auv1",
                 str(folder / "vehicles.yaml"),
                 "--out",

@@ -24,6 +24,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from ground_helpers import SURVEY_FILES, write_survey
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.mission_run import RunState
@@ -33,10 +34,11 @@ from auv_lse_record.recording import Recording, recording_in
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.size_estimate import size_of
 from auv_lse_shore.mission import mission as mission_module
-from auv_lse_shore.mission.mission import main
-from auv_lse_shore.replay.__main__ import main as replay
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
+
+main = verb_main("mission")
+replay = verb_main("replay")
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 
@@ -45,7 +47,7 @@ STEPS = 12
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "auv_lse_common.support.command", "auv_lse_shore.mission.command", *arguments]
+    return [sys.executable, "-m", "auv_lse_run", "mission", *arguments]
 
 
 @contextlib.contextmanager

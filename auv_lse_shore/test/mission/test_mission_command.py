@@ -12,16 +12,18 @@ from rich.console import Console
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
+from verb_main import verb_main
+
 from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.mission import mission
-from auv_lse_shore.mission.mission import main
 from auv_lse_shore.mission.options import parser
 from auv_lse_shore.mission.vehicle_file import vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
+
+main = verb_main("mission")
 
 pytestmark = pytest.mark.ros
 
@@ -46,7 +48,7 @@ def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) 
         (["--set", "auv2.modem.synchronous=false"], False, False),
     ):
         options = parser().parse_args([*words, "--modem", "emulated"])
-        settings = mission.prepare(options, project_folder())[0]
+        settings = mission.prepare(options)[0]
         folder.mkdir(exist_ok=True)
         modem = mission.write_mission(settings, folder, options).vehicle(2).modem
         assert (modem.ping, modem.synchronous) == (pings, synchronous), words

@@ -87,7 +87,7 @@ def vehicles_file(tmp_path: Path) -> Path:
 
 
 def module(name: str, *arguments: str) -> list[str]:
-    return [sys.executable, "-m", name, *arguments]
+    return [sys.executable, "-m", "auv_lse_run", name, *arguments]
 
 
 def test_every_executable_started_bare(tmp_path: Path, vehicles_file: Path) -> None:
@@ -110,12 +110,12 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
     with own_domain(VEHICLE_DOMAINS) as domain, contextlib.ExitStack() as stack:
         here = ("--domain", str(domain))
         commands = {
-            "vehicle": (6, module("auv_lse_run", "vehicle", "auv1", str(vehicles_file), *here)),
+            "vehicle": (6, module("vehicle", "auv1", str(vehicles_file), *here)),
             "live": (
                 1,
-                module("auv_lse_run", "live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
+                module("live", "--no-open", "--mission", str(vehicles_file), "--port", "0", *here),
             ),
-            "topics": (1, module("auv_lse_run", "topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
+            "topics": (1, module("topics", "echo", "/auv1/nothing", "--spin-time", "20", *here)),
         }
         for name, (participants, command) in commands.items():
             log = tmp_path / f"{name}.log"
@@ -128,7 +128,7 @@ def test_a_vehicle_and_what_watches_it(tmp_path: Path, vehicles_file: Path) -> N
 def test_a_simulated_mission(tmp_path: Path) -> None:
     log = tmp_path / "mission.log"
     small = ("--vehicles", "1", "--steps", "40", "--out", str(tmp_path / "run"), "--no-report")
-    command = module("auv_lse_run", "mission", *small, "--live")
+    command = module("mission", *small, "--live")
     with started(command, log, SHELL | {"AUV_LSE_ROOT": str(ROOT)}) as process:
         assert beyond(sockets_of(process, 4, log)) == [], log.read_text()
 

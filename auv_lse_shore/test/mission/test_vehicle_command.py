@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def start(module: str, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
+        [sys.executable, "-m", "auv_lse_run", module, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -42,14 +42,14 @@ def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> Non
     with own_domain() as free:  # let go at once: scripts/sim takes it
         domain = ("--domain", str(free))
     short = ("--vehicles", "2", "--steps", "5", "--seed", "5", "--no-report", "--out", str(folder))
-    started = [start("auv_lse_shore.mission.sim", *short, *domain)]
+    started = [start("sim", *short, *domain)]
     try:
         until = time.monotonic() + 60.0
         while not (folder / "mission.yaml").is_file():
             assert time.monotonic() < until, "the simulator has not written its mission.yaml"
             time.sleep(0.1)
         for k in (2, 1):
-            vehicle = ("auv_lse_run.vehicle.run_vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
+            vehicle = ("vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
             started.append(start(*vehicle, "--out", str(tmp_path / f"auv {k}")))
         outputs = [process.communicate(timeout=150)[0] for process in started]
     finally:

@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 import yaml
 from pyarrow import Table, parquet
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import __main__ as bench
 from benchmarks import vehicle
 from benchmarks.command import end_with
 from benchmarks.planning import peer
 from benchmarks.rows import KEYS
+
+main = verb_main("bench")
 
 
 def check(rows):
@@ -49,14 +51,14 @@ def survey(tmp_path):
 @pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet"])
 def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     file = tmp_path / "rows.json"
-    assert bench.main([group, "--smoke", "--json", str(file)]) == 0
+    assert main([group, "--smoke", "--json", str(file)]) == 0
     check(json.loads(file.read_text()))
 
 
 @pytest.mark.ros
 def test_the_executor_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"
-    assert bench.main(["executor", "--smoke", "--json", str(file)]) == 0
+    assert main(["executor", "--smoke", "--json", str(file)]) == 0
     rows = json.loads(file.read_text())
     check(rows)
     assert next(row["value"] for row in rows if row["name"] == "executor: lost or out of order") == 0
@@ -66,7 +68,7 @@ def test_the_executor_group_runs_at_its_smallest_size(tmp_path):
 @pytest.mark.mission
 def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"
-    assert bench.main(["mission", "--smoke", "--json", str(file)]) == 0
+    assert main(["mission", "--smoke", "--json", str(file)]) == 0
     check(json.loads(file.read_text()))
 
 

@@ -18,9 +18,11 @@ from packaging.utils import canonicalize_name
 
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
+from auv_lse_run.command.main import main as auv_lse
 from auv_lse_shore.reference_pages.__main__ import BLOCKS
 from auv_lse_shore.reference_pages.blocks import block_names, outdated, render
-from auv_lse_shore.reference_pages.commands import module_of, parser_of
+from auv_lse_shore.reference_pages.commands import parser_of
 from benchmarks import licences
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -204,10 +206,10 @@ def helps(parser):
 
 
 @pytest.mark.parametrize(
-    "script", sorted(p for p in (ROOT / "scripts").iterdir() if not p.suffix and module_of(p)), ids=lambda p: p.name
+    "verb", [verb for verb in find_verbs()[0].values() if verb.name in PACKAGE_OF], ids=lambda verb: verb.name
 )
-def test_the_help_of_every_command_lists_its_exit_codes(script):
-    assert [text for text in helps(parser_of(module_of(script))) if "Exit codes: 0" not in text] == []
+def test_the_help_of_every_command_lists_its_exit_codes(verb):
+    assert [text for text in helps(parser_of(verb)) if "Exit codes: 0" not in text] == []
 
 
 def options(parser):
@@ -221,11 +223,11 @@ def options(parser):
 
 
 @pytest.mark.parametrize(
-    "script", sorted(p for p in (ROOT / "scripts").iterdir() if not p.suffix and module_of(p)), ids=lambda p: p.name
+    "verb", [verb for verb in find_verbs()[0].values() if verb.name in PACKAGE_OF], ids=lambda verb: verb.name
 )
-def test_a_flag_means_the_same_in_every_command(script):
+def test_a_flag_means_the_same_in_every_command(verb):
     meanings = {"--domain": r"N ROS domain", "--rate": r"X .*speed", "--out": r"(DIR|FILE) "}
-    for action in options(parser_of(module_of(script))):
+    for action in options(parser_of(verb)):
         for name in set(action.option_strings) & set(meanings):
             assert re.match(meanings[name], f"{action.metavar} {action.help}"), (name, action.metavar, action.help)
 
@@ -242,7 +244,14 @@ def test_every_generated_table_has_a_page_and_is_current():
 def evidence_commands():
     """Every command that prints a figure in docs/evidence, with its arguments."""
     text = "\n".join(page.read_text() for page in (ROOT / "docs" / "evidence").glob("*.md"))
-    return sorted({" ".join(command.split()) for command in re.findall(r"`((?:python -m|scripts/)[^`]+)`", text)})
+    found = re.findall(r"`((?:python -m |auv_lse |scripts/)[^`]+)`", text)
+    return sorted({" ".join(command.split()) for command in found})
+
+
+def verb_of(words):
+    """The verb and the arguments of a command line of auv_lse, or of a script."""
+    name = words[0].removeprefix("scripts/")
+    return words[1:] if name in ("auv_lse", "run") else [name, *words[1:]]
 
 
 class Parsed(Exception):
@@ -253,10 +262,6 @@ class Parsed(Exception):
 def test_the_commands_of_the_evidence_are_accepted(command, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     words = [{"FILE": str(tmp_path / "file"), "FOLDER": str(tmp_path)}.get(word, word) for word in shlex.split(command)]
-    if words[0] == "python":
-        module, arguments = words[2], words[3:]
-    else:
-        module, arguments = module_of(ROOT / words[0]), words[1:]
     parse = argparse.ArgumentParser.parse_args
 
     def parsed(parser, *given):
@@ -264,6 +269,12 @@ def test_the_commands_of_the_evidence_are_accepted(command, monkeypatch, tmp_pat
         raise Parsed
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parsed)
+    if words[0] == "python":
+        module, arguments = words[2], words[3:]
+    else:
+        with pytest.raises(Parsed):
+            auv_lse(verb_of(words))
+        return
     package = importlib.import_module(module)
     main = package.main if hasattr(package, "main") else importlib.import_module(f"{module}.__main__").main
     with pytest.raises(Parsed):

@@ -44,7 +44,8 @@ def test_the_shells_flag_stays_as_it_was(tmp_path: Path, flag: str) -> None:
 def test_a_failed_set_up_leaves_a_persons_shell_open_and_stops_a_script(tmp_path: Path) -> None:
     process = shell(tmp_path / "p", ". scripts/environment.sh && use_environment; echo still here $?", set_up=3)
     assert (process.stdout, process.returncode) == ("still here 3\n", 0)
-    process = shell(tmp_path / "q", ". scripts/environment.sh && run_module x; echo still here", set_up=3)
+    script = ". scripts/environment.sh && use_environment || exit $?; echo still here"
+    process = shell(tmp_path / "q", script, set_up=3)
     assert (process.stdout, process.returncode) == ("", 3)
 
 

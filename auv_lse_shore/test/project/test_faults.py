@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 from auv_lse_common.node import state_memory
@@ -22,6 +23,8 @@ from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
 from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_positions
 from benchmarks.faults.nodes import memory_mb
 from benchmarks.faults.report import Report
+
+main = verb_main("faults")
 
 
 def kind(outcome, *, small=("--size", "2")):
@@ -52,7 +55,7 @@ def kinds(monkeypatch):
 def test_all_runs_every_small_kind_and_prints_one_table(kinds, capsys):
     disk, soak = kind(Report(["a line"], tried=20, survived=20, worst_recovery_s=1.5)), kind(None, small=None)
     kinds(disk=disk, soak=soak, kills=kind(Report([], tried=5, survived=5)))
-    assert faults.main(["all", "--seed", "7"]) == 0
+    assert main(["all", "--seed", "7"]) == 0
     out = capsys.readouterr().out
     assert disk.seen == [(2, 7, "disk")]
     assert soak.seen == []
@@ -64,7 +67,7 @@ def test_all_runs_every_small_kind_and_prints_one_table(kinds, capsys):
 
 def test_a_kind_that_breaks_is_a_row_and_the_others_still_run(kinds, capsys):
     kinds(disk=kind(RuntimeError("no tmpfs")), kills=kind(Report([], tried=5, survived=4, lost=["a slot"])))
-    assert faults.main(["all"]) == 1
+    assert main(["all"]) == 1
     out = capsys.readouterr().out
     assert "| disk | 1 | 0 | - | RuntimeError: no tmpfs |" in out
     assert "| kills | 5 | 4 | - | a slot |" in out
@@ -74,7 +77,7 @@ def test_a_kind_that_breaks_is_a_row_and_the_others_still_run(kinds, capsys):
 def test_ctrl_c_prints_what_there_is(kinds, capsys):
     last = kind(Report([], tried=1, survived=1))
     kinds(disk=kind(Report([], tried=20, survived=20)), kills=kind(KeyboardInterrupt()), water=last)
-    assert faults.main(["all"]) == 130
+    assert main(["all"]) == 130
     out = capsys.readouterr().out
     assert "| disk | 20 | 20 | - | nothing |" in out
     assert "| kills | 0 | 0 | - | interrupted |" in out
@@ -359,7 +362,7 @@ def test_the_water_carries_a_packet_to_all_mates(team, tmp_path):
 )
 def test_an_impossible_day_is_refused_by_name(arguments, words, capsys):
     with pytest.raises(SystemExit, match="2"):
-        faults.main(["day", *arguments])
+        main(["day", *arguments])
     assert words in capsys.readouterr().err
 
 

@@ -33,8 +33,8 @@ FOREIGN = {
     "sudo", "use_environment",
 }  # fmt: skip
 
-#: Commands that do more than parse before they parse: the module that parses.
-PARSES = {"auv_lse_shore.mission.command": "auv_lse_shore.mission.mission"}
+#: Scripts that are no verbs of auv_lse.
+SCRIPTS = ("scripts/docs", "scripts/setup", "scripts/test", "scripts/environment.sh")
 
 #: Files that each page promises, below the folder in which it was followed.
 PROMISED = {
@@ -63,15 +63,14 @@ class ParsedError(BaseException):
     """The command line was accepted."""
 
 
-def module_of(words: list[str]) -> tuple[str, list[str]] | None:
+def call_of(words: list[str]) -> tuple[str, list[str]] | None:
     """The module that takes a command line of this project, and its arguments; None for one of another program."""
     if words[:2] == ["python", "-m"]:
         return words[2], words[3:]
-    if not words[0].startswith("scripts/"):
+    name = words[0].removeprefix("scripts/")
+    if words[0] in SCRIPTS or (name == words[0] and name != "auv_lse"):
         return None
-    shim = (ROOT / words[0]).read_text()
-    found = re.search(r"auv_lse_common\.\S*command (\S+)", shim)
-    return (PARSES.get(found[1], found[1]), words[1:]) if found else None
+    return "auv_lse_run.command.main", words[1:] if name in ("auv_lse", "run") else [name, *words[1:]]
 
 
 def accept(module: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +92,7 @@ def accept(module: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("block", SHELL, ids=name)
 def test_each_command_line_is_accepted(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
     for words in block.commands():
-        known = module_of(words)
+        known = call_of(words)
         if known:
             accept(*known, monkeypatch)
             monkeypatch.undo()

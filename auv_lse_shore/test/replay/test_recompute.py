@@ -10,19 +10,21 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import TINY, other_bag
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.topics.records import CentersReport
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.inputs import read_inputs, ticks_of
 from auv_lse_shore.replay.recompute import table
 from auv_lse_shore.replay.recompute_decisions import _plans_heard, recompute_decisions
 from auv_lse_shore.replay.recompute_map import RecomputedMap
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
+
+main = verb_main("replay")
 
 STEPS = 6
 

@@ -12,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from verb_main import verb_main
 
 from auv_lse_record.recording import RecordedTopic, Recording, recording_in
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.keys import meanings
 from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, select_topics
+
+main = verb_main("replay")
 
 S = 10**9
 
@@ -183,7 +185,7 @@ def test_a_recording_played_over_rclpy(tmp_path: Path, synthetic_run) -> None:
     from auv_lse_msgs import msg as messages
 
     write_run(synthetic_run(steps=6), tmp_path)  # 94 s
-    command = [sys.executable, "-m", "auv_lse_shore.replay", str(tmp_path), "--rate", "10", "--start", "30"]
+    command = [sys.executable, "-m", "auv_lse_run", "replay", str(tmp_path), "--rate", "10", "--start", "30"]
     environment = {**os.environ, "AUV_LSE_ROOT": str(Path(__file__).resolve().parents[3])}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None

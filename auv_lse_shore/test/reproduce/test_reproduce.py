@@ -8,12 +8,14 @@ import sys
 from dataclasses import replace
 
 import pytest
+from verb_main import verb_main
 
 from auv_lse_shore.campaign.cluster import cluster
 from auv_lse_shore.reproduce import reproduce
 from auv_lse_shore.reproduce import study as studies
-from auv_lse_shore.reproduce.reproduce import main
 from auv_lse_shore.reproduce.study import quick_study
+
+main = verb_main("reproduce")
 
 TINY = {
     "mission.steps": 3,
@@ -88,7 +90,8 @@ INTERRUPTED = """
 import contextlib, gc, os, signal, sys, time
 from pathlib import Path
 
-from auv_lse_shore.reproduce import reproduce, study_runner
+from auv_lse_run.command.main import main
+from auv_lse_shore.reproduce import study_runner
 
 COMMAND, BEGUN = os.getpid(), __file__ + ".begun"
 
@@ -101,15 +104,17 @@ def probe_s(*_):
 if __name__ == "__main__":
     Path(BEGUN).touch()
     study_runner._probe_s = probe_s
-    code = reproduce.main(sys.argv[1:])
+    code = main(["reproduce", *sys.argv[1:]])
     gc.collect()  # asyncio reports a task's unseen error when the task is deleted
     sys.exit(code)
 """
 
 
 def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
-    assert main(["--seeds", "0", "--out", str(tmp_path)]) == 2
-    assert "--seeds 0" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["--seeds", "0", "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "--seeds: got 0; expected a whole number from 1" in capsys.readouterr().err
 
 
 def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, capsys):

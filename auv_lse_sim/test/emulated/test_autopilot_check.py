@@ -10,18 +10,20 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.support.device_findings import Finding
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_mavlink.autopilot_check import AutopilotCheck, CheckOptions
-from auv_lse_mavlink.check_command import main
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.ardupilot.parameter_protocol import ParameterProtocol
 from auv_lse_sim.emulated.ardupilot.parameters import ROVER_DEFAULTS, SUB_DEFAULTS, Parameters
 from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
+
+main = verb_main("autopilot-check")
 
 
 class Sea(threading.Thread):

@@ -16,12 +16,14 @@ import warnings
 from pathlib import Path
 
 import pytest
+from verb_main import verb_main
 
-from auv_lse_mavlink.check_command import main as autopilot_check
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle
+
+autopilot_check = verb_main("autopilot-check")
 
 if importlib.util.find_spec("mavsdk") is None:
     pytest.skip("mavsdk (>=3.17,<4, test only) is not installed", allow_module_level=True)

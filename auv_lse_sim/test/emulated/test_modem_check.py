@@ -6,10 +6,13 @@ import threading
 import time
 
 import pytest
+from verb_main import verb_main
 
-from auv_lse_comms.modem_check_command import TEST_PACKET, main
+from auv_lse_comms.modem_check_command import TEST_PACKET
 from auv_lse_sim.emulated import modem_desk
 from auv_lse_sim.emulated.host_ports import PtyPort, TcpServerPort
+
+main = verb_main("modem-check")
 
 
 @pytest.fixture

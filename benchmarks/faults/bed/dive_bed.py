@@ -74,7 +74,7 @@ class Vehicle:
     def launch(self) -> None:
         """Starts its programs, see `has_started`; in a dive that was not ended they continue it."""
         self.program = Program(
-            "auv_lse_run.vehicle.run_vehicle", f"auv{self.number}", str(self._file), "--out", str(self.out),
+            "vehicle", f"auv{self.number}", str(self._file), "--out", str(self.out),
             "--domain", str(self._domain),
         )  # fmt: skip
 

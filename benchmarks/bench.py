@@ -34,10 +34,13 @@ def _table(group: str, rows: list[Row]) -> Table:
     return table
 
 
+ERRORS = (ValueError,)
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/bench."""
     p = argparse.ArgumentParser(
-        prog="scripts/bench",
+        prog="auv_lse bench",
         description=__doc__,
         epilog="Exit codes: 0, also if a goal is missed; 1 a group failed; 2 a wrong command line; 130 Ctrl-C.",
     )
@@ -48,17 +51,15 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: list[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a missed goal is not a failure."""
-    command_line = parser()
-    options = command_line.parse_args(arguments)
     unknown = [group for group in options.groups if group not in GROUPS]
     if unknown:
-        command_line.error(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
+        raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
     if options.json and not options.json.resolve().parent.is_dir():
-        command_line.error(f"--json {options.json}: there is no folder {options.json.parent}")
+        raise ValueError(f"--json {options.json}: there is no folder {options.json.parent}")
     if options.lake and not options.lake.is_file():
-        command_line.error(f"--lake {options.lake}: there is no such file")
+        raise ValueError(f"--lake {options.lake}: there is no such file")
     console = Console(width=None if sys.stdout.isatty() else 160)
     figures: list[Row] = []
     failed = False
@@ -76,7 +77,3 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
     return int(failed)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,11 +6,10 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.survey_import.choice import Choice, chosen_logs
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of, to_utc
 from auv_lse_shore.survey_import.formats import formats
@@ -28,12 +27,15 @@ from auv_lse_shore.survey_import.words import log_lines, next_lines, survey_line
 _REWRITE_S, _LINE_S = 0.3, 5.0
 _BAR = 30
 
+ERRORS = (ValueError, OSError)
+INTERRUPTED = "stopped; nothing is written"
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/import."""
     files = "\n".join(f"  {(module.__doc__ or '').splitlines()[0]}" for module in formats())
     p = argparse.ArgumentParser(
-        prog="scripts/import",
+        prog="auv_lse import",
         description="Turns logs of an existing survey into a run folder that scripts/export, adjust, fit, replay and "
         "live read as they read a mission's. Prints what it left out and why, and what to type next.",
         epilog=f"Formats, recognized by content:\n{files}\n\n"
@@ -87,30 +89,20 @@ def _add_log(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--accept-checksums", action="store_true", help="use NMEA sentences with a wrong checksum")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Imports logs; returns the exit code."""
-    command_line = parser()
-    options = command_line.parse_args(arguments)
+def run(options: argparse.Namespace) -> None:
+    """Imports logs."""
     if not options.start < options.end:
-        command_line.error(f"--from {options.start:g} is not earlier than --to {options.end:g}.")
+        raise LogError(f"--from {options.start:g} is not earlier than --to {options.end:g}.")
     for name, low in (("density", 0.0), ("position_std", 0.0)):
         if not math.inf > getattr(options, name) > low:
-            command_line.error(f"--{name.replace('_', '-')} is {getattr(options, name):g}; it must be more than 0.")
+            raise LogError(f"--{name.replace('_', '-')} is {getattr(options, name):g}; it must be more than 0.")
     if options.origin and not (abs(options.origin[0]) <= 90.0 and abs(options.origin[1]) <= 180.0):
-        command_line.error(f"--origin is {options.origin}; write latitude and longitude in degrees.")
+        raise LogError(f"--origin is {options.origin}; write latitude and longitude in degrees.")
     folder = options.out or Path("runs") / (options.logs[0].stem.strip("*?") or "survey")
-    try:
-        if not options.dry_run:
-            check_free(folder)
-        for line in imported(options, folder):
-            print(line, flush=True)
-    except (ValueError, OSError, ImportError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; nothing is written", file=sys.stderr)
-        return 130
-    return 0
+    if not options.dry_run:
+        check_free(folder)
+    for line in imported(options, folder):
+        print(line, flush=True)
 
 
 def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
@@ -208,7 +200,3 @@ def _progress() -> Callable[[Path, float], None]:
             )
 
     return show
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign import spec as campaign_spec
 from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
 from auv_lse_shore.campaign.page import write_results
@@ -19,11 +17,14 @@ from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import locked, run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
 
+ERRORS = (ParameterError, CampaignError, OSError)
+INTERRUPTED = "stopped; finished missions are kept. Run the same command again to continue"
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/campaign."""
     p = argparse.ArgumentParser(
-        prog="scripts/campaign",
+        prog="auv_lse campaign",
         description="Simulates a grid or list of settings over seeds (fleet engine, no ROS). Writes a result row in "
         "Parquet for each\nmission as it finishes. Started again, it continues where it stopped.\n\n"
         "Exit codes: 0 success; 1 missions failed; 2 wrong command line or impossible request; 130 Ctrl-C.",
@@ -40,29 +41,21 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Simulates a campaign; returns the exit code."""
-    options = parser().parse_args(arguments)
     if options.rerun is not None:
         return _rerun(options)
-    try:
-        if options.spec is None:
-            raise CampaignError("SPEC.yaml: missing; expected a campaign file, or --rerun ID with --out DIR")
-        spec = CampaignSpec.load(options.spec)
-        folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
-        if options.list:
-            return _list(spec, folder)
-        with locked(folder):  # an error here comes before a cluster is started
-            (folder / "campaign.yaml").write_text(options.spec.read_text())
-        with cluster(options.scheduler, options.workers) as client, progress_display() as show:
-            state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
-        page = write_results(spec, folder, state)
-    except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; finished missions are kept. Run the same command again to continue", file=sys.stderr)
-        return 130
+    if options.spec is None:
+        raise CampaignError("SPEC.yaml: missing; expected a campaign file, or --rerun ID with --out DIR")
+    spec = CampaignSpec.load(options.spec)
+    folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
+    if options.list:
+        return _list(spec, folder)
+    with locked(folder):  # an error here comes before a cluster is started
+        (folder / "campaign.yaml").write_text(options.spec.read_text())
+    with cluster(options.scheduler, options.workers) as client, progress_display() as show:
+        state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
+    page = write_results(spec, folder, state)
     print(f"{state.done} missions simulated, {state.before} already there, {state.failed} failed; {page}")
     return 1 if state.failed else 0
 
@@ -75,21 +68,11 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    """Repeats one mission. Its own errors are not caught, because the user wants their traceback."""
-    try:
-        if options.out is None:
-            raise CampaignError("--rerun: got no --out; expected the campaign's folder in --out DIR")
-        to, changed = rerun(options.out, options.rerun, options.to)
-    except CampaignError as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    """Repeats one mission."""
+    if options.out is None:
+        raise CampaignError("--rerun: got no --out; expected the campaign's folder in --out DIR")
+    to, changed = rerun(options.out, options.rerun, options.to)
     print(f"run folder: {to}")
     if changed:
         print(f"differs from the row: {', '.join(changed)}", file=sys.stderr)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.export.export import export
 from auv_lse_shore.export.formats import formats
 from auv_lse_shore.export.options import add_survey_options, survey_of
+
+ERRORS = (ValueError, OSError)
+INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again to complete it"
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/export."""
     files = "\n".join((module.__doc__ or "").splitlines()[0] for module in formats())
     p = argparse.ArgumentParser(
-        prog="scripts/export",
+        prog="auv_lse export",
         description="Exports a mission's results to files for other programs.",
         epilog=f"{files}\n\nSet area.origin_lat_deg and origin_lon_deg in the mission file to georeference the files; "
         "without them, coordinates\nare local metres. A second export into the same folder replaces the first.\n\n"
@@ -31,21 +31,8 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Exports a run; returns the exit code."""
-    options = parser().parse_args(arguments)
+def run(options: argparse.Namespace) -> None:
+    """Exports a run."""
     folder = options.out or options.run / "export"
-    try:
-        for line in export(options.run, folder, picture=options.picture, survey=survey_of(options)):
-            print(line, flush=True)
-    except (ValueError, OSError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; the folder may be incomplete. Run the same command again to complete it", file=sys.stderr)
-        return 130
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    for line in export(options.run, folder, picture=options.picture, survey=survey_of(options)):
+        print(line, flush=True)

@@ -12,9 +12,9 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.support.project_folder import project_folder
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 from auv_lse_gp.map.depth_map import BAND_SIGMAS
+from auv_lse_run.shipped_files import shipped_file
 from auv_lse_run.vehicle.run_vehicle import vehicle_number
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
@@ -24,11 +24,13 @@ from auv_lse_shore.check.positions import positions_notes
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
 
+ERRORS = (ParameterError,)
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/check."""
     p = argparse.ArgumentParser(
-        prog="scripts/check",
+        prog="auv_lse check",
         description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
         "mission's duration, coverage, packet content and recording. Draws the mission on a map. Starts nothing.",
         epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 unreadable file or wrong command line.",
@@ -139,20 +141,18 @@ def _draw(settings: Settings, findings: Findings, picture: Path, title: str, not
     findings.note(f"map: {picture}")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Checks mission files. Returns 0, 1 or 2, as the help says."""
-    p = parser()
-    options = p.parse_args(arguments)
     if options.schema or options.template:
         print(schema_text() if options.schema else template_text(), end="")
         return 0
     missions = options.mission
     if not missions and options.area is not None:
-        missions = [project_folder() / "config" / "missions" / "default.yaml"]
+        missions = [shipped_file("missions/default.yaml")]
     if not missions:
-        p.error("expected a mission file: scripts/check config/missions/default.yaml")
+        raise ParameterError("no mission file is named: auv_lse check MISSION.yaml")
     if options.map is not None and options.map.name and len(missions) > 1:
-        p.error(f"--map {options.map}: got {len(missions)} mission files; expected one, or --map without a name")
+        raise ParameterError(f"--map {options.map} is one picture of {len(missions)} mission files; leave out its name")
     code = 0
     for path in missions:
         picture = options.map
@@ -173,7 +173,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if errors or (options.strict and warnings):
             code = max(code, 1)
     return code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

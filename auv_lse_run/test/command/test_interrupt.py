@@ -1,3 +1,5 @@
+"""How a verb ends: Ctrl-C, exit codes, packages that are missing."""
+
 from __future__ import annotations
 
 import os
@@ -9,8 +11,18 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
 SLOW = "import sys, time\nprint('there', flush=True)\n{}time.sleep(60)\n"
+#: Runs `slow` as another package's verb.
+CALL = """\
+import sys
+from auv_lse_common.support.verb import Verb
+from auv_lse_run.command import main
+main.find_verbs = lambda: ({"slow": Verb("slow", "Others", "wait", "slow")}, [])
+if __name__ == "__main__":
+    sys.exit(main.main(["slow", *sys.argv[1:]]))
+"""
+PARSER = "import argparse\ndef parser():\n    p = argparse.ArgumentParser()\n    p.add_argument('words', nargs='*')\n"
+PARSER += "    return p\n"
 
 
 def default_interrupt() -> None:
@@ -26,11 +38,12 @@ def held_interrupt() -> None:
 def start(
     folder: Path, text: str, *arguments: str, prepare: Callable[[], None] = default_interrupt
 ) -> subprocess.Popen[str]:
+    """A process of a verb whose module has this text."""
     (folder / "slow.py").write_text(text)
-    paths = [str(folder), str(ROOT / "auv_lse_common"), os.environ.get("PYTHONPATH", "")]
+    (folder / "call.py").write_text(CALL)
     return subprocess.Popen(
-        [sys.executable, "-m", "auv_lse_common.support.command", "slow", *arguments],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        [sys.executable, str(folder / "call.py"), *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -38,8 +51,14 @@ def start(
     )
 
 
-def test_ctrl_c_during_an_import_prints_one_word_and_returns_130(tmp_path: Path) -> None:
-    with start(tmp_path, SLOW.format("")) as process:
+def run_of(text: str) -> str:
+    """A module whose verb does this."""
+    return PARSER + "def run(options):\n    import sys, time\n" + "".join(f"    {line}\n" for line in text.splitlines())
+
+
+@pytest.mark.parametrize("text", [SLOW.format(""), run_of(SLOW.format(""))], ids=["import", "run"])
+def test_ctrl_c_prints_one_word_and_returns_130(tmp_path: Path, text: str) -> None:
+    with start(tmp_path, text) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "there\n"
         process.send_signal(signal.SIGINT)
@@ -54,9 +73,11 @@ def test_ctrl_c_while_python_starts_is_answered_when_it_can_be(tmp_path: Path) -
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
 
 
-@pytest.mark.parametrize(("end", "code"), [("sys.exit(3)\n", 3), ("sys.exit(int(len(sys.argv) != 3))\n", 0)])
-def test_exit_code_and_arguments_belong_to_the_module(tmp_path: Path, end: str, code: int) -> None:
-    with start(tmp_path, SLOW.format(end), "a", "b c") as process:
+@pytest.mark.parametrize(
+    ("end", "code"), [("sys.exit(3)", 3), ("return 3", 3), ("return int(options.words != ['a', 'b c'])", 0)]
+)
+def test_exit_code_and_arguments_belong_to_the_verb(tmp_path: Path, end: str, code: int) -> None:
+    with start(tmp_path, run_of(end), "a", "b c") as process:
         process.communicate(timeout=30)
     assert process.returncode == code
 
@@ -66,7 +87,7 @@ def test_exit_code_and_arguments_belong_to_the_module(tmp_path: Path, end: str, 
     [
         (
             "import tornado_of_nobody.web",
-            "slow needs the Python package tornado_of_nobody, which is not installed: pip",
+            "auv_lse slow needs the Python package tornado_of_nobody, which is not installed: pip",
         ),
         (
             "from auv_lse_common.support.missing_packages import missing\n"
@@ -94,12 +115,7 @@ def test_a_wrong_import_of_the_stack_itself_keeps_its_traceback(tmp_path: Path, 
 
 def test_a_caught_interrupt_within_an_evaluated_string_keeps_the_exit_code(tmp_path: Path) -> None:
     """Python would end by SIGINT instead; libraries evaluate strings, rosbags for one."""
-    text = "import sys\ntry:\n    exec('raise KeyboardInterrupt')\nexcept KeyboardInterrupt:\n    sys.exit(7)\n"
-    with start(tmp_path, text) as process:
+    text = "try:\n    exec('raise KeyboardInterrupt')\nexcept KeyboardInterrupt:\n    return 7"
+    with start(tmp_path, run_of(text)) as process:
         process.communicate(timeout=30)
     assert process.returncode == 7
-
-
-def test_every_python_script_uses_the_command_module() -> None:
-    for script in sorted((ROOT / "scripts").iterdir()):
-        assert "exec python -m" not in script.read_text() or script.name == "environment.sh", script.name

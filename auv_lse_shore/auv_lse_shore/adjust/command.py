@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from auv_lse_common.support.plurals import counted
-from auv_lse_common.support.user_error import error_text
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
 from auv_lse_shore.export.export import write_export
@@ -21,11 +19,14 @@ from auv_lse_shore.positions.adjustment import AdjustError, adjust
 from auv_lse_shore.positions.merging import on_one_clock
 from auv_lse_shore.positions.recordings import missing_in
 
+ERRORS = (ValueError, OSError)
+INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again to complete it"
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/adjust."""
     p = argparse.ArgumentParser(
-        prog="scripts/adjust",
+        prog="auv_lse adjust",
         description="Re-estimates the positions of all soundings of one or more runs from all recorded data: fixes, "
         "ranges between vehicles, and track crossings. Writes the adjusted soundings, map and isobath (as "
         "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
@@ -43,21 +44,12 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Adjusts runs; returns the exit code."""
-    options = parser().parse_args(arguments)
+def run(options: argparse.Namespace) -> None:
+    """Adjusts runs."""
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
-    try:
-        for line in adjusted(options.runs, folder, options.mission, survey_of(options), options.report):
-            print(line, flush=True)
-    except (ValueError, OSError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; the folder may be incomplete. Run the same command again to complete it", file=sys.stderr)
-        return 130
-    return 0
+    for line in adjusted(options.runs, folder, options.mission, survey_of(options), options.report):
+        print(line, flush=True)
 
 
 def adjusted(
@@ -128,7 +120,3 @@ def _report(team: TeamMap, folder: Path) -> Iterator[str]:
     evaluation = evaluate(team.run, team=team)
     yield from headlines(write_outputs(evaluation, folder), evaluation.planned_steps)
     yield f"written: {folder / 'report.html'}"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

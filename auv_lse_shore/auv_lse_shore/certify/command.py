@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.certify.certificate import EXIT_CODES, certify, lines, write
 from auv_lse_shore.report.progress import show_step
+
+ERRORS = (ValueError, OSError)
+INTERRUPTED = "stopped; no certificate is written"
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/certify."""
     p = argparse.ArgumentParser(
-        prog="scripts/certify",
+        prog="auv_lse certify",
         description="Recomputes a mission's final map from its recordings alone, by an independent dense computation, "
         "and writes certificate.html and certificate.json: what was asked, what is promised piece by piece, what is "
         "not, and the SHA-256 of every recording. It fails, and names the location, where the recordings do not "
@@ -31,27 +32,15 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Certifies a mission; returns the exit code."""
-    options = parser().parse_args(arguments)
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "certificate"
-    try:
-        certificate = certify(options.runs, options.mission, show_step)
-        write(certificate, folder)
-    except (ValueError, OSError) as error:
-        print(f"error: {error_text(error)}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nstopped; no certificate is written", file=sys.stderr)
-        return 130
+    certificate = certify(options.runs, options.mission, show_step)
+    write(certificate, folder)
     for line in [*certificate.values["asked"]["notes"], *lines(certificate), *certificate.values["cannot_certify"]]:
         print(line)
     for line in certificate.failures:
         print(f"not supported: {line}", file=sys.stderr)
     print(f"written: {folder / 'certificate.html'}")
     return EXIT_CODES[certificate.verdict]
-
-
-if __name__ == "__main__":
-    sys.exit(main())
