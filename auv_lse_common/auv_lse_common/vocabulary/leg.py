@@ -32,6 +32,20 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
     return side * angle, ahead, starboard
 
 
+def straight_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
+    """How far (m) a vehicle strays from its legs if it travels straight to each leg's end.
+
+    An autopilot that moves sideways, as ArduSub, cuts each arc and corner.
+
+    Args:
+        turn_rad: Largest heading change of a leg (rad).
+        radius_m: Turning radius of the arc.
+        early_m: Distance (m) before each leg's end at which the vehicle heads for the next one.
+    """
+    half_rad = 0.5 * turn_rad
+    return radius_m * (1.0 - math.cos(half_rad)) + early_m * math.sin(half_rad)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
     """One action: an arc, then a straight.

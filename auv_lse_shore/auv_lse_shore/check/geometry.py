@@ -11,6 +11,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.leg import straight_stray_m
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.safety import Safety
 from auv_lse_shore.check.findings import Findings
@@ -52,6 +53,8 @@ def check_geometry(settings: Settings, findings: Findings) -> Settings:
     _check_recovery(settings, findings)
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
         _check_lanes(settings, area, motion, findings)
+    if findings.usable("area.margin_m", "motion", "link"):
+        _check_straight_legs(settings, findings)
     _check_depths(settings, findings)
     read = ("area", "motion", "mission", *_START)
     if not settings.sim.bathymetry.file and findings.usable(*read):  # else as a part of fitting to the ground
@@ -139,6 +142,22 @@ def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, f
         f"lanes: {lanes} with planner.lane_spacing_m = {spacing:g} m. Mowing the whole area takes each vehicle about "
         f"{needed} legs; the mission has {settings.mission.steps}"
     )
+
+
+def _check_straight_legs(settings: Settings, findings: Findings) -> None:
+    """Compares the margin with how far vehicles whose autopilots travel straight to a leg's end stray from it."""
+    links = [settings.vehicle(k).link for k in range(1, settings.mission.vehicles + 1)]
+    early_m = max((link.acceptance_m for link in links if link.kind == "mavlink"), default=0.0)
+    if early_m == 0.0:
+        return
+    turn_rad = max(abs(math.radians(action)) for action in settings.motion.actions_deg)
+    stray_m = straight_stray_m(turn_rad, settings.motion.turn_radius_m, early_m)
+    if stray_m > settings.area.margin_m:
+        findings.warning(
+            f"area.margin_m is {settings.area.margin_m:g} m, and an autopilot that travels straight to each leg's end, "
+            f"as ArduSub, strays up to {stray_m:.1f} m from the planned arcs. Raise it, or lower motion.turn_radius_m "
+            "or link.acceptance_m."
+        )
 
 
 def _check_depths(settings: Settings, findings: Findings) -> None:

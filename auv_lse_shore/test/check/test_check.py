@@ -44,6 +44,17 @@ def test_every_mission_file_of_the_project_is_right(path: Path) -> None:
     assert found(path, "warning") == []
 
 
+@pytest.mark.parametrize(
+    ("margin_m", "kind", "warns"), [(10.0, "mavlink", False), (5.0, "mavlink", True), (5.0, "direct", False)]
+)
+def test_a_margin_narrower_than_the_corners_that_an_ardusub_cuts_is_a_warning(
+    tmp_path: Path, margin_m: float, kind: str, warns: bool
+) -> None:
+    path = write(tmp_path, area={"margin_m": margin_m}, link={"kind": kind})
+    texts = [text for text in found(path, "warning") if "strays up to 7.2 m" in text]
+    assert bool(texts) == warns, found(path, "warning")
+
+
 def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
     path = write(
         tmp_path,
