@@ -10,19 +10,23 @@ from typing import Any
 
 import yaml
 
+from auv_lse_common.mission_file.degrees import AreaReader, in_metres
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
-from auv_lse_common.mission_file.positions_file import with_positions
 from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 
-def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; positions are in metres.
+def read_parameter_file(path: str | Path, read_area: AreaReader | None = None) -> dict[str, dict[str, Any]]:
+    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; all is in metres.
+
+    Args:
+        path: The file.
+        read_area: Reads the file that `area.file` names; None: such a file is refused.
 
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
     path = Path(path)
-    return with_positions(parse_parameters(_read_text(path), str(path)), path.parent, str(path))
+    return in_metres(parse_parameters(_read_text(path), str(path)), path.parent, str(path), read_area)
 
 
 def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:

@@ -16,9 +16,9 @@ from typing import Any
 
 import yaml
 
+from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
-from auv_lse_common.mission_file.positions_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
@@ -56,20 +56,26 @@ class Settings(TeamSections):
     vehicles: tuple[VehicleSections, ...]
 
     @classmethod
-    def load(cls, path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
+    def load(
+        cls,
+        path: str | Path | None = None,
+        overrides: Mapping[str, Any] | None = None,
+        read_area: AreaReader | None = None,
+    ) -> Settings:
         """Reads a mission file; without one, uses the defaults.
 
         Args:
             overrides: Values that replace the file's: dotted names ("mission.seed") or nested mappings. A name that
                 begins with a vehicle ("auv2.vehicle.depth_m") applies to that vehicle only.
+            read_area: Reads the file that `area.file` names; None: such a file is refused.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and the file.
         """
-        patterns: Patterns = read_parameter_file(path) if path is not None else {"/**": {}}
+        patterns: Patterns = read_parameter_file(path, read_area) if path is not None else {"/**": {}}
         if overrides and "area.file" in overrides:
             overrides = dict(overrides)
-            patterns = with_area_file(patterns, str(overrides.pop("area.file")))
+            patterns = with_area_file(patterns, str(overrides.pop("area.file")), read_area)
         return cls.from_patterns(patterns, str(path) if path is not None else "defaults", overrides)
 
     @classmethod

@@ -52,10 +52,8 @@ def test_a_full_disk_keeps_no_vehicle_with_positions_in_degrees_from_continuing(
     assert "polygon_m" in whole["area"], "the file is in memory, with positions in metres"
 
 
-def test_an_edited_positions_file_begins_a_new_dive(tmp_path: Path) -> None:
-    positions = tmp_path / "lake.geojson"
-    positions.write_text((Path(__file__).parents[3] / "config" / "missions" / "lake.geojson").read_text())
-    file = write(tmp_path, area={"file": "lake.geojson"})
+def test_an_edited_area_in_degrees_begins_a_new_dive(tmp_path: Path) -> None:
+    file = write(tmp_path, area={"polygon_deg": [47.3, 8.5, 47.31, 8.5, 47.31, 8.51]})
 
     def opened():
         return open_dive("auv2", file, None, tmp_path / "dives", False)[0]
@@ -65,10 +63,10 @@ def test_an_edited_positions_file_begins_a_new_dive(tmp_path: Path) -> None:
     state = open_state(Path(environment[FOLDER_VARIABLE]) / "auv2.safety_node.state", {}, environment)
     state.write({"run": {"state": int(RunState.RUNNING)}, "under_water": True})
     assert opened().continued == tmp_path / "dive"
-    text = positions.read_text()
-    positions.write_text(text.replace("6.6065", "6.6066"))
+    text = file.read_text()
+    file.write_text(text.replace("8.51", "8.511"))
     assert opened().continued is None
-    positions.write_text(text)
+    file.write_text(text)
     assert opened().continued == tmp_path / "dive"
 
 

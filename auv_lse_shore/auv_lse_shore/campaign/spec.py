@@ -27,6 +27,7 @@ from typing import Any
 from auv_lse_common.mission_file.parameter_file import read_parameter_file, read_yaml
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Patterns, Settings
+from auv_lse_shore.areas.area_file import read_area
 
 #: Keys of a campaign file.
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
@@ -127,7 +128,7 @@ class CampaignSpec:
             raise ParameterError(f"{where}: got two settings called '{twice}'; expected different labels")
         mission = content.get("mission")
         file = folder / str(mission) if mission else None
-        Settings.load(file)  # reports errors of the file itself first
+        Settings.load(file, read_area=read_area)  # reports errors of the file itself first
         for label, values in settings:
             if "mission.seed" in values:
                 raise ParameterError(f"{where}: got mission.seed in setting '{label}'; expected seeds under `seeds`")
@@ -137,7 +138,7 @@ class CampaignSpec:
             settings=tuple(settings),
             seeds=_seeds(content.get("seeds", 1), where),
             varied=tuple(names),
-            base=read_parameter_file(file) if file is not None else {"/**": {}},
+            base=read_parameter_file(file, read_area) if file is not None else {"/**": {}},
             where=where,
         )
 

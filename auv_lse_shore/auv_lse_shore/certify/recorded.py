@@ -13,6 +13,7 @@ from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, STORAGES, Recording, recording_in
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_reader import read_bag
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.judge.team_map import mission_settings
 from auv_lse_shore.positions.merging import on_one_clock
 
@@ -85,7 +86,9 @@ def read_recordings(paths: Sequence[Path], mission: Path | None = None) -> Recor
         if mission is None and text is None:
             raise CertifyError(f"{path}: got no mission file (topic {MISSION_FILE}); expected --mission FILE")
         parameters = (
-            read_parameter_file(mission) if mission is not None else parse_parameters(text or "", f"{path}: mission")
+            read_parameter_file(mission, read_area)
+            if mission is not None
+            else parse_parameters(text or "", f"{path}: mission")
         )
         runs.append(read_bag(bag, parameters))
     if mission is not None:

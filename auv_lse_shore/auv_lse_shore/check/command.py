@@ -16,11 +16,11 @@ from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 from auv_lse_gp.map.depth_map import BAND_SIGMAS
 from auv_lse_run.shipped_files import shipped_file
 from auv_lse_run.vehicle.run_vehicle import vehicle_number
+from auv_lse_shore.areas.area_file import AreaFiles
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_files, check_machine, check_recording
 from auv_lse_shore.check.mission_file import check_file
-from auv_lse_shore.check.positions import positions_notes
 from auv_lse_shore.check.schema import schema_text, template_text
 from auv_lse_shore.check.timing import check_timing
 
@@ -40,8 +40,9 @@ def parser() -> argparse.ArgumentParser:
         "--area",
         type=Path,
         metavar="FILE",
-        help="check with the area, no-go areas, starts and recovery positions of a GeoJSON, KML or QGroundControl "
-        ".plan file, as scripts/mission --area; without MISSION.yaml with the default mission",
+        help="check with the area, no-go areas, starts and recovery positions of a file (GeoJSON, KML, GPX, "
+        "GeoPackage, shapefile, QGroundControl, ...), as scripts/mission --area; without MISSION.yaml with the default "
+        "mission",
     )
     p.add_argument(
         "--map",
@@ -80,17 +81,17 @@ def check(
     Args:
         path: The mission file.
         vehicle: Also check this computer as that of a vehicle ("auv2").
-        area_file: File of positions that replaces the mission file's area.
+        area_file: Area file that replaces the mission file's area.
         picture: Where to draw the mission; None: nowhere.
 
     Raises:
-        ParameterError: if the file or its positions cannot be read.
+        ParameterError: if the file or its area file cannot be read.
         OSError: if the picture cannot be written.
     """
     findings = Findings()
-    settings = check_file(path, findings, area_file)
-    positions = positions_notes(path, area_file)
-    for text in positions:
+    areas = AreaFiles()
+    settings = check_file(path, findings, areas, area_file)
+    for text in areas.notes():
         findings.note(text)
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
@@ -103,7 +104,7 @@ def check(
     check_timing(settings, findings)
     check_recording(settings, number, findings)
     if number is not None:
-        simulated = "sim" in read_parameter_file(path).get("/**", {})
+        simulated = "sim" in read_parameter_file(path, areas).get("/**", {})
         check_machine(settings, number, simulated, findings)
     if picture is not None:
         _draw(
@@ -111,7 +112,7 @@ def check(
             findings,
             picture,
             f"{path.name}{'' if area_file is None else f' with {area_file.name}'}",
-            positions,
+            areas.notes(),
         )
     return findings
 

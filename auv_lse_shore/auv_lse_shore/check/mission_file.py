@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
-from auv_lse_common.mission_file.positions_file import with_area_file
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, check_planner
 from auv_lse_common.mission_file.sections.table import (
@@ -30,23 +30,24 @@ from auv_lse_shore.check.findings import Findings
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
 
 
-def check_file(path: Path, findings: Findings, area_file: Path | None = None) -> Settings:
+def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file: Path | None = None) -> Settings:
     """Reads a mission file and adds its errors to `findings`.
 
     Args:
         path: The mission file.
         findings: Takes what is found.
-        area_file: File of positions that replaces the mission file's area.
+        read_area: Reads the area file.
+        area_file: Area file that replaces the mission file's area.
 
     Returns:
         The settings. Refused parameters have their defaults and are listed in `findings.refused`.
 
     Raises:
-        ParameterError: if the file is missing, or not a ROS 2 parameter file, or the positions cannot be used.
+        ParameterError: if the file is missing, or not a ROS 2 parameter file, or its area file cannot be used.
     """
-    patterns = read_parameter_file(path)
+    patterns = read_parameter_file(path, read_area)
     if area_file is not None:
-        patterns = with_area_file(patterns, str(area_file))
+        patterns = with_area_file(patterns, str(area_file), read_area)
     usable, owners = _usable_values(patterns, str(path), findings)
     settings = _settings(usable, owners, str(path), findings)
     if findings.count("error"):

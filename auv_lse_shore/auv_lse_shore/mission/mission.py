@@ -35,6 +35,7 @@ from auv_lse_run.process.domain import DomainError, dive_on, node_environment, s
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_run.shipped_files import shipped_file
+from auv_lse_shore.areas.area_file import AreaFiles
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.options import overrides_of
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
@@ -94,10 +95,14 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     Raises:
         ValueError: naming what is impossible.
     """
-    settings = Settings.load(options.mission or shipped_file("missions/default.yaml"), overrides_of(options))
+    areas = AreaFiles()
+    mission = options.mission or shipped_file("missions/default.yaml")
+    settings = Settings.load(mission, overrides_of(options), areas)
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
-        return clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
-    return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+        fitted, notes = clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
+    else:
+        fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+    return fitted, [*areas.notes(), *notes]
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:

@@ -73,15 +73,21 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
         "--bathymetry",
         type=Path,
         metavar="FILE",
-        help="real bathymetry: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF",
+        help="real bathymetry: CSV or XYZ of soundings, npz or ESRI ASCII grid, GeoTIFF, netCDF (GEBCO), BAG, S-102",
+    )
+    sign = p.add_mutually_exclusive_group()
+    sign.add_argument("--depths", action="store_true", help="the bathymetry holds depths, positive down")
+    sign.add_argument("--elevations", action="store_true", help="the bathymetry holds elevations, positive up")
+    p.add_argument(
+        "--water-level", type=float, metavar="M", help="elevation of the water surface in the datum of the elevations"
     )
     p.add_argument(
         "--area",
         action=_AreaAction,
         nargs="+",
         metavar=("FILE|SOUTH", "WEST NORTH EAST"),
-        help="operating area: a GeoJSON, KML or QGroundControl .plan file, or four numbers (m, local north and east; "
-        "default with --bathymetry: the file's extent)",
+        help="operating area: a file (GeoJSON, KML, GPX, GeoPackage, shapefile, QGroundControl, ...), or four numbers "
+        "(m, local north and east; default with --bathymetry: the file's extent)",
     )
     p.add_argument(
         "--real-time-factor",
@@ -129,6 +135,11 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
             wanted[name] = value
     if options.bathymetry is not None:
         wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
+    if options.depths or options.elevations:
+        wanted["sim.bathymetry.depth_sign"] = "down" if options.depths else "up"
+    if options.water_level is not None:
+        _check(f"--water-level {options.water_level:g}", "sim.bathymetry.water_level_m", options.water_level)
+        wanted["sim.bathymetry.water_level_m"] = options.water_level
     if options.real_time_factor is not None:
         _check(f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor)
         if options.real_time_factor == 0.0:

@@ -12,6 +12,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.check.command import check
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
@@ -50,12 +51,12 @@ def mission(tmp_path: Path) -> Path:
 
 def test_what_was_used_of_a_file_of_positions_and_what_was_not_is_reported(mission: Path) -> None:
     notes = "\n".join(text for level, text in check(mission).rows if level == "note")
-    assert "lake.geojson: used the area, no-go area no_go_pier, start of auv1, start of auv2, recovery" in notes
+    assert "lake.geojson: used the area 'lake', no-go area no_go_pier, start of auv1, start of auv2, recovery" in notes
     assert "lake.geojson: ignored 'harbor'" in notes
 
 
 def test_the_map_shows_the_positions_where_they_are(mission: Path) -> None:
-    settings = Settings.load(mission)
+    settings = Settings.load(mission, read_area=read_area)
     origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     figure = mission_figure(settings, "a mission", ["ignored 'harbor'"])
     (axis,) = figure.axes

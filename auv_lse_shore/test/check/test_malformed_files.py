@@ -7,6 +7,7 @@ import pytest
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.check.command import check
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.mission_file import check_file
@@ -73,7 +74,7 @@ def test_a_file_that_cannot_be_a_mission_is_refused_in_words(tmp_path, name):
     file = tmp_path / "mission.yaml"
     file.write_text(REFUSED[name])
     with pytest.raises(ParameterError, match=r"expected|not valid YAML|known:|has no area"):
-        Settings.load(file)
+        Settings.load(file, read_area=read_area)
     try:
         errors = check(file).count("error")
     except ParameterError:  # not a ROS 2 parameter file
@@ -85,7 +86,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
     file = tmp_path / "mission.yaml"
     file.write_bytes(bytes(range(256)))
     with pytest.raises(ParameterError, match=r"mission.yaml: is not UTF-8 text"):
-        Settings.load(file)
+        Settings.load(file, read_area=read_area)
 
 
 def test_four_hundred_mutated_mission_files_are_read_or_refused_in_words(tmp_path):
@@ -95,12 +96,12 @@ def test_four_hundred_mutated_mission_files_are_read_or_refused_in_words(tmp_pat
         file.write_bytes(mutated(lines, rng))
         findings, loads = Findings(), True
         try:
-            Settings.load(file)
+            Settings.load(file, read_area=read_area)
         except ParameterError:
             refused += 1
             loads = False
         try:
-            check_file(file, findings)
+            check_file(file, findings, read_area)
         except ParameterError:
             assert not loads
         else:

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from auv_lse_common.mission_file.positions_file import read_positions
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.formats import kml, qgc_plan
 from auv_lse_shore.judge.team_map import team_map
@@ -111,7 +111,7 @@ def test_the_plan_has_what_qgroundcontrol_requires(export):
 
 
 def test_the_plan_is_the_area_of_another_mission(export):
-    locations = read_positions(export.folder / "isobath.plan")
+    locations = read_area(export.folder / "isobath.plan")
     np.testing.assert_allclose(local(locations.area), export.team.area.polygon, atol=0.02)
     assert len(locations.no_go) == 1
     np.testing.assert_allclose(local([locations.recoveries[0]]), [[10.0, 15.0]], atol=0.02)

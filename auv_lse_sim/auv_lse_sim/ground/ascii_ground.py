@@ -35,9 +35,9 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
                 check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
                 continue
             try:
-                row = [float(f) for f in fields]
+                row = [float(f.replace(",", ".")) for f in fields]
             except ValueError:
-                bad = next(f for f in fields if not _is_number(f))
+                bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
                 raise GroundError(f"{path}:{number}: {bad!r}; expected a number") from None
             columns = int(header.get("ncols", 0))
             if columns and len(row) != columns:
@@ -46,20 +46,24 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             rows += 1
     corner = "xllcorner" in header
     x_name, y_name = ("xllcorner", "yllcorner") if corner else ("xllcenter", "yllcenter")
-    for key in ("ncols", "nrows", x_name, y_name, "cellsize"):
-        if key not in header:
-            raise GroundError(f"{path}: header has {', '.join(header) or 'nothing'}; expected also {key}")
+    header.setdefault("dx", header.get("cellsize", math.nan))
+    header.setdefault("dy", header.get("cellsize", math.nan))
+    for key in ("ncols", "nrows", x_name, y_name, "dx", "dy"):
+        if math.isnan(header.get(key, math.nan)):
+            missing = "cellsize, or dx and dy" if key in ("dx", "dy") else key
+            given = ", ".join(name for name, value in header.items() if not math.isnan(value))
+            raise GroundError(f"{path}: its header has {given or 'nothing'}, but no {missing}. Add it")
     columns, expected = int(header["ncols"]), int(header["nrows"])
     if rows != expected:
         raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}")
     grid = np.array(values).reshape(rows, columns)[::-1]  # rows run from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
-    step = header["cellsize"]
-    if step <= 0.0:
-        raise GroundError(f"{path}: cellsize {step:g}; expected > 0")
-    shift = 0.5 * step if corner else 0.0
-    x = header[x_name] + shift + step * np.arange(columns, dtype=np.float64)
-    y = header[y_name] + shift + step * np.arange(rows, dtype=np.float64)
+    dx, dy = header["dx"], header["dy"]
+    if min(dx, dy) <= 0.0:
+        raise GroundError(f"{path}: its cells are {dx:g} x {dy:g}; write sizes above 0")
+    shift = 0.5 if corner else 0.0
+    x = header[x_name] + dx * (shift + np.arange(columns, dtype=np.float64))
+    y = header[y_name] + dy * (shift + np.arange(rows, dtype=np.float64))
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return raster_ground(path, x, y, grid, crs, config, origin)
@@ -73,7 +77,7 @@ def _read_header_line(fields: list[str], header: dict[str, float], where: str) -
     """
     key = fields[0].lower()
     try:
-        header[key] = float(fields[1])
+        header[key] = float(fields[1].replace(",", "."))
     except (IndexError, ValueError):
         raise GroundError(f"{where}; expected a header line 'name number'") from None
     if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):

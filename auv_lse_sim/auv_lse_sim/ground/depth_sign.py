@@ -1,8 +1,8 @@
 """The sign of a file's depths.
 
 A column or array called `depth_m` is positive down; one called `elevation_m` (or `z_m`) is positive up:
-depth = water_level_m - elevation. Rasters have no names: with `depth_sign` "auto", mostly negative values are
-elevations, and ambiguous values are an error.
+depth = water_level_m - elevation. For a raster whose names, unit and CRS say neither, `depth_sign` "auto" takes mostly
+negative values for elevations and positive ones that come near 0 for depths; anything else is an error.
 """
 
 from __future__ import annotations
@@ -14,16 +14,23 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_gp.soundings import is_no_data
+from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
 Array = NDArray[np.float64]
 
-#: Positive values above this are taken for elevations above sea level unless the user sets the sign.
-_ELEVATED_M = 200.0
+#: Positive values come near 0 if the least (but 1 %) is below this (m), or below this share of the largest.
+_NEAR_M, _NEAR_SHARE = 2.0, 0.1
+#: With more than this share below 0, positive values cross 0: the rest is land.
+_ACROSS = 0.01
 #: A raster with more than this fraction of its values on both sides of 0 is ambiguous.
 _BOTH_SIGNS = 0.05
 
 _DOWN = "depth positive down"
+SIGN_FLAGS = (
+    "--depths, or --elevations --water-level M with the elevation of the water surface in the file's datum "
+    "(sim.bathymetry.depth_sign, water_level_m)"
+)
 SIGN_ADVICE = "set sim.bathymetry.depth_sign: up for elevations, down for depths with land above them"
 
 
@@ -59,9 +66,9 @@ def depths_of(values: Array, path: Path, what: str, up: bool | None, config: Bat
     surface = 0.0 if level is None else level
     if known.min() >= surface:
         raise GroundError(
-            f"{path}: {span}, taken as elevations, none below the water surface at {surface:g} m; expected the "
-            "bottom's elevations: set sim.bathymetry.water_level_m to the elevation of the water surface in the file's "
-            "datum, or sim.bathymetry.depth_sign: down if these are depths"
+            f"{path}: {span}, taken as elevations, none below the water surface at {surface:g} m. Give the elevation "
+            "of the water surface in the file's datum with --water-level M (sim.bathymetry.water_level_m), or --depths "
+            "if these are depths (sim.bathymetry.depth_sign: down)"
         )
     return surface - values, "elevations, " + ("negated" if surface == 0.0 else f"water surface at {surface:g} m")
 
@@ -77,6 +84,13 @@ def grid_depths(
         notes = [f"{int(marks.sum())} nodes of {found} taken as unknown"]
         values = np.where(marks, np.nan, values)
     depth, note = depths_of(values, path, what, up, config)
+    with np.errstate(invalid="ignore"):
+        absurd = np.isinf(values) | (np.abs(depth) > DEEPEST_M)
+    if absurd.any() and 2 * absurd.sum() < np.isfinite(depth).sum():
+        found = np.unique(values[absurd])
+        shown = f"{found[0]:g}" if len(found) == 1 else f"{found[0]:g} to {found[-1]:g}"
+        notes.append(f"{int(absurd.sum())} nodes of {shown} left out: deeper or higher than {DEEPEST_M:g} m")
+        depth = np.where(absurd, np.nan, depth)
     return depth, [note, *notes]
 
 
@@ -90,16 +104,13 @@ def _looks_up(known: Array, span: str) -> bool:
     if min(negative, positive) > _BOTH_SIGNS:
         raise GroundError(
             f"{span}, {100.0 * negative:.0f} % negative, {100.0 * positive:.0f} % positive: water and land, but which "
-            "is which? Expected sim.bathymetry.water_level_m, the elevation of the water surface in the file's datum "
-            "(these are elevations), or sim.bathymetry.depth_sign: down (these are depths, positive down)"
+            f"is which? Say {SIGN_FLAGS}"
         )
     # Zeros often fill the outside of a survey, and outliers occur, so most values decide.
-    if positive > 0.5 and float(np.quantile(known[known != 0.0], _BOTH_SIGNS)) > _ELEVATED_M:
-        raise GroundError(
-            f"{span}: elevations above sea level, or depths? Expected sim.bathymetry.water_level_m, the elevation of "
-            "the water surface in the file's datum (these are elevations), or sim.bathymetry.depth_sign: down (these "
-            "are depths, positive down)"
-        )
+    is_one_sided = positive > 0.5 and negative < _ACROSS
+    least, largest = np.quantile(known[known > 0.0], (0.01, 0.99)) if is_one_sided else (0.0, 0.0)
+    if least > max(_NEAR_M, _NEAR_SHARE * largest):
+        raise GroundError(f"{span}, none near 0: depths, or elevations of the bottom? Say which: {SIGN_FLAGS}")
     return negative > 0.5
 
 

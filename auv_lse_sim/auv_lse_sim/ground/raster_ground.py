@@ -11,7 +11,8 @@ from scipy import ndimage
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.soundings import longitude_180
-from auv_lse_sim.ground.depth_sign import grid_depths
+from auv_lse_sim.ground.band_meaning import Meaning, text_says_up
+from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes, checked_origin
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near
@@ -27,6 +28,9 @@ def raster_ground(
     crs: str | None,
     config: BathymetryConfig,
     origin: tuple[float, float] | None,
+    *,
+    said: Meaning | None = None,
+    notes: tuple[str, ...] = (),
 ) -> GridGround:
     """Converts a raster in any coordinates to local ground.
 
@@ -38,11 +42,24 @@ def raster_ground(
         crs: Their coordinate reference system in a form that pyproj reads, None if the file has none.
         config: How to read them.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
+        said: What the file says about the values, already in metres; None: its name decides.
+        notes: How it was read, for `describe`.
 
     Raises:
-        GroundError: if the projection is not understood, or the raster lies far from the origin or is too large.
+        GroundError: if the values or the projection are not understood, or the raster lies far from the origin or is
+            too large.
     """
-    grid, notes = grid_depths(grid, path, "values", None, config)
+    said = said or Meaning(up=text_says_up(path.stem))
+    if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
+        raise GroundError(
+            f"{path}: its coordinates run from {x[0]:g}, {y[0]:g} to {x[-1]:g}, {y[-1]:g}, which is no grid"
+        )
+    grid, sign_notes = grid_depths(grid, path, said.name, said.up, config)
+    if upside_down(grid, sign_notes[0], config):
+        raise GroundError(
+            f"{path}: {said.name} are depths, but mostly negative (median {np.nanmedian(grid):g} m): {SIGN_ADVICE}"
+        )
+    notes = (*sign_notes, *notes)
     degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         return _local_raster(path, x, y, grid, notes)
@@ -66,11 +83,11 @@ def raster_ground(
     columns = (np.asarray(rx) - x[0]) / (x[1] - x[0])
     # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.
     local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
-    notes = [*notes, "reprojected to local metres"]
-    return GridGround(north_m, east_m, local, name=path.name, origin=origin, notes=tuple(notes))
+    notes = (*notes, "reprojected to local metres")
+    return GridGround(north_m, east_m, local, name=path.name, origin=origin, notes=notes)
 
 
-def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: list[str]) -> GridGround:
+def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: tuple[str, ...]) -> GridGround:
     """A raster without a projection: in local metres, or, with large coordinates, in metres about its middle."""
     note = "coordinates taken as local metres"
     if max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.local_frame import check_near, ranges
 
 Array = NDArray[np.float64]
+
+#: Distance (m) from the middle of a survey beyond which a position is wrong.
+_APART_M = 1_000_000.0
 
 
 def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
@@ -56,9 +60,25 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             "not projected ones (UTM): give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
+    check_together(path, north, east, lines)
     return grid_soundings(
         north, east, depth, config, name=path.name, origin=locations.origin, notes=(notes_on_depth, *locations.notes)
     )
+
+
+def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] | NDArray[np.int64]) -> None:
+    """Checks that no sounding lies absurdly far from the others.
+
+    Raises:
+        GroundError: naming the line of the first that does.
+    """
+    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east)))
+    far = np.flatnonzero(~(away <= _APART_M))
+    if len(far):
+        raise GroundError(
+            f"{path}:{lines[far[0]]}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
+            f"{_APART_M / 1000:g} km from the others, as on {len(far)} lines. Correct or remove them"
+        )
 
 
 def _round_middle(values: Array) -> float:

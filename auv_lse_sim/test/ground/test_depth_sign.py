@@ -47,7 +47,9 @@ def test_a_raster_above_sea_level_is_not_taken_as_deep(tmp_path, fill):
     height = 1200.0 + 0.75 * height  # 1170 to 1230 m
     height[:3] = fill
     path = write_grid(tmp_path / "g.asc", axis, height)
-    with pytest.raises(GroundError, match=r"to 1230.* m: elevations above sea level, or depths\?.*water_level_m"):
+    with pytest.raises(
+        GroundError, match=r"to 1230.* m, none near 0: depths, .*--depths, or --elevations --water-level"
+    ):
         load_ground(path)
     height[:3] = np.nan
     path = write_grid(path, axis, height)
@@ -65,7 +67,7 @@ def test_named_elevations_above_sea_level_need_the_water_level(tmp_path, ending)
     path = write_grid(tmp_path / f"g.{ending}", axis, 1200.0 + 0.75 * height)
     with pytest.raises(
         GroundError,
-        match=rf"g\.{ending}: elevation_m from 11\d\d.* to 1230.*none below .* at 0 m;.*set .*water_level_m",
+        match=rf"g\.{ending}: elevation_m from 11\d\d.* to 1230.*none below .* at 0 m\..*--water-level M",
     ):
         load_ground(path)
     config = BathymetryConfig(water_level_m=1200.0, smoothing_m=0.0)
@@ -88,7 +90,7 @@ def test_marks_for_no_data_are_unknown(tmp_path, ending, mark):
     axis = np.arange(0.0, 401.0, 10.0)
     depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
     depth[:, 20:] = mark
-    path = write_grid(tmp_path / f"g.{ending}", axis, depth, "depth_m")
+    path = write_grid(tmp_path / f"depth.{ending}", axis, depth, "depth_m")
     if ending == "asc":  # the header names another value
         path.write_text(path.read_text().replace("NODATA_value -9999", "NODATA_value -1"))
     ground = load_ground(path)

@@ -13,8 +13,8 @@ def test_ascii_grid_in_metres(tmp_path, corner, shift):
     axis = np.arange(0.0, 401.0, 10.0)
     depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
     depth[:, 39:] = np.nan
-    (tmp_path / "g.asc").write_text(ascii_text(depth, shift, shift, 10.0, corner))
-    ground = load_ground(tmp_path / "g.asc")
+    (tmp_path / "depth.asc").write_text(ascii_text(depth, shift, shift, 10.0, corner))
+    ground = load_ground(tmp_path / "depth.asc")
     check_bottom(ground, tolerance=0.05)
     assert np.isnan(ground.depth_m(200.0, 395.0))
     (tmp_path / "e.asc").write_text(ascii_text(-depth, shift, shift, 10.0, corner))
@@ -30,8 +30,8 @@ def test_ascii_grid_in_degrees(tmp_path):
     from auv_lse_common.vocabulary.frames import local_from_geodetic
 
     north, east = local_from_geodetic(*np.meshgrid(lat, lon, indexing="ij"), lat0, lon0)
-    (tmp_path / "g.asc").write_text(ascii_text(bottom(north, east), 7.0, 45.0, step, "xllcenter"))
-    ground = load_ground(tmp_path / "g.asc")
+    (tmp_path / "depth.asc").write_text(ascii_text(bottom(north, east), 7.0, 45.0, step, "xllcenter"))
+    ground = load_ground(tmp_path / "depth.asc")
     assert ground.origin == pytest.approx((lat0, lon0), abs=1e-9)
     n, e = np.random.default_rng(1).uniform(-200, 200, (2, 200))
     assert np.abs(ground.depth_m(n, e) - bottom(n, e)).max() < 0.1
@@ -43,12 +43,12 @@ def test_ascii_grid_with_a_projection(tmp_path):
     x0, y0 = to_utm.transform(9.3, 47.5)
     axis = np.arange(0.0, 401.0, 10.0)
     depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
-    (tmp_path / "g.asc").write_text(ascii_text(depth, x0, y0, 10.0, "xllcenter"))
-    (tmp_path / "g.prj").write_text(pyproj.CRS("EPSG:32632").to_wkt("WKT1_ESRI"))
-    ground = load_ground(tmp_path / "g.asc", origin=(47.5, 9.3))
+    (tmp_path / "depth.asc").write_text(ascii_text(depth, x0, y0, 10.0, "xllcenter"))
+    (tmp_path / "depth.prj").write_text(pyproj.CRS("EPSG:32632").to_wkt("WKT1_ESRI"))
+    ground = load_ground(tmp_path / "depth.asc", origin=(47.5, 9.3))
     # UTM's north is 0.22 deg from true north here, its scale 1.0002 off: 1.6 m at most over this grid.
     check_bottom(ground, low=20.0, high=380.0, tolerance=0.35)
-    far = tmp_path / "f.asc"
+    far = tmp_path / "depth2.asc"
     far.write_text(ascii_text(depth, x0, y0, 10.0, "xllcenter"))
     shifted = load_ground(far)
     assert "no projection given" in shifted.describe()
@@ -77,11 +77,11 @@ def test_geotiff(tmp_path):
     depth = bottom(*np.meshgrid(axis, axis, indexing="ij")).astype("float32")
     transform = rasterio.transform.from_origin(500_000.0, 5_200_000.0, 10.0, 10.0)
     options = {"driver": "GTiff", "width": 41, "height": 41, "count": 1, "dtype": "float32", "transform": transform}
-    with rasterio.open(tmp_path / "g.tif", "w", crs="EPSG:32632", nodata=-1.0, **options) as file:
+    with rasterio.open(tmp_path / "depth.tif", "w", crs="EPSG:32632", nodata=-1.0, **options) as file:
         file.write(depth[::-1], 1)
-    ground = load_ground(tmp_path / "g.tif")
+    ground = load_ground(tmp_path / "depth.tif")
     assert ground.origin is not None
     check_bottom(ground, offset=(200.0, 200.0), tolerance=0.3)
     (tmp_path / "bad.tif").write_bytes(b"nothing")
-    with pytest.raises(GroundError, match="not a readable GeoTIFF"):
+    with pytest.raises(GroundError, match="not a readable raster"):
         load_ground(tmp_path / "bad.tif")

@@ -34,8 +34,9 @@ class AreaConfig:
     shore_depth_m: float = parameter(0.0, unit="m", help="Depth along the shore.")
     file: str | None = parameter(
         None,
-        help="Instead of polygon_m: a GeoJSON, KML or QGroundControl .plan file with the area, no-go areas, starts and "
-        "recovery positions (docs/guide/your-own-lake.md). Relative to the mission file.",
+        help="Instead of polygon_m: a file with the area, no-go areas, starts and recovery positions, such as GeoJSON, "
+        "KML, GPX, GeoPackage, shapefile or a QGroundControl plan (docs/guide/your-own-lake.md). Relative to the "
+        "mission file.",
     )
     polygon_deg: tuple[float, ...] = parameter(
         (), unit="deg", help="Instead of polygon_m: the corners' latitude, longitude, latitude, longitude, ..."
@@ -99,8 +100,8 @@ class AreaConfig:
 def metres_only(key: str, value: object) -> str:
     """The message of a node that gets positions in degrees, which are converted where a mission file is read."""
     return (
-        f"{key}: got {value!r}; expected positions in metres, since nodes and --set take no others. Give it in a "
-        "mission file, and start with scripts/mission, scripts/sim or scripts/vehicle, which convert it"
+        f"{key} is {value!r}, but nodes and --set take metres only. Give it in a mission file, and start with "
+        "scripts/mission or scripts/sim, which convert it"
     )
 
 

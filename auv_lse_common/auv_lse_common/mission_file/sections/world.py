@@ -227,7 +227,9 @@ class BathymetryConfig:
     """Source of the ground, and how a file is read."""
 
     file: str = parameter(
-        "", help="bathymetry: CSV of soundings, npz grid, ESRI ASCII grid (.asc) or GeoTIFF; empty: the synthetic lake"
+        "",
+        help="bathymetry: CSV or XYZ of soundings, npz grid, ESRI ASCII grid (.asc), GeoTIFF, netCDF, BAG or S-102; "
+        "empty: the synthetic lake",
     )
     resolution_m: float = parameter(
         5.0, above=0.0, high=500.0, unit="m", help="node spacing to which soundings are gridded"

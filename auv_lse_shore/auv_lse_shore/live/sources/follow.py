@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.parameters import nest
 from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.recording import RecordingError
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.recording import find_parameters, open_recording
@@ -45,7 +46,7 @@ class RecordingFollower:
         if mission is None:
             patterns, where = find_parameters(recording)
         else:
-            patterns, where = without_retired(read_parameter_file(mission)), str(mission)
+            patterns, where = without_retired(read_parameter_file(mission, read_area)), str(mission)
         self.settings = Settings.from_patterns(patterns, where)
         folder = recording if recording.is_dir() else recording.parent
         run = folder.parent if folder.name == "bag" else recording

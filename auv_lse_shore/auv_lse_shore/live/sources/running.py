@@ -12,6 +12,7 @@ from typing import Any
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.recording import RecordingError
 from auv_lse_run.process.domain import busy_domains, dive_on, run_on
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
@@ -110,7 +111,7 @@ class MissionFollower:
                 f"ROS domain {found.domain} got no mission file, because its mission was not started on this machine; "
                 "expected one. Name it: --mission FILE"
             )
-        return Settings.load(self._mission or (found.run or Path()) / "mission.yaml")
+        return Settings.load(self._mission or (found.run or Path()) / "mission.yaml", read_area=read_area)
 
     def _follow(self, found: RunningMission, stop: threading.Event) -> bool:
         """Follows a mission to its end; returns whether another mission has begun on its domain."""

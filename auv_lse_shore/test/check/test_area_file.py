@@ -1,4 +1,4 @@
-"""Positions from GeoJSON, KML and QGroundControl files, and in degrees in a mission file."""
+"""Areas from GeoJSON, KML and QGroundControl files."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import pytest
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.positions_file import read_positions
-from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.input_bounds import MAX_CORNERS
 from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.areas.area_file import read_area
 
 LAKE = [[8.500, 47.300], [8.508, 47.300], [8.508, 47.305], [8.500, 47.305]]
 ISLAND = [[8.503, 47.302], [8.504, 47.302], [8.504, 47.303]]
@@ -67,7 +66,7 @@ def lat_lon(positions):
 @pytest.mark.parametrize(("name", "text"), [("lake.geojson", GEOJSON), ("lake.json", GEOJSON), ("lake.kml", KML)])
 def test_geojson_and_kml_give_the_same_positions(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    positions = read_positions(tmp_path / name)
+    positions = read_area(tmp_path / name)
     np.testing.assert_array_equal(positions.area, lat_lon(LAKE))
     assert list(positions.no_go) == ["no_go_pier", "hole_1"]
     np.testing.assert_array_equal(positions.no_go["hole_1"], lat_lon(ISLAND))
@@ -89,12 +88,13 @@ def test_qgroundcontrol_plan_has_a_fence_and_rally_points(tmp_path):
         "rallyPoints": {"points": [[*RECOVERY[::-1], 0.0]]},
     }
     (tmp_path / "lake.plan").write_text(json.dumps(plan))
-    positions = read_positions(tmp_path / "lake.plan")
+    positions = read_area(tmp_path / "lake.plan")
     np.testing.assert_array_equal(positions.area, lat_lon(LAKE))
     assert positions.recoveries == {0: tuple(RECOVERY[::-1])}
     circle = positions.no_go["no_go_circle_1"]
     north, east = local_from_geodetic(circle[:, 0], circle[:, 1], 47.304, 8.505)
-    np.testing.assert_allclose(np.hypot(north, east), 25.0, atol=1e-6)
+    edges = np.stack([north + np.roll(north, 1), east + np.roll(east, 1)]) / 2.0
+    np.testing.assert_allclose(np.hypot(*edges), 25.0, atol=1e-5, err_msg="no part of the circle is outside")
 
 
 SHORE = [[8.500, 47.300], [8.508, 47.300]]
@@ -116,7 +116,7 @@ SHORE = [[8.500, 47.300], [8.508, 47.300]]
 )
 def test_a_line_named_shore_is_the_shore(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    found = Settings.load(None, {"area.file": str(tmp_path / name)})
+    found = Settings.load(None, {"area.file": str(tmp_path / name)}, read_area)
     corners = np.reshape(found.area.shore["shore_1"], (-1, 2))
     assert found.area.shore_depth_m == 0.0
     np.testing.assert_allclose(corners[:, 0], min(found.area.polygon_m[::2]), atol=0.02)
@@ -127,35 +127,35 @@ def test_a_polygon_may_be_the_shore(tmp_path):
     (tmp_path / "lake.geojson").write_text(
         geojson(feature("lake", "Polygon", [LAKE]), feature("shoreline", "Polygon", [[*LAKE, LAKE[0]], ISLAND]))
     )
-    positions = read_positions(tmp_path / "lake.geojson")
+    positions = read_area(tmp_path / "lake.geojson")
     assert [len(shore) for shore in positions.shores] == [5, 4]
     assert not positions.no_go
 
 
 BAD = {
     "swapped": (geojson(feature("a", "Polygon", [[[47.3, 108.5], [47.4, 108.5], [47.4, 108.6]]])), "swapped"),
-    "one_swapped": (geojson(feature("a", "Polygon", [[*LAKE[:3], [47.3, 8.5]]])), "swapped in one of them"),
+    "one_swapped": (geojson(feature("a", "Polygon", [[*LAKE[:3], [47.3, 8.5]]])), "swapped in one of its features"),
     "two_areas": (
         geojson(feature("a", "Polygon", [LAKE]), feature("b", "Polygon", [ISLAND])),
         "'a', 'b'. Name it",
     ),
     "two_starts": (geojson(feature("start 1", "Point", START), feature("start 1", "Point", START)), "second start"),
-    "nothing": (geojson(feature("harbor", "Point", START)), "no usable position"),
-    "empty": ("", "is not valid geojson"),
-    "not_json": ("{", "is not valid geojson"),
-    "a_list": ("[1, 2]", "is not valid geojson"),
-    "text_as_coordinates": (geojson(feature("a", "Polygon", "x")), "is not valid geojson"),
+    "nothing": (geojson(feature("harbor", "Point", START)), "has no polygon, only 'harbor'"),
+    "empty": ("", "is empty"),
+    "not_json": ("{", "is damaged.*Expecting property name"),
+    "a_list": ("[1, 2]", "is a list, not GeoJSON"),
+    "text_as_coordinates": (geojson(feature("a", "Polygon", "x")), "is damaged"),
     "nan": (geojson(feature("a", "Polygon", [[[8.5, float("nan")], [8.6, 47.0], [8.6, 47.1]]])), "latitude nan"),
     "no_corners": (geojson(feature("a", "Polygon", [[]])), "polygon 'a' has no corners"),
-    "huge_number": (geojson(feature("a", "Polygon", [[[10**400, 47.0], [8.6, 47.0]]])), "is not valid geojson"),
+    "huge_number": (geojson(feature("a", "Polygon", [[[10**400, 47.0], [8.6, 47.0]]])), "is damaged"),
     "endless_number": (geojson(feature("start " + 5000 * "9", "Point", START)), "no number of a vehicle"),
     "other_crs": (
-        json.dumps({"type": "FeatureCollection", "crs": {"properties": {"name": "EPSG:2056"}}, "features": []}),
-        "expected WGS84",
+        json.dumps({"type": "FeatureCollection", "crs": {"properties": {"name": "my own"}}, "features": []}),
+        "Export it as EPSG:4326",
     ),
     "many_corners": (
         geojson(feature("a", "Polygon", [[[8.0 + i * 1e-5, 47.0] for i in range(MAX_CORNERS + 1)]])),
-        f"at most {MAX_CORNERS}",
+        "'a' has 2,001 corners",
     ),
 }
 
@@ -164,7 +164,7 @@ BAD = {
 def test_unusable_file_is_named_with_its_reason(tmp_path, text, expected):
     (tmp_path / "lake.geojson").write_text(text)
     with pytest.raises(ParameterError, match=expected) as error:
-        read_positions(tmp_path / "lake.geojson")
+        read_area(tmp_path / "lake.geojson")
     assert str(tmp_path / "lake.geojson") in str(error.value)
 
 
@@ -172,11 +172,11 @@ def test_kml_with_entities_and_files_of_other_kinds_are_refused(tmp_path):
     (tmp_path / "a.kml").write_text('<!DOCTYPE x [<!ENTITY a "aaaa">]>' + KML.partition("?>")[2])
     (tmp_path / "a.shp").write_text("")
     with pytest.raises(ParameterError, match="document type"):
-        read_positions(tmp_path / "a.kml")
-    with pytest.raises(ParameterError, match=r"got a file \.shp; expected GeoJSON"):
-        read_positions(tmp_path / "a.shp")
+        read_area(tmp_path / "a.kml")
+    with pytest.raises(ParameterError, match=r"is empty\. Save the area as GeoJSON, KML"):
+        read_area(tmp_path / "a.shp")
     with pytest.raises(ParameterError, match="cannot be read"):
-        read_positions(tmp_path / "missing.kml")
+        read_area(tmp_path / "missing.kml")
 
 
 def mission(tmp_path, text):
@@ -188,7 +188,7 @@ def mission(tmp_path, text):
 def test_mission_file_names_a_file_of_positions_beside_it(tmp_path):
     (tmp_path / "lake.kml").write_text(KML)
     path = mission(tmp_path, "/**:\n  ros__parameters:\n    area: {file: lake.kml}\n    mission: {vehicles: 2}\n")
-    settings = Settings.load(path)
+    settings = Settings.load(path, read_area=read_area)
     origin = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     assert origin == (47.3025, 8.504)
     north, east = local_from_geodetic(*lat_lon(LAKE).T, *origin)
@@ -203,71 +203,22 @@ def test_mission_file_names_a_file_of_positions_beside_it(tmp_path):
     assert Settings.load(again).area == settings.area
 
 
-def test_mission_file_gives_positions_in_degrees(tmp_path):
-    path = mission(
-        tmp_path,
-        "/**:\n  ros__parameters:\n    area: {origin_lat_deg: 47.3, origin_lon_deg: 8.5,\n"
-        "      polygon_deg: [47.3, 8.5, 47.305, 8.5, 47.305, 8.508],\n"
-        "      no_go_deg: {pier: [47.302, 8.501, 47.303, 8.501, 47.303, 8.502]}}\n"
-        "    vehicle.recovery_deg: [47.301, 8.501]\n"
-        "/auv2/**:\n  ros__parameters:\n    vehicle: {start_deg: [47.304, 8.502]}\n",
-    )
-    settings = Settings.load(path)
-    assert settings.area.polygon_m[:2] == (0.0, 0.0)
-    assert list(settings.area.no_go) == ["pier"]
-    assert settings.vehicle(1).vehicle.recovery_north_m == pytest.approx(111.2, abs=0.1)
-    assert settings.vehicle(2).vehicle.start_north_m == pytest.approx(444.8, abs=0.1)
-    assert settings.vehicle(1).vehicle.start_north_m == 0.0
-
-
-@pytest.mark.parametrize(
-    ("area", "expected"),
-    [
-        (
-            "{polygon_deg: [47.3, 8.5, 47.4, 8.5, 47.4, 8.6], polygon_m: [0.0, 0.0, 9.0, 0.0, 1.0]}",
-            "area.polygon_deg are both",
-        ),
-        ("{polygon_deg: [47.3, 8.5, 47.4]}", "area.polygon_deg: got 3 numbers"),
-        ("{polygon_deg: 3}", "area.polygon_deg: got 3; expected latitude"),
-        ("{polygon_deg: [1%s, 8.5]}" % (400 * "0"), "area.polygon_deg: got"),
-        ("{polygon_deg: [47.3, 8.5], origin_lat_deg: .nan, origin_lon_deg: 8.5}", "area.origin_.*latitude nan"),
-        ("{polygon_deg: [47.3, 8.5], origin_lat_deg: 95.0, origin_lon_deg: 8.5}", "area.origin_.*latitude 95"),
-        ("{polygon_deg: [47.3, 8.5], no_go: 5, no_go_deg: {pier: [47.3, 8.5]}}", "area.no_go: got 5"),
-        ("{file: 3}", "area.file: got 3; expected the name"),
-        ("{file: nowhere.kml}", "area.file: .*cannot be read"),
-        ("{no_go_deg: [1.0]}", "area.no_go_deg"),
-        (
-            "{polygon_m: [0.0, 0.0, 9.0, 0.0, 9.0, 9.0], no_go_deg: {pier: [47.3, 8.5, 47.3, 8.6, 47.4, 8.6]}}",
-            "expected both",
-        ),
-    ],
-)
-def test_impossible_positions_name_their_key(tmp_path, area, expected):
-    path = mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {area}\n")
-    with pytest.raises(ParameterError, match=expected) as error:
-        read_parameter_file(path)
-    assert str(path) in str(error.value)
-
-
-def test_nodes_take_metres_only():
-    with pytest.raises(ParameterError, match="expected positions in metres"):
-        AreaConfig(file="lake.kml")
-
-
 @pytest.mark.parametrize(
     ("name", "is_area"),
     [("Islander bay", True), ("Lugano Golf", True), ("Homestead", True), ("island", False), ("no go: pier", False)],
 )
 def test_only_whole_words_name_a_no_go_area(tmp_path, name, is_area):
     (tmp_path / "lake.geojson").write_text(geojson(feature(name, "Polygon", [LAKE])))
-    assert (read_positions(tmp_path / "lake.geojson").area is not None) == is_area
+    assert (read_area(tmp_path / "lake.geojson").area is not None) == is_area
 
 
 def test_a_file_without_an_operating_area_needs_the_mission_files(tmp_path):
     (tmp_path / "lake.geojson").write_text(geojson(feature("island", "Polygon", [ISLAND])))
     area = "origin_lat_deg: 47.3, origin_lon_deg: 8.5, file: lake.geojson"
     with pytest.raises(ParameterError, match="no polygon is the operating area"):
-        read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}}}\n"))
+        read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}}}\n"), read_area)
     polygon = "polygon_m: [0.0, 0.0, 900.0, 0.0, 900.0, 900.0]"
-    read = read_parameter_file(mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}, {polygon}}}\n"))
+    read = read_parameter_file(
+        mission(tmp_path, f"/**:\n  ros__parameters:\n    area: {{{area}, {polygon}}}\n"), read_area
+    )
     assert list(read["/**"]["area"]["no_go"]) == ["island"]

@@ -8,7 +8,7 @@ import pytest
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.positions_file import read_positions
+from auv_lse_shore.areas.area_file import read_area
 
 LAKE = [[8.500, 47.300], [8.508, 47.300], [8.508, 47.305], [8.500, 47.305], [8.500, 47.300]]
 ISLANDS = [
@@ -55,22 +55,23 @@ def test_several_rings_in_one_inner_boundary_are_all_no_go(tmp_path):
         tmp_path / "a.kml",
         f"<name>Survey</name><Polygon>{boundary('outer', LAKE)}{boundary('inner', *ISLANDS)}</Polygon>",
     )
-    positions = read_positions(path)
+    positions = read_area(path)
     assert [ring[0, 1] for ring in positions.no_go.values()] == [island[0][0] for island in ISLANDS]
 
 
 def test_a_second_outer_ring_is_refused(tmp_path):
     path = kml(tmp_path / "a.kml", f"<name>Survey</name><Polygon>{boundary('outer', LAKE, ISLANDS[0])}</Polygon>")
     with pytest.raises(ParameterError, match="'Survey' has 2 outer rings"):
-        read_positions(path)
+        read_area(path)
 
 
-def test_a_ring_without_a_polygon_is_used_or_listed(tmp_path):
+def test_a_ring_without_a_polygon_is_used(tmp_path):
     lake = f"<name>lake</name><Polygon>{boundary('outer', LAKE)}</Polygon>"
-    path = kml(tmp_path / "a.kml", lake, f"<name>no-go pier</name>{ring(ISLANDS[0])}", f"<name>?</name>{ring(LAKE)}")
-    positions = read_positions(path)
-    assert list(positions.no_go) == ["no_go_pier"]
-    assert positions.ignored == ["?"]
+    path = kml(
+        tmp_path / "a.kml", lake, f"<name>no-go pier</name>{ring(ISLANDS[0])}", f"<name>no-go</name>{ring(ISLANDS[1])}"
+    )
+    positions = read_area(path)
+    assert list(positions.no_go) == ["no_go_pier", "no_go"]
 
 
 @pytest.mark.parametrize(
@@ -91,11 +92,11 @@ def test_a_ring_without_a_polygon_is_used_or_listed(tmp_path):
 )
 def test_a_no_go_area_is_recognized_however_it_is_written(tmp_path, known):
     path = geojson(tmp_path / "a.geojson", ({"name": "lake"}, "Polygon", [LAKE]), (known, "Polygon", [ISLANDS[0]]))
-    assert len(read_positions(path).no_go) == 1
+    assert len(read_area(path).no_go) == 1
     alone = geojson(tmp_path / "b.geojson", (known, "Polygon", [ISLANDS[0]]))
-    assert read_positions(alone).area is None
+    assert read_area(alone).area is None
     with pytest.raises(ParameterError, match="no polygon is the operating area"):
-        read_parameter_file(mission(tmp_path, "file: b.geojson, origin_lat_deg: 47.3, origin_lon_deg: 8.5"))
+        read_parameter_file(mission(tmp_path, "file: b.geojson, origin_lat_deg: 47.3, origin_lon_deg: 8.5"), read_area)
 
 
 @pytest.mark.parametrize(
@@ -109,20 +110,20 @@ def test_a_no_go_area_is_recognized_however_it_is_written(tmp_path, known):
 def test_a_zone_that_may_be_either_is_refused(tmp_path, known):
     path = geojson(tmp_path / "a.geojson", (known, "Polygon", [LAKE]))
     with pytest.raises(ParameterError, match="Set its property role to 'area' or 'no-go'"):
-        read_positions(path)
+        read_area(path)
 
 
 @pytest.mark.parametrize("known", [{"name": "Bay", "role": "area", "note": "avoid the island"}, {"name": "Home lake"}])
 def test_an_area_may_mention_other_things(tmp_path, known):
-    assert read_positions(geojson(tmp_path / "a.geojson", (known, "Polygon", [LAKE]))).area is not None
+    assert read_area(geojson(tmp_path / "a.geojson", (known, "Polygon", [LAKE]))).area is not None
 
 
 def test_an_unnamed_zone_beside_a_given_area_is_refused(tmp_path):
     geojson(tmp_path / "a.geojson", ({"name": "Felsen"}, "Polygon", [ISLANDS[0]]))
     with pytest.raises(ParameterError, match=r"polygon_m is given, but the polygon 'Felsen' .*Name it 'no-go"):
-        read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"))
+        read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
     geojson(tmp_path / "a.geojson", ({"name": "no-go Felsen"}, "Polygon", [ISLANDS[0]]))
-    read = read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"))
+    read = read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
     assert list(read["/**"]["area"]["no_go"]) == ["no_go_felsen"]
 
 
@@ -130,7 +131,7 @@ def test_an_area_in_degrees_beside_a_file_is_refused(tmp_path):
     geojson(tmp_path / "a.geojson", ({"name": "no-go rock"}, "Polygon", [ISLANDS[0]]))
     degrees = "polygon_deg: [47.3, 8.5, 47.305, 8.5, 47.305, 8.508]"
     with pytest.raises(ParameterError, match=r"area.file and area.polygon_deg are both given.*no_go_deg"):
-        read_parameter_file(mission(tmp_path, f"file: a.geojson, {degrees}"))
+        read_parameter_file(mission(tmp_path, f"file: a.geojson, {degrees}"), read_area)
 
 
 @pytest.mark.parametrize("given", ["no_go", "no_go_deg"])
@@ -138,19 +139,22 @@ def test_no_go_areas_of_one_name_are_all_kept(tmp_path, given):
     geojson(tmp_path / "a.geojson", ({"name": "island"}, "Polygon", [ISLANDS[0]]))
     corners = {"no_go": "[10.0, 10.0, 20.0, 10.0, 20.0, 20.0]", "no_go_deg": "[47.3, 8.5, 47.301, 8.5, 47.301, 8.501]"}
     text = f"file: a.geojson, {METRES}, {given}: {{island: {corners[given]}}}"
-    assert list(read_parameter_file(mission(tmp_path, text))["/**"]["area"]["no_go"]) == ["island", "island_2"]
+    assert list(read_parameter_file(mission(tmp_path, text), read_area)["/**"]["area"]["no_go"]) == [
+        "island",
+        "island_2",
+    ]
 
 
 @pytest.mark.parametrize(("kind", "positions"), [("Point", LAKE[0]), ("LineString", LAKE[:3])])
 def test_a_no_go_area_that_encloses_nothing_is_refused(tmp_path, kind, positions):
     path = geojson(tmp_path / "a.geojson", ({"name": "lake"}, "Polygon", [LAKE]), ({"name": "no-go"}, kind, positions))
     with pytest.raises(ParameterError, match="a no-go area needs a polygon"):
-        read_positions(path)
+        read_area(path)
 
 
 def test_a_closed_line_is_a_no_go_area_and_its_holes_are_listed(tmp_path):
     lake = ({"name": "lake"}, "Polygon", [LAKE])
-    positions = read_positions(
+    positions = read_area(
         geojson(
             tmp_path / "a.geojson",
             lake,

@@ -1,0 +1,126 @@
+"""Reads an area file; its content, not its suffix, decides how."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from auv_lse_common.mission_file.degrees import AreaContent
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.input_bounds import over_size
+from auv_lse_shore.areas.features import Feature
+from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
+from auv_lse_shore.areas.geojson import geojson_features
+from auv_lse_shore.areas.gpx import gpx_features
+from auv_lse_shore.areas.kml import kml_features, kmz_features
+from auv_lse_shore.areas.plans import corner_list_features, qgc_features, waypoint_features
+from auv_lse_shore.areas.roles import content_of
+from auv_lse_shore.areas.xml_tree import read_xml
+
+KINDS = "GeoJSON, KML, KMZ, GPX, GeoPackage, shapefile, a QGroundControl plan, or a fence or polygon of Mission Planner"
+#: Largest size of an area file.
+MAX_BYTES = 20_000_000
+_GDAL = {b"SQLite format 3\0": "GeoPackage", b"\x00\x00\x27\x0a": "shapefile"}
+_CORNER_LISTS = (".poly", ".fen", ".ral")
+#: Largest number of ignored features that are listed by name.
+_MAX_LISTED = 8
+
+
+class AreaFiles:
+    """Reads area files, and remembers what was used and ignored of each.
+
+    Attributes:
+        read: The content of each file that was read, in order.
+    """
+
+    def __init__(self) -> None:
+        """Nothing was read yet."""
+        self.read: list[tuple[Path, AreaContent]] = []
+
+    def __call__(self, path: Path) -> AreaContent:
+        """Reads a file; see `read_area`."""
+        content = read_area(path)
+        self.read.append((path, content))
+        return content
+
+    def notes(self) -> list[str]:
+        """Sentences about the file that was read last; none if there is none."""
+        return [text for path, content in self.read[-1:] for text in notes_on(path, content)]
+
+
+def read_area(path: str | Path) -> AreaContent:
+    """Reads the operating area, no-go areas, starts and recovery positions of a file.
+
+    Raises:
+        ParameterError: if the file is missing, too large or of another kind, or something in it is impossible.
+    """
+    path = Path(path)
+    try:
+        if problem := over_size(path, MAX_BYTES):
+            raise ParameterError(f"{problem}. Leave only the area and the no-go areas")
+        data = path.read_bytes()
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        return content_of(list(_features(data, path)), str(path))
+    except ParameterError:
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
+        raise ParameterError(
+            f"{path}: is damaged, or not what it seems: {type(error).__name__}: {error}. Export it again, as {KINDS}"
+        ) from error
+
+
+def _features(data: bytes, path: Path) -> Iterator[Feature]:
+    where = str(path)
+    if data[:4] == b"PK\x03\x04":
+        return kmz_features(data, where) if b".kml" in data.lower() else zipped_features(data, where)
+    if any(data.startswith(magic) for magic in _GDAL):
+        return gdal_features(path, where)
+    text = _text(data)
+    begin = text.lstrip()[:1]
+    if begin == "<":
+        root = read_xml(data, where)
+        if root.tag not in ("kml", "gpx"):
+            raise ParameterError(f"{where}: is XML of the kind {root.tag[:40]!r}. Save the area as {KINDS}")
+        return kml_features(root, where) if root.tag == "kml" else gpx_features(root, where)
+    if begin in ("{", "["):
+        found = json.loads(text)
+        if not isinstance(found, Mapping):
+            raise ParameterError(f"{where}: is a list, not GeoJSON. Save the area as {KINDS}")
+        is_plan = "fileType" in found or "geoFence" in found
+        return qgc_features(found, where) if is_plan else geojson_features(found, where)
+    if text.lstrip().startswith("QGC WPL"):
+        return waypoint_features(text.lstrip(), where)
+    if path.suffix.lower() in _CORNER_LISTS:
+        return corner_list_features(text, where, path.suffix.lower())
+    what = "is empty" if not data.strip() else f"is no area file that is known ({path.suffix or 'no suffix'})"
+    raise ParameterError(f"{where}: {what}. Save the area as {KINDS}")
+
+
+def _text(data: bytes) -> str:
+    """A file's text: UTF-8, UTF-16 with its mark, else Windows' letters."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def notes_on(path: Path, content: AreaContent) -> list[str]:
+    """Sentences about what was used and ignored of a file."""
+    used = [f"the area {content.area_name!r}" if content.area_name else "the area"] if content.area is not None else []
+    used += [f"no-go area {name}" for name in content.no_go]
+    used += ["the shore"] if content.shores else []
+    used += [f"start of auv{number}" for number in sorted(content.starts)]
+    used += [
+        f"recovery position of {f'auv{number}' if number else 'all vehicles'}" for number in sorted(content.recoveries)
+    ]
+    notes = [f"{path.name}: used {', '.join(used)}", *(f"{path.name}: {note}" for note in content.notes)]
+    if content.ignored:
+        names = [repr(name) for name in content.ignored[:_MAX_LISTED]]
+        more = f" and {len(content.ignored) - _MAX_LISTED} more" if len(content.ignored) > _MAX_LISTED else ""
+        notes.append(f"{path.name}: ignored {', '.join(names)}{more}")
+    return notes

@@ -1,0 +1,117 @@
+"""The features of an area file: polygons, lines and points with the text that says what they are for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.parameters import ParameterError
+
+Array = NDArray[np.float64]
+
+#: Properties that state what a feature is, most explicit first, and those that name it; capitals do not count.
+_ROLE_KEYS = ("role", "type", "kind", "class", "category", "zone", "use", "usage")
+_NAME_KEYS = ("name", "title", "label", "id")
+_TRUE, _FALSE = ("true", "yes", "1", "1.0"), ("false", "no", "0", "0.0")
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A polygon, a line or a point in WGS84 degrees; corners are (n, 2) latitude, longitude.
+
+    Attributes:
+        name: Its name in the file.
+        role_text: What its properties state about its use.
+        folder: Names of the folders or the layer it is in.
+        other_text: All other text of its properties.
+        flags: Properties that are true.
+        rings: Those of a polygon, the outer one first, then its holes.
+        line: A line.
+        point: Latitude, longitude.
+        closes: Whether a line that is open may be closed to an outline: "" (no), "route" or "track".
+    """
+
+    name: str
+    role_text: str = ""
+    folder: str = ""
+    other_text: str = ""
+    flags: tuple[str, ...] = ()
+    rings: tuple[Array, ...] = ()
+    line: Array | None = None
+    point: tuple[float, float] | None = None
+    closes: str = ""
+
+
+def words(text: str) -> str:
+    """Text in lower case with its words separated by single blanks: 'NoGo_1' becomes 'no go 1'."""
+    return re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower().strip()
+
+
+def named_feature(properties: Mapping[str, Any], folder: str = "") -> Feature:
+    """A feature without a geometry, with the texts of its properties.
+
+    A true property counts with its key, such as `no_go: true`; a false one with the opposite: `inclusion: false`.
+    """
+    said: dict[str, str] = {}
+    flags: list[str] = []
+    for key, value in properties.items():
+        word = words(str(key))
+        text = "" if value is None else str(value).strip()
+        if text.lower() in _TRUE and word not in _NAME_KEYS:
+            flags.append(word)
+        elif text.lower() in _FALSE and word not in _NAME_KEYS:
+            flags += ["exclusion"] if word.startswith("inclu") else []
+        elif isinstance(value, str | int | float) and text:
+            said[word] = text
+    name = next((said[key] for key in _NAME_KEYS if key in said), "")
+    role = " ".join(said.pop(key) for key in _ROLE_KEYS if key in said)
+    other = " ".join(text for key, text in said.items() if key not in _NAME_KEYS)
+    return Feature(name, role_text=role, folder=folder, other_text=other, flags=tuple(flags))
+
+
+def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str) -> Iterator[Feature]:
+    """The features of a GeoJSON geometry, one for each polygon, line and point in it.
+
+    Raises:
+        ParameterError: for a kind of geometry that is not known.
+        KeyError, TypeError, ValueError: if it is not GeoJSON.
+    """
+    if geometry is None:
+        yield replace(named, name=named.name or "without a geometry")
+        return
+    kind = str(geometry["type"])
+    if kind == "GeometryCollection":
+        for inner in geometry["geometries"]:
+            yield from with_geometry(named, inner, where)
+        return
+    single = kind.removeprefix("Multi")
+    parts = geometry["coordinates"] if kind != single else [geometry["coordinates"]]
+    for part in parts:
+        if single == "Polygon":
+            yield replace(named, rings=tuple(ring_of(ring) for ring in part))
+        elif single == "LineString":
+            yield replace(named, line=line_of(part))
+        elif single == "Point" and len(part):
+            yield replace(named, point=(float(part[1]), float(part[0])))
+        elif single == "Point":
+            yield named
+        else:
+            raise ParameterError(f"{where}: {named.name!r} is a {kind}, which is not read. Save it as a polygon")
+
+
+def ring_of(corners: Sequence[Sequence[float]]) -> Array:
+    """Corners (n, 2) lat, lon of a ring of longitude, latitude, without repeated ones."""
+    ring = line_of(corners)
+    if len(ring) > 1:
+        ring = ring[np.r_[True, (np.diff(ring, axis=0) != 0.0).any(axis=1)]]
+    return ring[:-1] if len(ring) > 3 and np.array_equal(ring[0], ring[-1]) else ring
+
+
+def line_of(corners: Sequence[Sequence[float]]) -> Array:
+    """Corners (n, 2) lat, lon of a list of longitude, latitude."""
+    return np.array([(float(corner[1]), float(corner[0])) for corner in corners]).reshape(-1, 2)

@@ -1,0 +1,41 @@
+"""GeoJSON, with the CRS that older files name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_shore.areas.features import Feature, named_feature, with_geometry
+from auv_lse_shore.areas.projection import to_degrees
+
+
+def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
+    """The features of a GeoJSON document.
+
+    Raises:
+        ParameterError: if its CRS or a kind of geometry is not understood.
+        KeyError, TypeError, ValueError: if it is not GeoJSON.
+    """
+    if "type" not in data:
+        raise ParameterError(f"{where}: has no type, so it is not GeoJSON. Export it as GeoJSON or KML")
+    layer = str(data.get("name") or "")
+    convert = to_degrees(_crs(data.get("crs")), where)
+    for number, feature in enumerate(data["features"] if data["type"] == "FeatureCollection" else [data], 1):
+        is_feature = feature["type"] == "Feature"
+        properties = dict((is_feature and feature.get("properties")) or {})
+        if is_feature and "id" in feature and not any(str(key).lower() in ("id", "name") for key in properties):
+            properties["id"] = feature["id"]
+        named = named_feature(properties, layer)
+        if not named.name:
+            named = named_feature({**properties, "name": f"feature {number}"}, layer)
+        geometry = feature.get("geometry") if is_feature else feature
+        yield from map(convert, with_geometry(named, geometry, where))
+
+
+def _crs(crs: Any) -> str | None:
+    """The name of the member `crs`; None: WGS84 longitude and latitude."""
+    if not crs:
+        return None
+    named = crs.get("properties", {}).get("name") if isinstance(crs, Mapping) else None
+    return str(named or crs)

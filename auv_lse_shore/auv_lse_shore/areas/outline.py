@@ -1,0 +1,58 @@
+"""The polygon that a line encloses: a drawn path, a route of corners, or a track along the border."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+
+Array = NDArray[np.float64]
+
+#: Largest gap between the ends of a track, as a share of its length.
+_MAX_GAP = 0.1
+#: Least share of the enclosed ground that one loop of the line must have; the others are small loops of a GPS track.
+_MAIN_LOOP = 0.95
+#: Corners of a recorded track closer than this (m) to the simplified one are left out.
+_TOLERANCE_M = 0.5
+
+
+def outline(line: Array, closes: str, where: str) -> tuple[Array, str]:
+    """The corners (n, 2) of the polygon inside a line (m, 2), both in degrees, and a note on how it was made.
+
+    Args:
+        line: Latitude, longitude along it.
+        closes: "route": its corners are those of the polygon; "track": recorded on the way around; "": closed already.
+        where: The file and the line, for messages.
+
+    Raises:
+        ParameterError: if it is not closed, or encloses several areas.
+    """
+    if len(line) < 3:
+        raise ParameterError(f"{where} has {len(line)} points; an outline needs 3. Draw a polygon instead")
+    north, east = local_from_geodetic(line[:, 0], line[:, 1], line[0, 0], line[0, 1])
+    length_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
+    gap_m = math.hypot(float(north[-1] - north[0]), float(east[-1] - east[0]))
+    if closes == "track" and gap_m > _MAX_GAP * length_m:
+        raise ParameterError(
+            f"{where} is a track whose ends lie {gap_m:.0f} m apart. Draw a polygon, or a route of the area's corners"
+        )
+    if closes != "track":
+        ring = line[:-1] if len(line) > 3 and np.array_equal(line[0], line[-1]) else line
+        return ring, f", closed over {gap_m:.0f} m" if gap_m > 0.0 else ""
+    import shapely  # slow to import, and rarely needed
+
+    loops = shapely.polygonize([shapely.unary_union(shapely.LinearRing(np.column_stack([east, north])))])
+    merged = shapely.unary_union(loops)
+    parts = sorted(shapely.get_parts(merged), key=lambda part: -part.area)
+    if not parts or parts[0].area < _MAIN_LOOP * sum(part.area for part in parts):
+        raise ParameterError(f"{where} crosses itself and encloses {len(parts)} areas. Draw a polygon instead")
+    main = shapely.Polygon(parts[0].exterior).simplify(_TOLERANCE_M)
+    corners = np.asarray(main.exterior.coords)[:-1]
+    left_out = merged.area - parts[0].area
+    note = f", closed over {gap_m:.0f} m, {len(corners)} of {len(line)} points kept"
+    note += f", {left_out:.0f} m2 of small loops left out" if left_out > 1.0 else ""
+    return np.column_stack(geodetic_from_local(corners[:, 1], corners[:, 0], line[0, 0], line[0, 1])), note

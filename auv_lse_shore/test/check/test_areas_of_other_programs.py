@@ -1,0 +1,286 @@
+"""Area files as other programs write them."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_shore.areas.area_file import read_area
+
+LAKE = [[8.500, 47.300], [8.508, 47.300], [8.508, 47.305], [8.500, 47.305], [8.500, 47.300]]
+PIER = [[8.503, 47.302], [8.504, 47.302], [8.504, 47.303], [8.503, 47.302]]
+AREA = np.array(LAKE[:-1])[:, ::-1]
+
+
+def corners(positions):
+    return " ".join(f"{x},{y},0" for x, y in positions)
+
+
+def polygon(positions):
+    outer = f"<LinearRing><coordinates>{corners(positions)}</coordinates></LinearRing>"
+    return f"<Polygon><outerBoundaryIs>{outer}</outerBoundaryIs></Polygon>"
+
+
+def placemark(name, content):
+    return f"<Placemark><name>{name}</name>{content}</Placemark>"
+
+
+def document(content, head="<?xml version='1.0' encoding='UTF-8'?>", attributes=""):
+    return f'{head}<kml xmlns="http://www.opengis.net/kml/2.2"><Document {attributes}>{content}</Document></kml>'
+
+
+LAKE_AND_PIER = placemark("Lac Léman", polygon(LAKE)) + placemark("no-go pier", polygon(PIER))
+
+
+def read(tmp_path, data, name="a.kml"):
+    path = tmp_path / name
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return read_area(path)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        document(LAKE_AND_PIER, attributes='xsi:schemaLocation="a b"').encode(),
+        document(LAKE_AND_PIER.replace("Polygon>", "gx:Polygon>")).encode(),
+        document(LAKE_AND_PIER, head="<?xml version='1.0' encoding='ISO-8859-1'?>").encode("latin-1"),
+        document(LAKE_AND_PIER, head="<?xml version='1.0' encoding='windows-1252'?>").encode("cp1252"),
+        document(LAKE_AND_PIER, head="<?xml version='1.0' encoding='UTF-16'?>").encode("utf-16"),
+        document(LAKE_AND_PIER, head="<?xml version='1.0' encoding='UTF-16'?>").encode(),
+        document(LAKE_AND_PIER).encode("latin-1"),
+        b"\xef\xbb\xbf\r\n " + document(LAKE_AND_PIER).encode(),
+        document(LAKE_AND_PIER.replace("Lac L", "A&nbsp;&B L")).encode(),
+        document(LAKE_AND_PIER.replace(",", " ,\n ")).encode(),
+        document(f"<Folder><name>A</name><Folder>{LAKE_AND_PIER}</Folder></Folder>").encode(),
+        LAKE_AND_PIER.replace("<Placemark>", "<kml><Placemark>", 1).encode() + b"</kml>",
+    ],
+    ids=["xsi", "gx", "latin-1", "windows-1252", "utf-16", "not utf-16", "not utf-8", "blanks first", "html", "blanks",
+         "folders", "no document"],
+)  # fmt: skip
+def test_kml_is_read_as_programs_write_it(tmp_path, data):
+    content = read(tmp_path, data)
+    np.testing.assert_array_equal(content.area, AREA)
+    assert list(content.no_go) == ["no_go_pier"]
+    assert not content.ignored
+
+
+def test_a_folder_says_what_is_in_it(tmp_path):
+    content = read(
+        tmp_path,
+        document(
+            f"<Folder><name>No-go areas</name>{placemark('Rock', polygon(PIER))}</Folder>"
+            + f"<Folder><name>Survey</name>{placemark('Bay', polygon(LAKE))}</Folder>"
+        ),
+    )
+    assert list(content.no_go) == ["rock"]
+    assert content.area_name == "Bay"
+
+
+def test_every_part_of_a_multigeometry_counts(tmp_path):
+    content = read(
+        tmp_path,
+        document(
+            placemark("Bay", polygon(LAKE))
+            + placemark("islands", f"<MultiGeometry>{polygon(PIER)}{polygon(LAKE[1:])}</MultiGeometry>")
+        ),
+    )
+    assert list(content.no_go) == ["islands", "islands_2"]
+
+
+def test_what_has_no_use_is_listed(tmp_path):
+    content = read(
+        tmp_path,
+        document(
+            placemark("Bay", polygon(LAKE))
+            + placemark("dive spot", "<Point><coordinates>8.5,47.3</coordinates></Point>")
+            + placemark("road", f"<LineString><coordinates>{corners(LAKE[:3])}</coordinates></LineString>")
+            + placemark("tour", f"<gx:Tour><coordinates>{corners(PIER)}</coordinates></gx:Tour>")
+            + "<GroundOverlay><name>chart</name></GroundOverlay><NetworkLink><name>more</name></NetworkLink>"
+            + placemark("nothing", "")
+        ),
+    )
+    assert content.ignored == [
+        "dive spot", "road", "tour (1 coordinates of an unknown kind)", "chart (GroundOverlay)", "more (NetworkLink)",
+        "nothing (without a geometry)",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("<Point><coordinates>8</coordinates></Point>", "'8'"),
+        ("<Polygon></Polygon>", "0 outer rings"),
+        (f"<Polygon><innerBoundaryIs>{polygon(PIER)}</innerBoundaryIs></Polygon>", "0 outer rings"),
+    ],
+)
+def test_coordinates_that_are_none_are_refused_by_name(tmp_path, content, expected):
+    with pytest.raises(ParameterError, match=f"'Bay' has.*{expected}"):
+        read(tmp_path, document(placemark("Bay", content)))
+
+
+def test_kmz_is_unpacked(tmp_path):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("files/icon.png", b"")
+        archive.writestr("doc.kml", document(LAKE_AND_PIER))
+    content = read(tmp_path, packed.getvalue(), "a.kmz")
+    np.testing.assert_array_equal(content.area, AREA)
+    with pytest.raises(ParameterError, match="cannot be unpacked"):
+        read(tmp_path, packed.getvalue()[:-40], "b.kmz")
+
+
+def gdal_file(tmp_path, name, crs="EPSG:4326", **layers):
+    pyogrio = pytest.importorskip("pyogrio")
+    import shapely
+
+    path = tmp_path / name
+    for layer, rings in layers.items():
+        shapes = np.array([shapely.to_wkb(shapely.Polygon(r)) for r in rings.values()])
+        pyogrio.raw.write(
+            path,
+            shapes,
+            [np.array(list(rings), dtype=object)],
+            ["NAME"],
+            layer=layer,
+            crs=crs,
+            geometry_type="Polygon",
+            append=path.exists(),
+        )
+    return path
+
+
+def test_every_layer_of_a_geopackage_counts(tmp_path):
+    content = read_area(gdal_file(tmp_path, "a.gpkg", lakes={"Bay": LAKE}, exclusion_zones={"rock": PIER}))
+    np.testing.assert_array_equal(content.area, AREA)
+    assert list(content.no_go) == ["rock"]
+
+
+def test_a_shapefile_is_read_in_its_own_projection_and_zipped(tmp_path):
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(4326, 2056, always_xy=True)
+    swiss = [transformer.transform(*corner) for corner in LAKE]
+    gdal_file(tmp_path, "a.shp", crs="EPSG:2056", a={"Bay": swiss})
+    content = read_area(tmp_path / "a.shp")
+    assert {tuple(row) for row in np.round(content.area, 6)} == {tuple(row) for row in AREA}
+    packed = tmp_path / "a.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for part in tmp_path.glob("a.*"):
+            if part != packed:
+                archive.write(part, part.name)
+    np.testing.assert_array_equal(read_area(packed).area, content.area)
+
+
+def test_geojson_in_another_projection_is_converted(tmp_path):
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(4326, 2056, always_xy=True)
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [
+        [transformer.transform(*corner) for corner in LAKE]]}}  # fmt: skip
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::2056"}}
+    text = json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]})
+    np.testing.assert_allclose(read(tmp_path, text, "a.geojson").area, AREA, atol=1e-7)
+
+
+def gpx(kind, positions, name="around"):
+    tag = {"rte": "rtept", "trk": "trkpt"}[kind]
+    points = "".join(f'<{tag} lat="{y:.8f}" lon="{x:.8f}"/>' for x, y in positions)
+    points = f"<trkseg>{points}</trkseg>" if kind == "trk" else points
+    return f'<gpx xmlns="x"><metadata/><{kind}><name>{name}</name>{points}</{kind}></gpx>'
+
+
+def walked(around_m=1000.0, gap=0.0, noise_m=0.0):
+    """A walk around a square of 250 m, with points every 2 m and random noise; longitude, latitude."""
+    along = np.arange(0.0, around_m * (1.0 - gap), 2.0) / 250.0
+    east = np.interp(along, range(5), [0, 250, 250, 0, 0])
+    north = np.interp(along, range(5), [0, 0, 250, 250, 0])
+    rng = np.random.default_rng(1)
+    lat, lon = geodetic_from_local(
+        north + noise_m * rng.standard_normal(len(along)), east + noise_m * rng.standard_normal(len(along)), 47.3, 8.5
+    )
+    return np.column_stack([lon, lat])
+
+
+def test_a_route_is_the_outline_of_its_corners(tmp_path):
+    content = read(tmp_path, gpx("rte", LAKE[:-1]), "a.gpx")
+    np.testing.assert_allclose(content.area, AREA)
+    assert "closed over 556 m" in content.notes[0]
+
+
+def test_a_track_around_the_area_is_its_outline(tmp_path):
+    content = read(tmp_path, gpx("trk", walked(gap=0.03, noise_m=1.0)), "a.gpx")
+    north, east = local_from_geodetic(content.area[:, 0], content.area[:, 1], 47.3, 8.5)
+    area_m2 = abs(np.sum(north * np.roll(east, 1) - east * np.roll(north, 1))) / 2.0
+    assert area_m2 == pytest.approx(62_500.0, rel=0.02)  # 1 m of noise on both sides of 1 km
+    assert "small loops left out" in content.notes[0]
+
+
+@pytest.mark.parametrize(("gap", "expected"), [(0.25, "ends lie 250 m apart")])
+def test_an_open_track_is_no_outline(tmp_path, gap, expected):
+    with pytest.raises(ParameterError, match=expected):
+        read(tmp_path, gpx("trk", walked(gap=gap)), "a.gpx")
+
+
+def test_a_track_over_the_area_is_no_outline(tmp_path):
+    eight = [LAKE[0], LAKE[2], LAKE[3], LAKE[1], LAKE[0]]
+    with pytest.raises(ParameterError, match="crosses itself and encloses 2 areas"):
+        read(tmp_path, gpx("trk", eight), "a.gpx")
+
+
+def plan(**content):
+    return json.dumps({"fileType": "Plan", **content})
+
+
+LAT_LON = [[y, x] for x, y in LAKE[:-1]]
+SURVEY = {"type": "ComplexItem", "complexItemType": "survey", "polygon": LAT_LON}
+FENCE = [[47.29, 8.49], [47.31, 8.49], [47.31, 8.52], [47.29, 8.52]]
+
+
+def test_a_survey_polygon_is_the_area_also_inside_a_fence(tmp_path):
+    mission = {"items": [SURVEY, {"type": "SimpleItem"}]}
+    alone = read(tmp_path, plan(mission=mission), "a.plan")
+    np.testing.assert_array_equal(alone.area, AREA)
+    assert alone.ignored == ["1 x waypoint"]
+    fence = {"polygons": [{"polygon": FENCE, "inclusion": True}]}
+    inside = read(tmp_path, plan(mission=mission, geoFence=fence), "a.plan")
+    np.testing.assert_array_equal(inside.area, AREA)
+    assert "fence 1 (the area lies inside)" in inside.ignored
+    fence["polygons"][0]["polygon"] = [[lat + 0.012, lon] for lat, lon in FENCE]
+    with pytest.raises(ParameterError, match="may be the operating area: 'fence 1', 'survey 1'"):
+        read(tmp_path, plan(mission=mission, geoFence=fence), "a.plan")
+
+
+def wpl(*rows):
+    lines = ["QGC WPL 110"]
+    for number, (command, value, lat, lon) in enumerate(rows):
+        lines.append(f"{number}\t0\t3\t{command}\t{value}\t0\t0\t0\t{lat}\t{lon}\t0\t1")
+    return "\n".join(lines)
+
+
+def test_fences_of_mission_planner_are_area_and_no_go(tmp_path):
+    inside = [(5001, 4, lat, lon) for lat, lon in LAT_LON]
+    outside = [(5002, 3, y, x) for x, y in PIER[:3]]
+    content = read(
+        tmp_path,
+        wpl((16, 0, 47.3, 8.5), *inside, *outside, (5004, 20.0, 47.304, 8.507), (5100, 0, 47.301, 8.501)),
+        "fence.waypoints",
+    )
+    np.testing.assert_array_equal(content.area, AREA)
+    assert list(content.no_go) == ["no_go_fence_2", "no_go_circle_3"]
+    assert content.recoveries == {0: (47.301, 8.501)}
+    assert content.ignored == ["1 x waypoint"]
+    with pytest.raises(ParameterError, match="fence 1 has 3 of 4 corners"):
+        read(tmp_path, wpl(*inside[:3], *outside), "fence.waypoints")
+
+
+@pytest.mark.parametrize(("name", "first"), [("a.poly", []), ("a.fen", [[47.302, 8.504]])])
+def test_corner_lists_of_mission_planner_are_the_area(tmp_path, name, first):
+    lines = [f"{lat}\t{lon}" for lat, lon in [*first, *LAT_LON]]
+    content = read(tmp_path, "#saved by Mission Planner 1.3\r\n" + "\r\n".join(lines), name)
+    np.testing.assert_array_equal(content.area, AREA)

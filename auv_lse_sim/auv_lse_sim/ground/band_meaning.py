@@ -1,0 +1,96 @@
+"""What a file says about the values of a raster: depth or elevation, their unit, and what they are not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from auv_lse_sim.ground.ground import GroundError
+
+_DOWN = re.compile(r"\b(depths?|soundings?|fathoms?)\b")
+_UP = re.compile(r"\b(elevations?|altitudes?|heights?|dem|dtm|dsm|topo|topography)\b")
+#: Quantities beside depths in bathymetry files.
+_OTHER = re.compile(
+    r"\b(uncertainty|std|stddev|deviation|error|tvu|thu|quality|tid|count|density|hits|intensity|backscatter|slope"
+    r"|aspect|hillshade|shade|mask|flag|time|temperature)\b"
+)
+#: Metres per unit, by its names in lower case.
+_METRES = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters", "mètre"), 1.0),
+    **dict.fromkeys(("dm", "decimetre", "decimetres", "decimeter", "decimeters"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
+    **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 0.001),
+    **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1000.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot", "ft_i"), 0.3048),
+    **dict.fromkeys(("us survey foot", "us_survey_foot", "ussft", "ft_us", "foot_us", "ftus"), 1200.0 / 3937.0),
+    **dict.fromkeys(("fathom", "fathoms", "fm"), 1.8288),
+}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a raster's values are.
+
+    Attributes:
+        up: Whether they are elevations; None if nothing says so.
+        unit_m: Metres per unit.
+        name: Their name, for messages.
+        is_silent: Whether neither a name nor a unit nor a scale describes them.
+    """
+
+    up: bool | None = None
+    unit_m: float = 1.0
+    name: str = "values"
+    is_silent: bool = True
+
+
+def text_says_up(text: str) -> bool | None:
+    """Whether a name means elevations (True) or depths (False); None if it says neither, or both."""
+    plain = re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower()
+    down, up = _DOWN.search(plain) is not None, _UP.search(plain) is not None
+    return None if down == up else up
+
+
+def is_other(text: str) -> bool:
+    """Whether a band's name means another quantity than depth or elevation."""
+    plain = re.sub(r"[\W_]+", " ", text).lower()
+    return _OTHER.search(plain) is not None
+
+
+def metres_per(unit: str, where: str) -> float:
+    """Metres per unit; 1 without a unit.
+
+    Raises:
+        GroundError: if it is no unit of length.
+    """
+    plain = unit.strip().lower()
+    if plain and plain not in _METRES:
+        raise GroundError(f"{where}: its unit is {unit!r}, which is no length. Convert it to metres (gdal_calc.py)")
+    return _METRES.get(plain, 1.0)
+
+
+def meaning(
+    texts: Mapping[str, str], unit: str, vertical: tuple[bool, float] | None, file_name: str, where: str
+) -> Meaning:
+    """The meaning of a raster's values; what is closest to them counts most.
+
+    Args:
+        texts: Name, description and attributes of the band; `positive` is CF's "up" or "down".
+        unit: The band's unit, "" if it has none.
+        vertical: Whether the vertical axis of the file's CRS points up, and its metres per unit; None if it has none.
+        file_name: The file's name without its suffix.
+        where: The file, for messages.
+
+    Raises:
+        GroundError: if the unit is no length.
+    """
+    positive = texts.get("positive", "").strip().lower()
+    said: list[bool | None] = [{"up": True, "down": False}.get(positive)]
+    said += [text_says_up(texts.get(key, "")) for key in ("description", "standard_name", "long_name", "name", "unit")]
+    said += [False if unit.lower().startswith("fathom") else None, None if vertical is None else vertical[0]]
+    said += [text_says_up(file_name)]
+    unit_m = metres_per(unit, where) if unit or vertical is None else vertical[1]
+    name = next((texts[key] for key in ("description", "name", "long_name") if texts.get(key)), "values")
+    up = next((one for one in said if one is not None), None)
+    return Meaning(up=up, unit_m=unit_m, name=name, is_silent=up is None and not unit and name == "values")

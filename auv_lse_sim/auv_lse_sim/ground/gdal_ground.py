@@ -1,0 +1,191 @@
+"""Ground from GeoTIFF, netCDF (GEBCO), BAG and S-102, read by GDAL if rasterio is installed."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground.band_meaning import Meaning, is_other, meaning, text_says_up
+from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
+from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.raster_ground import raster_ground
+
+Array = NDArray[np.float64]
+
+#: Drivers of GDAL that may open a file, by its first bytes; others, as VRT, name further files.
+_DRIVERS = {
+    **dict.fromkeys((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), ("GTiff",)),
+    **dict.fromkeys((b"CDF\1", b"CDF\2", b"CDF\5"), ("netCDF",)),
+    b"\x89HDF": ("BAG", "S102", "netCDF"),
+}
+_COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
+
+
+def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
+    """Reads ground from a raster: scale, offset, unit, no-data values, masks, names and vertical axis count.
+
+    Raises:
+        GroundError: if rasterio is not installed, or the file cannot be read, is a picture, or is not north-up.
+    """
+    try:
+        import rasterio
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    except ImportError:
+        raise GroundError(
+            f"{path}: reading it needs rasterio, which is not installed; pip install rasterio, or convert it: "
+            "gdal_translate -of AAIGrid in.tif out.asc"
+        ) from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with _opened(path) as data:
+                if data.count or not data.subdatasets:
+                    return _ground(data, path, config, origin)
+                variable, driver = _variable(data.subdatasets, path), data.driver
+            with rasterio.open(variable, driver=driver) as data:
+                return _ground(data, path, config, origin)
+    except (RasterioError, MemoryError) as error:
+        raise GroundError(f"{path}: is not a readable raster: {error}") from error
+
+
+def _opened(path: Path) -> Any:
+    """The dataset of a file, opened with the first driver that can.
+
+    Raises:
+        GroundError: if none is known for the file's first bytes.
+        RasterioIOError: if none can.
+    """
+    import rasterio
+    from rasterio.errors import RasterioIOError
+
+    with path.open("rb") as file:
+        *others, last = _DRIVERS.get(file.read(4), ("",))
+    if not last:
+        raise GroundError(f"{path}: is not a readable raster: it is neither TIFF, netCDF nor HDF5 (BAG, S-102)")
+    for driver in others:
+        try:
+            return rasterio.open(path, driver=driver)
+        except RasterioIOError:
+            continue
+    return rasterio.open(path, driver=last)
+
+
+def _variable(names: list[str], path: Path) -> str:
+    """The subdataset that holds depths or elevations, by its name.
+
+    Raises:
+        GroundError: if none or several do.
+    """
+    shown = {name: name.rpartition(":")[2].strip("/") for name in names}
+    fit = [name for name, last in shown.items() if not is_other(last)]
+    named = [name for name in fit if text_says_up(shown[name]) is not None] or fit
+    if len(named) != 1:
+        raise GroundError(
+            f"{path}: has the variables {', '.join(shown.values())}; which are the depths? Write that one to a "
+            f"GeoTIFF: gdal_translate '{(named or names)[0]}' depth.tif"
+        )
+    return named[0]
+
+
+def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
+    """Ground from an opened raster."""
+    check_nodes(str(path), data.height, data.width)
+    band, notes = _band(data, path)
+    said, crs = _meaning(data, band, path)
+    _check_no_picture(data, band, said, path, config)
+    transform = data.transform
+    if transform.b or transform.d or transform.a <= 0 or not transform.e:
+        raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
+    if transform.is_identity:
+        raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
+    grid = data.read(band, masked=True)
+    if np.iscomplexobj(grid):
+        raise GroundError(f"{path}: its values are complex numbers, which are no depths")
+    scale, offset = data.scales[band - 1], data.offsets[band - 1]
+    values: Array = np.ma.filled(grid.astype(float), np.nan) * (scale * said.unit_m) + offset * said.unit_m
+    if (scale, offset) != (1.0, 0.0):
+        notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
+    if said.unit_m != 1.0:
+        notes.append(f"converted from units of {said.unit_m:g} m")
+    rows, columns = values.shape
+    x = transform.c + transform.a * (np.arange(columns) + 0.5)
+    y = transform.f + transform.e * (np.arange(rows) + 0.5)
+    if transform.e < 0.0:
+        y, values = y[::-1], values[::-1]
+    return raster_ground(path, x, y, values, crs, config, origin, said=said, notes=tuple(notes))
+
+
+def _band(data: Any, path: Path) -> tuple[int, list[str]]:
+    """The number of the band with depths or elevations, and a note if there are others.
+
+    Raises:
+        GroundError: if every band has another meaning.
+    """
+    said = [(text, data.tags(k).get("NETCDF_VARNAME")) for k, text in enumerate(data.descriptions, 1)]
+    names = [" ".join(filter(None, texts)) for texts in said]
+    fit = [k for k, name in enumerate(names, 1) if not is_other(name)]
+    named = [k for k in fit if text_says_up(names[k - 1]) is not None] or fit
+    if not named:
+        raise GroundError(f"{path}: its bands are {', '.join(names)}; none holds depths or elevations")
+    if data.count == 1:
+        return named[0], []
+    return named[0], [f"band {named[0]} of {data.count}{f' ({names[named[0] - 1]})' if names[named[0] - 1] else ''}"]
+
+
+def _meaning(data: Any, band: int, path: Path) -> tuple[Meaning, str | None]:
+    """What the values of a band are, and the horizontal CRS as WKT."""
+    tags = {key.lower(): value for key, value in data.tags(band).items()}
+    texts = {key: tags.get(key, "") for key in ("positive", "standard_name", "long_name")}
+    texts |= {"name": tags.get("netcdf_varname", ""), "description": data.descriptions[band - 1] or ""}
+    unit = data.units[band - 1] or tags.get("units", "") or tags.get("unittype", "")
+    crs = data.crs.to_wkt() if data.crs else None
+    horizontal, vertical = _split(crs)
+    return meaning(texts, unit, vertical, path.stem, str(path)), horizontal
+
+
+def _split(crs: str | None) -> tuple[str | None, tuple[bool, float] | None]:
+    """The horizontal part of a CRS (WKT), and whether its vertical axis points up, with metres per unit; None: none."""
+    if crs is None or not re.search(r"COMPD_CS|COMPOUNDCRS|VERT_CS|\bup\b", crs, re.IGNORECASE):
+        return crs, None
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        whole = CRS.from_wkt(crs)
+    except CRSError:
+        return crs, None  # `raster_ground` reports it
+    parts = whole.sub_crs_list or [whole]
+    axis = next((a for part in parts for a in part.axis_info if a.direction in ("up", "down")), None)
+    if axis is None:
+        return crs, None
+    horizontal = parts[0].to_2d() if len(parts) == 1 else parts[0]
+    return horizontal.to_wkt(), (axis.direction == "up", float(axis.unit_conversion_factor or 1.0))
+
+
+def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: BathymetryConfig) -> None:
+    """Refuses pictures: colors, and 8-bit values that nothing describes.
+
+    Raises:
+        GroundError: if the raster is a picture, or may be one.
+    """
+    colors = sorted({color.name for color in data.colorinterp} & set(_COLORS))
+    if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
+        raise GroundError(f"{path}: is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
+    plain = (data.scales[band - 1], data.offsets[band - 1]) == (1.0, 0.0) and said.is_silent
+    if data.dtypes[band - 1] == "uint8" and plain and config.depth_sign == "auto" and config.water_level_m is None:
+        raise GroundError(
+            f"{path}: its values are whole numbers from 0 to 255, as in a picture. If these are depths in metres, "
+            f"say so: {SIGN_FLAGS}"
+        )
+
+
+def is_raster_file(begin: bytes) -> bool:
+    """Whether a file's first bytes are those of a TIFF, netCDF or HDF5 file."""
+    return begin[:4] in _DRIVERS

@@ -1,0 +1,244 @@
+"""What rasters say about their values: scale, unit, sign, masks, bands; and what they are not."""
+
+import numpy as np
+import pytest
+from ground_helpers import bottom, check_bottom
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.ground_files import load_ground
+
+rasterio = pytest.importorskip("rasterio")
+AXIS = np.arange(0.0, 401.0, 10.0)
+DEPTH = bottom(*np.meshgrid(AXIS, AXIS, indexing="ij"))[::-1]
+UTM = "EPSG:32632"
+
+
+def tif(path, bands, *, crs=UTM, scale=1.0, offset=0.0, unit="", names=(), nodata=None, flip=False, **more):
+    """Writes bands (41, 41), the first row in the north; `more` are further options of the driver."""
+    bands = np.asarray(bands) if np.ndim(bands) == 3 else np.asarray(bands)[None]
+    transform = rasterio.transform.Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 5_200_000.0)
+    if flip:
+        bands, transform = bands[:, ::-1], rasterio.transform.Affine(10.0, 0.0, 500_000.0, 0.0, 10.0, 5_199_590.0)
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=41,
+        height=41,
+        count=len(bands),
+        dtype=bands.dtype,
+        transform=transform,
+        crs=crs,
+        nodata=nodata,
+        **more,
+    ) as file:
+        file.write(bands)
+        file.scales, file.offsets = [scale] * len(bands), [offset] * len(bands)
+        if unit:
+            file.units = [unit] * len(bands)
+        for number, name in enumerate(names, 1):
+            file.set_band_description(number, name)
+    return path
+
+
+def check(path, config=None):
+    ground = load_ground(path, config)
+    check_bottom(ground, offset=(200.0, 200.0), tolerance=0.35)  # 0.22 deg between UTM's north and the true one
+    return ground.describe()
+
+
+def test_scale_and_offset_are_applied(tmp_path):
+    raw = np.round((-DEPTH + 5.0) * 10.0).astype("int16")
+    assert "scale 0.1 and offset -5 of the file applied" in check(tif(tmp_path / "g.tif", raw, scale=0.1, offset=-5.0))
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("ft", 0.3048), ("US survey foot", 0.3048006), ("cm", 0.01), ("m", 1.0)])
+def test_the_unit_is_converted(tmp_path, unit, metres):
+    described = check(tif(tmp_path / "g.tif", -DEPTH / metres, unit=unit))
+    assert ("converted from units of" in described) == (unit != "m")
+
+
+def test_a_unit_that_is_no_length_is_refused(tmp_path):
+    with pytest.raises(GroundError, match="its unit is 'degC', which is no length"):
+        load_ground(tif(tmp_path / "g.tif", -DEPTH, unit="degC"))
+
+
+@pytest.mark.parametrize(
+    ("name", "crs", "sign"),
+    [
+        ("depth", UTM, 1.0), ("Tiefe (depth)", UTM, 1.0), ("elevation", UTM, -1.0), ("lake-depths", UTM, 1.0),
+        ("", "EPSG:32632+5714", -1.0), ("", "EPSG:32632+5715", 1.0),
+    ],
+)  # fmt: skip
+def test_the_name_or_the_vertical_axis_tells_depths_from_elevations(tmp_path, name, crs, sign):
+    check(tif(tmp_path / "g.tif", sign * DEPTH, names=[name] if name else (), crs=crs))
+
+
+def test_the_vertical_axis_has_a_unit(tmp_path):
+    assert "converted from units of 0.3048 m" in check(
+        tif(tmp_path / "g.tif", -DEPTH / 0.3048006, crs="EPSG:32632+6360")
+    )
+
+
+def test_positive_values_far_from_zero_are_asked_about_only_if_nothing_describes_them(tmp_path):
+    path = tif(tmp_path / "g.tif", DEPTH)
+    with pytest.raises(GroundError, match=r"none near 0: depths, or elevations of .*\? Say which: --depths, or"):
+        load_ground(path)
+    check(path, BathymetryConfig(depth_sign="down"))
+    check(tif(tmp_path / "h.tif", 100.0 - DEPTH), BathymetryConfig(depth_sign="up", water_level_m=100.0))
+    check(tif(tmp_path / "my_depth.tif", DEPTH))
+    shallow = DEPTH.copy()
+    shallow[:, 0] = np.linspace(0.1, 1.0, 41)
+    assert load_ground(tif(tmp_path / "s.tif", shallow)).describe()
+
+
+def test_elevations_above_the_sea_need_the_water_level(tmp_path):
+    path = tif(tmp_path / "g.tif", 100.0 - DEPTH, crs="EPSG:32632+5773")
+    with pytest.raises(GroundError, match=r"as elevations, none below the water surface at 0 m.*--water-level M"):
+        load_ground(path)
+    check(path, BathymetryConfig(water_level_m=100.0))
+
+
+def test_depths_that_are_negative_are_refused(tmp_path):
+    with pytest.raises(GroundError, match="depth are depths, but mostly negative"):
+        load_ground(tif(tmp_path / "g.tif", -DEPTH, names=["depth"]))
+
+
+def test_masks_are_unknown_ground(tmp_path):
+    path = tif(tmp_path / "g.tif", -DEPTH)
+    with rasterio.open(path, "r+") as file:
+        mask = np.full((41, 41), 255, dtype="uint8")
+        mask[:, 20:] = 0
+        file.write_mask(mask)
+    ground = load_ground(path)
+    assert np.isnan(ground.depth_m(0.0, 100.0))
+    assert np.isfinite(ground.depth_m(0.0, -100.0))
+
+
+@pytest.mark.parametrize("value", [50_000.0, -1e20, np.inf, -np.inf])
+def test_absurd_values_are_left_out_and_counted(tmp_path, value):
+    values = -DEPTH
+    values[3, 5:8] = value
+    described = load_ground(tif(tmp_path / "g.tif", values)).describe()
+    assert f"3 nodes of {value:g} left out: deeper or higher than 11000 m" in described
+
+
+def test_the_band_of_depths_is_used_and_named(tmp_path):
+    uncertainty = np.full_like(DEPTH, 0.3)
+    described = check(tif(tmp_path / "g.tif", [uncertainty, -DEPTH], names=["uncertainty", "elevation"]))
+    assert "band 2 of 2 (elevation)" in described
+    with pytest.raises(GroundError, match="its bands are uncertainty, slope; none holds depths"):
+        load_ground(tif(tmp_path / "h.tif", [uncertainty, uncertainty], names=["uncertainty", "slope"]))
+
+
+def test_a_picture_is_refused(tmp_path):
+    shade = np.clip(DEPTH * 8.0, 0, 255).astype("uint8")
+    with pytest.raises(GroundError, match="is a picture"):
+        load_ground(tif(tmp_path / "rgb.tif", [shade] * 3, photometric="RGB"))
+    palette = tif(tmp_path / "p.tif", shade)
+    with rasterio.open(palette, "r+") as file:
+        file.write_colormap(1, {k: (k, k, k, 255) for k in range(256)})
+    with pytest.raises(GroundError, match="is a picture"):
+        load_ground(palette)
+    gray = tif(tmp_path / "gray.tif", shade)
+    with pytest.raises(GroundError, match="whole numbers from 0 to 255, as in a picture"):
+        load_ground(gray)
+    assert load_ground(gray, BathymetryConfig(depth_sign="down")).describe()
+
+
+def test_rows_from_south_to_north_are_turned(tmp_path):
+    check(tif(tmp_path / "g.tif", -DEPTH, flip=True))
+
+
+def test_a_raster_without_a_position_and_a_vrt_are_refused(tmp_path):
+    path = tif(tmp_path / "g.tif", -DEPTH)
+    with rasterio.open(path) as file:
+        profile = {**file.profile, "transform": rasterio.transform.Affine.identity(), "crs": None}
+    with rasterio.open(tmp_path / "h.tif", "w", **profile) as file:
+        file.write(-DEPTH, 1)
+    with pytest.raises(GroundError, match="no position on Earth"):
+        load_ground(tmp_path / "h.tif")
+    (tmp_path / "v.tif").write_text("<VRTDataset rasterXSize='1' rasterYSize='1'></VRTDataset>")
+    with pytest.raises(GroundError, match="neither TIFF, netCDF nor HDF5"):
+        load_ground(tmp_path / "v.tif")
+
+
+def netcdf(path, variables, **attributes):
+    """Writes a netCDF file (classic) as GEBCO's, from south to north, with SciPy."""
+    from scipy.io import netcdf_file
+
+    lat, lon = 47.0 + 1e-4 * np.arange(41), 9.0 + 1.4e-4 * np.arange(41)
+    with netcdf_file(path, "w") as file:
+        for name, axis, unit in (("lat", lat, "degrees_north"), ("lon", lon, "degrees_east")):
+            file.createDimension(name, 41)
+            variable = file.createVariable(name, "f8", (name,))
+            variable[:], variable.units = axis, unit
+        for name, values in variables.items():
+            variable = file.createVariable(name, "i2" if values.dtype == "int16" else "f4", ("lat", "lon"))
+            variable[:] = values
+            for key, value in attributes.get(name, {}).items():
+                setattr(variable, key, value)
+    return path
+
+
+def test_netcdf_as_of_gebco(tmp_path):
+    elevation = np.round(-DEPTH[::-1]).astype("int16")
+    described = load_ground(
+        netcdf(tmp_path / "g.nc", {"elevation": elevation, "tid": np.ones((41, 41), "int16")})
+    ).describe()
+    assert f"{-elevation.max()}.0 to {-elevation.min()}.0 m deep" in described
+    depth = {"z": {"positive": "down", "units": "cm", "scale_factor": 10.0}}
+    described = load_ground(netcdf(tmp_path / "h.nc", {"z": (10.0 * DEPTH).astype("f4")}, **depth)).describe()
+    assert f"{DEPTH.min():.1f} to {DEPTH.max():.1f} m deep" in described
+    with pytest.raises(GroundError, match=r"has the variables a, b; which are the depths\?"):
+        load_ground(netcdf(tmp_path / "i.nc", {"a": elevation, "b": elevation}))
+
+
+def test_bag_is_elevation(tmp_path):
+    profile = {"driver": "BAG", "width": 41, "height": 41, "count": 2, "dtype": "float32", "crs": UTM}
+    transform = rasterio.transform.from_origin(500_000.0, 5_200_000.0, 10.0, 10.0)
+    try:
+        with rasterio.open(tmp_path / "g.bag", "w", transform=transform, nodata=1e6, **profile) as file:
+            file.write(np.stack([-DEPTH, np.full_like(DEPTH, 0.3)]).astype("float32"))
+    except rasterio.errors.RasterioError as error:
+        pytest.skip(f"this GDAL writes no BAG: {error}")
+    assert "band 1 of 2 (elevation)" in check(tmp_path / "g.bag")
+
+
+@pytest.mark.parametrize("head", ["dx 10\ndy 10\n", "cellsize 10,0\n", "cellsize 10\n"])
+def test_ascii_grids_have_dx_dy_and_decimal_commas(tmp_path, head):
+    rows = "\n".join(" ".join(f"{-v:.3f}".replace(".", ",") for v in row) for row in DEPTH)
+    (tmp_path / "g.asc").write_text(f"ncols 41\nnrows 41\nxllcenter 0,0\nyllcenter 0\n{head}{rows}\n")
+    check_bottom(load_ground(tmp_path / "g.asc"), tolerance=0.05)
+
+
+def test_cells_of_an_ascii_grid_may_be_oblong(tmp_path):
+    rows = "\n".join(" ".join(f"{-v:.3f}" for v in row) for row in DEPTH[:, ::2])
+    (tmp_path / "g.asc").write_text(f"ncols 21\nnrows 41\nxllcenter 0\nyllcenter 0\ndx 20\ndy 10\n{rows}\n")
+    check_bottom(load_ground(tmp_path / "g.asc"), tolerance=0.3)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(" ", "."), (",", "."), (";", ","), ("\t", ".")])
+def test_xyz_without_a_header(tmp_path, separator, decimal):
+    north, east = np.meshgrid(AXIS, AXIS, indexing="ij")
+    rows = [
+        (e + 500_000.0, n + 5_200_000.0, -d) for n, e, d in zip(north.flat, east.flat, DEPTH[::-1].flat, strict=True)
+    ]
+    text = "\n".join(separator.join(f"{v:.3f}".replace(".", decimal) for v in row) for row in rows)
+    (tmp_path / "g.xyz").write_text(text + "\n")
+    ground = load_ground(tmp_path / "g.xyz", BathymetryConfig(smoothing_m=0.0))
+    check_bottom(ground, offset=(200.0, 200.0), tolerance=0.5)
+    assert "local origin put at its 500200.0, 5200200.0" in ground.describe()
+    (tmp_path / "g.xyz").write_text(text + "\n1 2\n")
+    with pytest.raises(GroundError, match=r"g\.xyz:1682: '1 2'; write three numbers"):
+        load_ground(tmp_path / "g.xyz")
+
+
+@pytest.mark.parametrize("ending", ["csv", "xyz"])
+def test_a_coordinate_beyond_reason_is_named_with_its_line(tmp_path, ending):
+    head = "east_m,north_m,depth_m\n" if ending == "csv" else ""
+    rows = "".join(f"{i % 7 * 10},{i // 7 * 10},{i % 3 + 1}\n" for i in range(40))
+    (tmp_path / f"g.{ending}").write_text(head + rows + "1e308,5,3\n")
+    with pytest.raises(GroundError, match=rf"g\.{ending}:{42 if head else 41}: the position 5 m north, 1e\+308 m east"):
+        load_ground(tmp_path / f"g.{ending}")
