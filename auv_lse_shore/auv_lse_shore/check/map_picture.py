@@ -23,7 +23,7 @@ from auv_lse_shore.report.map_marks import add_graticule, add_scale_bar
 
 Array = NDArray[np.float64]
 
-_WATER, _BORDER, _NO_GO, _FREE = "#dcebf5", "#2b5d80", "#b03a2e", "#5f8fae"
+_WATER, _BORDER, _NO_GO, _FREE, _SHORE = "#dcebf5", "#2b5d80", "#b03a2e", "#5f8fae", "#8c6d31"
 #: Looks of no-go areas, and of ground that no vehicle can reach.
 _KEPT_OUT: dict[str, Any] = {"facecolor": "#f6ddd9", "edgecolor": _NO_GO, "hatch": "////", "lw": 1.0}
 _UNREACHABLE: dict[str, Any] = {"facecolor": "#e3e3e3", "edgecolor": "#7d7d7d", "hatch": "....", "lw": 0.8}
@@ -97,6 +97,9 @@ def _draw_area(axis: Any, area: OperatingArea) -> None:
             continue
         north, east = ring.mean(axis=0)
         axis.text(east, north, name, color=_NO_GO, ha="center", va="center", fontsize=8, zorder=6, path_effects=_CASING)
+    for line in area.config.shore.values():
+        corners = np.reshape(line, (-1, 2))
+        axis.plot(corners[:, 1], corners[:, 0], color=_SHORE, lw=1.8, zorder=2.5)
     south, north, west, east = area.extent_m
     n, e = np.linspace(south, north, _RASTER), np.linspace(west, east, _RASTER)
     mesh = np.column_stack([x.ravel() for x in np.meshgrid(n, e, indexing="ij")])
@@ -156,6 +159,8 @@ def _handles(settings: Settings, area: OperatingArea) -> list[Any]:
         handles.append(Patch(**_KEPT_OUT, label="no-go area"))
     if True in kinds:
         handles.append(Patch(**_UNREACHABLE, label="cannot be reached"))
+    if area.config.shore:
+        handles.append(Line2D([], [], color=_SHORE, lw=1.8, label="shore"))
     if area.margin_m > 0.0:
         handles.append(Line2D([], [], color=_FREE, ls="--", lw=0.8, label=f"margin, {area.margin_m:g} m"))
     handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start and heading"))

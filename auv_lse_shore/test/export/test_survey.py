@@ -18,6 +18,7 @@ from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
 from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
 from auv_lse_shore.judge.team_map import team_map
+from auv_lse_sim.ground.ground_files import load_ground
 
 main = verb_main("export")
 
@@ -205,11 +206,29 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
     assert re.search(message, capsys.readouterr().err)
 
 
+def test_s102_is_read_back_by_gdal(lake):
+    """With GDAL's driver, which shares no code with the writer; and as ground of a mission."""
+    pytest.importorskip("h5py")
+    folder, _ = lake
+    with rasterio().open(folder / "chart.tif") as tif, rasterio().open(folder / "chart_s102.h5", driver="S102") as file:
+        assert file.descriptions == ("depth", "uncertainty")
+        assert file.crs.to_epsg(confidence_threshold=20) == 32632 or "UTM zone 32N" in file.crs.to_wkt()
+        np.testing.assert_allclose(file.transform[:6], tif.transform[:6], rtol=1e-9)
+        depth, tvu = file.read(masked=True)
+        expected = tif.read(masked=True)
+    np.testing.assert_array_equal(np.ma.getmaskarray(depth), np.ma.getmaskarray(expected[0]))
+    np.testing.assert_allclose(depth.compressed(), expected[0].compressed(), rtol=1e-6)
+    np.testing.assert_allclose(tvu.compressed(), expected[1].compressed(), rtol=1e-6)
+    ground = load_ground(folder / "chart_s102.h5")
+    assert "depth positive down; band 1 of 2 (depth)" in ground.describe()
+
+
 def test_another_projection_and_degrees(lake, tmp_path):
     _, team = lake
     for crs, bag in (("EPSG:2056", True), ("EPSG:4326", False)):
         said = list(write_export(team, tmp_path, Survey(crs=crs)))
         assert (tmp_path / "chart.bag").exists() == bag
+        assert (tmp_path / "chart_s102.h5").exists() != bag  # S-102 allows UTM and degrees
         assert any(f"({crs}" in line for line in said)
         with rasterio().open(tmp_path / "chart.tif") as file:
             assert file.crs.to_epsg() == int(crs[5:])

@@ -40,7 +40,7 @@ LOADED = {
 }
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
-OPTIONAL = {"auv_lse_mavlink", "foxglove", "llvmlite", "numba", "pyogrio", "rasterio"}
+OPTIONAL = {"auv_lse_mavlink", "foxglove", "h5py", "llvmlite", "numba", "pyogrio", "rasterio"}
 
 
 def imports_of(package: str) -> set[str]:

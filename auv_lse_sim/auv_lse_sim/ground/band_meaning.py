@@ -36,6 +36,7 @@ class Meaning:
         up: Whether they are elevations; None if nothing says so.
         unit_m: Metres per unit.
         name: Their name, for messages.
+        notes: How the values were read, for `describe`.
         is_silent: Whether neither a name nor a unit nor a scale describes them.
     """
 
@@ -43,6 +44,7 @@ class Meaning:
     unit_m: float = 1.0
     name: str = "values"
     is_silent: bool = True
+    notes: tuple[str, ...] = ()
 
 
 def text_says_up(text: str) -> bool | None:

@@ -87,8 +87,8 @@ def grid_depths(
     with np.errstate(invalid="ignore"):
         absurd = np.isinf(values) | (np.abs(depth) > DEEPEST_M)
     if absurd.any() and 2 * absurd.sum() < np.isfinite(depth).sum():
-        found = np.unique(values[absurd])
-        shown = f"{found[0]:g}" if len(found) == 1 else f"{found[0]:g} to {found[-1]:g}"
+        extremes = np.unique(values[absurd])
+        shown = f"{extremes[0]:g}" if len(extremes) == 1 else f"{extremes[0]:g} to {extremes[-1]:g}"
         notes.append(f"{int(absurd.sum())} nodes of {shown} left out: deeper or higher than {DEEPEST_M:g} m")
         depth = np.where(absurd, np.nan, depth)
     return depth, [note, *notes]

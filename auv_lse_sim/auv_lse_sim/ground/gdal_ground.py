@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,7 @@ def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float
     y = transform.f + transform.e * (np.arange(rows) + 0.5)
     if transform.e < 0.0:
         y, values = y[::-1], values[::-1]
-    return raster_ground(path, x, y, values, crs, config, origin, said=said, notes=tuple(notes))
+    return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
 
 
 def _band(data: Any, path: Path) -> tuple[int, list[str]]:

@@ -28,9 +28,7 @@ def raster_ground(
     crs: str | None,
     config: BathymetryConfig,
     origin: tuple[float, float] | None,
-    *,
     said: Meaning | None = None,
-    notes: tuple[str, ...] = (),
 ) -> GridGround:
     """Converts a raster in any coordinates to local ground.
 
@@ -43,23 +41,12 @@ def raster_ground(
         config: How to read them.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
         said: What the file says about the values, already in metres; None: its name decides.
-        notes: How it was read, for `describe`.
 
     Raises:
         GroundError: if the values or the projection are not understood, or the raster lies far from the origin or is
             too large.
     """
-    said = said or Meaning(up=text_says_up(path.stem))
-    if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
-        raise GroundError(
-            f"{path}: its coordinates run from {x[0]:g}, {y[0]:g} to {x[-1]:g}, {y[-1]:g}, which is no grid"
-        )
-    grid, sign_notes = grid_depths(grid, path, said.name, said.up, config)
-    if upside_down(grid, sign_notes[0], config):
-        raise GroundError(
-            f"{path}: {said.name} are depths, but mostly negative (median {np.nanmedian(grid):g} m): {SIGN_ADVICE}"
-        )
-    notes = (*sign_notes, *notes)
+    grid, notes = _depths(path, x, y, grid, said or Meaning(up=text_says_up(path.stem)), config)
     degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         return _local_raster(path, x, y, grid, notes)
@@ -85,6 +72,24 @@ def raster_ground(
     local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
     notes = (*notes, "reprojected to local metres")
     return GridGround(north_m, east_m, local, name=path.name, origin=origin, notes=notes)
+
+
+def _depths(
+    path: Path, x: Array, y: Array, grid: Array, said: Meaning, config: BathymetryConfig
+) -> tuple[Array, tuple[str, ...]]:
+    """The depths of a raster, and notes on how it was read.
+
+    Raises:
+        GroundError: if its coordinates are no grid, or its values are not understood.
+    """
+    if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
+        raise GroundError(f"{path}: coordinates from {x[0]:g}, {y[0]:g} to {x[-1]:g}, {y[-1]:g} make no grid")
+    depth, notes = grid_depths(grid, path, said.name, said.up, config)
+    if upside_down(depth, notes[0], config):
+        raise GroundError(
+            f"{path}: {said.name} are depths, but mostly negative (median {np.nanmedian(depth):g} m): {SIGN_ADVICE}"
+        )
+    return depth, (*notes, *said.notes)
 
 
 def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: tuple[str, ...]) -> GridGround:

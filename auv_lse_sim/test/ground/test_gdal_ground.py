@@ -76,7 +76,7 @@ def test_the_name_or_the_vertical_axis_tells_depths_from_elevations(tmp_path, na
 
 
 def test_the_vertical_axis_has_a_unit(tmp_path):
-    assert "converted from units of 0.3048 m" in check(
+    assert "converted from units of 0.304801 m" in check(
         tif(tmp_path / "g.tif", -DEPTH / 0.3048006, crs="EPSG:32632+6360")
     )
 
