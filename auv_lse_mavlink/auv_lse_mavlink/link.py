@@ -151,6 +151,7 @@ class VehicleLink:
             ValueError: if a number in it is not finite, or it is too deep or too far outside the area.
         """
         self._tick(now_s)
+        self._origin.has_targets = True
         self._targets.add(target, self._position)
         self._advance()
 

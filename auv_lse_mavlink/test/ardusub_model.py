@@ -32,12 +32,14 @@ class ArduSub:
         reported: Events of the link.
     """
 
-    def __init__(self, link=True, autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, kind=12, feedback=True, **values):
+    def __init__(
+        self, link=True, autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, kind=12, feedback=True, origin=ORIGIN, **values
+    ):
         self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
         self.reader = mavlink.MAVLink(None)
         self.reader.robust_parsing = True
         config = LinkConfig(kind="mavlink", **{"pressure": "none", **values})
-        self.link = VehicleLink(config, 2, ORIGIN) if link else None
+        self.link = VehicleLink(config, 2, origin) if link else None
         self.autopilot, self.kind, self.feedback = autopilot, kind, feedback
         self.own_origin, self.now_s, self.booted_s = ORIGIN, NOW_S, NOW_S - 100.0
         self.armed, self.mode = False, MANUAL

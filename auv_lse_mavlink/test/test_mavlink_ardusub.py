@@ -191,6 +191,26 @@ def test_positions_that_contradict_each_other_are_a_reason_to_hold():
     assert "30.0 m apart" in sub.link.report.disobeys
 
 
+@pytest.mark.parametrize("how", ["reboot", "another origin"])
+@pytest.mark.parametrize("begun", [True, False])
+def test_without_a_mission_origin_a_frame_that_moves_ends_the_travel(how, begun):
+    sub = ArduSub(origin=None).ready()
+    if begun:
+        sub.link.command(sub.now_s, FAR)
+    sub.run(5.0)
+    since_s = sub.elapsed_s
+    if how == "reboot":
+        sub.reboot()
+    else:
+        sub.own_origin = Origin(lat_deg=46.501, lon_deg=6.6)
+        sub.say_origin()
+    sub.run(2.0)
+    sub.arm().enter(GUIDED)
+    sub.run(5.0)
+    assert ("may have moved" in sub.link.report.disobeys) == begun
+    assert sub.targets(since_s) == []
+
+
 # ------------------------------------------------------------------ after the end
 
 

@@ -11,6 +11,7 @@ from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, Stop
+from auv_lse_mavlink.autopilot_check import AutopilotCheck
 from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.messages import events
 from auv_lse_mavlink.messages.conversion import Target
@@ -191,3 +192,38 @@ def test_a_mission_that_is_complete_is_restarted_until_it_is_active():
     waited = [t for t, *_ in restarts if 38.0 < t < 108.0]
     assert len(waited) > 3, "it is not content with state 2"
     assert [m.seq for t, m in replay.of("MISSION_ITEM_INT") if t < 12.0] == [0, 1], "asked for with MISSION_REQUEST"
+
+
+def checked(name, until_s=60.0, **values):
+    """The findings of autopilot-check while it hears a recording: whether it is right, by text."""
+    check = AutopilotCheck(LinkConfig(kind="mavlink", **values), 1)
+    for elapsed_s, now_s, packet in without_gaps(recording(name)):
+        if elapsed_s > until_s:
+            break
+        check.receive(now_s, packet)
+    return {finding.text: finding.ok for finding in check.findings()}
+
+
+def test_the_check_names_the_parameters_of_an_ardusub_with_defaults():
+    """SRn are 0: heartbeats and little else arrive."""
+    found = checked("sub45_defaults_no_streams")
+    missing = [text for text, ok in found.items() if ok is False]
+    for words in ("LOCAL_POSITION_NED", "SR0_EXTRA1", "SR0_EXTRA3", "SR0_RAW_SENS", "RNGFND1_TYPE"):
+        assert any(words in text for text in missing), (words, missing)
+    assert any("SR0_EXT_STAT" in text for text in found)
+
+
+def test_the_check_finds_nothing_missing_in_the_streams_of_a_boat_that_is_set_up():
+    found = checked("rover46_boat", until_s=130.0, pressure="none")
+    for name in ("HEARTBEAT", "LOCAL_POSITION_NED", "ATTITUDE", "DISTANCE_SENSOR"):
+        ((text, ok),) = [(text, ok) for text, ok in found.items() if text.startswith(f"{name}:")]
+        assert ok, text
+    assert found["origin known"]
+    assert found["armed"]
+
+
+def test_the_check_knows_a_vehicle_without_gps():
+    found = checked("sub45_dvl_no_gps_origin_set")
+    assert "VISO_TYPE: no answer" in found
+    ((text, ok),) = [(text, ok) for text, ok in found.items() if text.startswith("LOCAL_POSITION_NED:")]
+    assert ok, text

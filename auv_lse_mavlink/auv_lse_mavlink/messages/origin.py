@@ -26,7 +26,9 @@ class OriginExchange:
 
     Attributes:
         datum: The mission's origin and the autopilot's.
-        contradiction: How local and global position contradict each other; "" if they agree, or for `CONTRADICTS_S`.
+        contradiction: Why positions cannot be trusted: local and global position contradict each other, or the local
+            frame of a mission without an origin has moved; "" if neither is known.
+        has_targets: Whether the mission has begun to send targets.
     """
 
     def __init__(
@@ -50,7 +52,9 @@ class OriginExchange:
         """
         self.datum = Datum(mission)
         self.contradiction = ""
-        self._contradicts_s = math.nan  # since when they do
+        self.has_targets = False
+        self._is_lost = False  # whether the frame of a mission without an origin has moved
+        self._contradicts_s = math.nan  # since when positions contradict each other
         self._set_from_s = -math.inf  # time from which an origin may be set
         self._autopilot, self._set_origin = autopilot, set_origin
         self._send, self._report, self._counts = send, report, counts
@@ -62,16 +66,28 @@ class OriginExchange:
     @property
     def placed(self) -> bool:
         """Whether positions are in the mission's frame: the autopilot's origin is known, or the mission has none."""
-        return self.datum.mission is None or self.datum.autopilot is not None
+        return not self._is_lost and (self.datum.mission is None or self.datum.autopilot is not None)
 
     def forget(self, rebooted: bool) -> None:
         """The autopilot may have another origin now, or none if it has rebooted."""
         self._had = not rebooted and (self._had or self.datum.autopilot is not None)
         self._asking_s = -math.inf
         self.datum = Datum(self.datum.mission)
-        self.contradiction, self._contradicts_s = "", math.nan
+        if not self._is_lost:
+            self.contradiction, self._contradicts_s = "", math.nan
+        if rebooted:
+            self._lose("the autopilot rebooted")
         self._refused = None
         self._asked_s = -math.inf
+
+    def _lose(self, why: str) -> None:
+        """The autopilot's local frame may have moved: without a mission origin nothing shows by how much."""
+        if self.datum.mission is None and self.has_targets:
+            self._is_lost = True
+            self.contradiction = (
+                f"{why}, so its local frame may have moved, and the mission has no origin to compare it with. Restart "
+                "the mission, with area.origin_lat_deg and area.origin_lon_deg"
+            )
 
     def setting_refused(self, now_s: float) -> None:
         """The autopilot takes no origin: it has one, or waits for its GPS. It is asked for it, and sets it later."""
@@ -141,6 +157,8 @@ class OriginExchange:
         if not valid or not offset_m <= MAX_ORIGIN_OFFSET_M:
             self._refuse(origin, offset_m)
             return
+        if self.datum.autopilot is not None:
+            self._lose("the autopilot has another origin")
         self.datum = datum
         self._refused = None
         if self.datum.mission is not None and offset_m > ORIGIN_TOLERANCE_M:
