@@ -177,9 +177,10 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             order = _ORDERS[int(rng.integers(len(_ORDERS)))]
             with disk(folder / f"disk{number}") as mounted:
                 bed.dive(runs=mounted / "runs")
+                ledger = bed.vehicles[1].witness.ledger
+                ledger.broken.clear()  # late messages of the dive before
                 back_s, wrong = break_disk(bed, mounted, fault, node, order)
-                broken, bed.vehicles[1].witness.ledger.broken[:] = list(bed.vehicles[1].witness.ledger.broken), []
-                wrong += broken
+                wrong += ledger.broken
                 bed.end()
             what = f"{fault} disk, {order or 'under way'}, {node}"
             times[fault].append(back_s)

@@ -110,9 +110,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
     """The pairs of which the second one is refused: it would take a domain that is in use."""
     file, pairs = _vehicle_file(folder / "vehicles.yaml", alone), []
     with own_domain(VEHICLE_DOMAINS) as free:
-        first = Program(
-            "vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a")
-        )
+        first = Program("vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a"))
         with _ended(first):
             _until(lambda: any("started" in line for line in first.text), first, "the vehicle does not start")
             again = ("auv1", str(file), "--domain", str(free), "--out", str(folder / "b"))
@@ -142,9 +140,7 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
     with _ended(sim):
         domain = _domain(sim)
         second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
-        pairs.append(
-            _refused("two simulations", Program("sim", *second), f"got {domain}, which sim-")
-        )
+        pairs.append(_refused("two simulations", Program("sim", *second), f"got {domain}, which sim-"))
         vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))
         pairs.append(
             _refused(
