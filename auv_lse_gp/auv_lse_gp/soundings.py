@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -50,7 +51,7 @@ _EXPECTED_COLUMNS = (
 #: Exceptions of numpy and zipfile for a file that is damaged or not an npz file.
 _BROKEN_NPZ = (
     ValueError, EOFError, OSError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError,
-    MemoryError, OverflowError, SyntaxError, TypeError,
+    MemoryError, OverflowError, SyntaxError, TypeError, tokenize.TokenError,
 )  # fmt: skip
 
 

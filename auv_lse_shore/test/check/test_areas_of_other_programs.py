@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
 
 import numpy as np
@@ -284,3 +285,58 @@ def test_corner_lists_of_mission_planner_are_the_area(tmp_path, name, first):
     lines = [f"{lat}\t{lon}" for lat, lon in [*first, *LAT_LON]]
     content = read(tmp_path, "#saved by Mission Planner 1.3\r\n" + "\r\n".join(lines), name)
     np.testing.assert_array_equal(content.area, AREA)
+
+
+def random_zones(rng):
+    """One area and other zones, each (name, rings): the outer ring and 0 to 3 holes."""
+    names = ["Bay", *rng.choice(["no-go", "NoGo_1", "island", "shore", "Exclusion"], rng.integers(0, 8))]
+    zones = []
+    for name in names:
+        at = rng.uniform((8.50, 47.30), (8.51, 47.31), (1 + rng.integers(0, 4), 2))
+        square = np.array([[0.0, 0.0], [1e-4, 0.0], [1e-4, 1e-4], [0.0, 0.0]])
+        zones.append((str(name), [(corner + square).tolist() for corner in at]))
+    return [zones[k] for k in rng.permutation(len(zones))]
+
+
+def random_kml(zones, rng):
+    """KML with several holes in one boundary or each in its own, some polygons in folders or MultiGeometry."""
+    parts = []
+    for name, (outer, *holes) in zones:
+        rings = [f"<LinearRing><coordinates>{corners(ring)}</coordinates></LinearRing>" for ring in (outer, *holes)]
+        together = [rings[1:]] if rng.random() < 0.5 and holes else [[ring] for ring in rings[1:]]
+        inner = "".join(f"<innerBoundaryIs>{''.join(group)}</innerBoundaryIs>" for group in together)
+        shape = f"<Polygon><outerBoundaryIs>{rings[0]}</outerBoundaryIs>{inner}</Polygon>"
+        shape = f"<MultiGeometry>{shape}</MultiGeometry>" if rng.random() < 0.3 else shape
+        part = placemark(name, shape)
+        parts.append(f"<Folder><name>x</name>{part}</Folder>" if rng.random() < 0.3 else part)
+    return document("".join(parts))
+
+
+def random_geojson(zones, rng):
+    features = []
+    for name, rings in zones:
+        kind, places = ("Polygon", rings) if rng.random() < 0.5 else ("MultiPolygon", [rings])
+        geometry = {"type": kind, "coordinates": places}
+        geometry = {"type": "GeometryCollection", "geometries": [geometry]} if rng.random() < 0.3 else geometry
+        features.append({"type": "Feature", "properties": {"Name": name}, "geometry": geometry})
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+def test_every_ring_is_used_or_named(tmp_path):
+    """Rings counted by a regular expression and by shapely equal those used plus the holes named as ignored."""
+    import shapely
+
+    rng = np.random.default_rng(7)
+    for _ in range(150):
+        zones = random_zones(rng)
+        kml, geojson = random_kml(zones, rng), random_geojson(zones, rng)
+        polygons = [shapely.from_geojson(json.dumps(f["geometry"])) for f in json.loads(geojson)["features"]]
+        for _depth in range(2):
+            polygons = shapely.get_parts(polygons)
+        independent = len(polygons) + int(shapely.get_num_interior_rings(polygons).sum())
+        counts = {"a.kml": len(re.findall("<LinearRing>", kml)), "a.geojson": independent}
+        for name, text in (("a.kml", kml), ("a.geojson", geojson)):
+            content = read(tmp_path, text, name)
+            holes = [text for text in content.ignored if text.startswith("hole ")]
+            assert len(holes) == len(content.ignored)
+            assert counts[name] == 1 + len(content.no_go) + len(content.shores) + len(holes)

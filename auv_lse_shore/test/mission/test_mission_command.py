@@ -19,7 +19,7 @@ from auv_lse_common.mission_file.parameter_file import parameters_for, read_para
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.mission import mission
-from auv_lse_shore.mission.options import parser
+from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.vehicle_file import vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
 
@@ -173,3 +173,17 @@ def test_a_disk_without_room_for_the_recording_refuses_the_mission(
     assert main(["--out", str(tmp_path / "run")]) == 2
     assert "record.folder: got 10 MB of free space beyond record.least_free_mb = 200 MB" in capsys.readouterr().out
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--depths"], {"sim.bathymetry.depth_sign": "down"}),
+        (
+            ["--elevations", "--water-level", "372"],
+            {"sim.bathymetry.depth_sign": "up", "sim.bathymetry.water_level_m": 372.0},
+        ),
+    ],
+)
+def test_flags_say_what_the_bathymetry_holds(words: list[str], expected: dict[str, object]) -> None:
+    assert overrides_of(parser().parse_args(words)) == expected

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,7 +48,7 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
             "gdal_translate -of AAIGrid in.tif out.asc"
         ) from None
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _quiet():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with _opened(path) as data:
                 if data.count or not data.subdatasets:
@@ -54,6 +58,21 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
                 return _ground(data, path, config, origin)
     except (RasterioError, MemoryError) as error:
         raise GroundError(f"{path}: is not a readable raster: {error}") from error
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Discards what the C libraries print on stderr about a damaged file; errors are raised all the same."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _opened(path: Path) -> Any:

@@ -1,5 +1,7 @@
 """What rasters say about their values: scale, unit, sign, masks, bands; and what they are not."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from ground_helpers import bottom, check_bottom
@@ -242,3 +244,12 @@ def test_a_coordinate_beyond_reason_is_named_with_its_line(tmp_path, ending):
     (tmp_path / f"g.{ending}").write_text(head + rows + "1e308,5,3\n")
     with pytest.raises(GroundError, match=rf"g\.{ending}:{42 if head else 41}: the position 5 m north, 1e\+308 m east"):
         load_ground(tmp_path / f"g.{ending}")
+
+
+def test_a_damaged_file_is_refused_without_noise(tmp_path, capfd):
+    path = netcdf(tmp_path / "g.nc", {"elevation": (-DEPTH).astype("f4")})
+    for data in (path.read_bytes()[:-300], b"\x89HDF\r\n\x1a\n" + bytes(400)):
+        path.write_bytes(data)
+        with contextlib.suppress(GroundError):
+            load_ground(path)
+        assert capfd.readouterr().err == ""

@@ -102,3 +102,16 @@ def test_damaged_npz(tmp_path, save):
         GroundError, match=r"^[^:]*g\.npz: a single array of shape \(3, 3\) \(npy\); expected an npz file"
     ):
         load_ground(path)
+
+
+def test_an_npz_array_with_a_damaged_header_is_refused(tmp_path):
+    import zipfile
+
+    np.savez(tmp_path / "a.npz", north_m=[0.0, 1.0], east_m=[0.0, 1.0], depth_m=np.ones((2, 2)))
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        arrays = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as archive:
+        for name, data in arrays.items():
+            archive.writestr(name, data.replace(b"(2,)", b"(2, ").replace(b"}", b" "))
+    with pytest.raises(ValueError, match="damaged or not npz"):
+        load_ground(tmp_path / "b.npz")
