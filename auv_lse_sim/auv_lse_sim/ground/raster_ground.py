@@ -59,6 +59,8 @@ def raster_ground(
         raise GroundError(f"{path}: projection not understood: {error}") from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
+    if not (np.isfinite(lat).all() and np.isfinite(lon).all()):
+        raise GroundError(f"{path}: the corner {x[0]:g}, {y[0]:g} or {x[-1]:g}, {y[-1]:g} is outside of its projection")
     if origin is None:
         origin = checked_origin(np.mean(lat), longitude_180(float(np.mean(lon))), f"{path}: the middle of the raster")
     north, east = local_from_geodetic(lat, lon, *origin)

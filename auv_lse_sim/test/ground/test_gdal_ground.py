@@ -253,3 +253,11 @@ def test_a_damaged_file_is_refused_without_noise(tmp_path, capfd):
         with contextlib.suppress(GroundError):
             load_ground(path)
         assert capfd.readouterr().err == ""
+
+
+def test_a_raster_outside_of_its_projection_is_refused(tmp_path):
+    path = tif(tmp_path / "g.tif", -DEPTH)
+    with rasterio.open(path, "r+") as file:
+        file.transform = rasterio.transform.Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 5.2e30)
+    with pytest.raises(GroundError, match=r"outside of its projection|no grid|expected degrees|farther than"):
+        load_ground(path)

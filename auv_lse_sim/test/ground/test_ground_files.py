@@ -89,7 +89,7 @@ def test_origins_are_on_earth(tmp_path):
         load_ground(tmp_path / "s.csv", origin=(500.0, 8.0))
     (tmp_path / "depth.asc").write_text(ascii_text(np.full((30, 30), 20.0), 1e12, 1e12, 10.0))
     (tmp_path / "depth.prj").write_text("EPSG:32632")
-    with pytest.raises(GroundError, match=r"depth\.asc: the middle of the raster: .*; expected degrees"):
+    with pytest.raises(GroundError, match=r"depth\.asc: .*(expected degrees|outside of its projection)"):
         load_ground(tmp_path / "depth.asc")
     with pytest.raises(GroundError, match=r"grid: origin: 47, 361; expected"):
         GridGround([0, 1], [0, 1], np.ones((2, 2)), origin=(47.0, 361.0))
