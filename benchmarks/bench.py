@@ -1,4 +1,4 @@
-"""scripts/bench: runs groups of measurements, prints a table, writes the same figures as JSON."""
+"""auv_lse bench: runs groups of measurements, prints a table, writes the same figures as JSON."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ERRORS = (ValueError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/bench."""
+    """The command line of auv_lse bench."""
     p = argparse.ArgumentParser(
         prog="auv_lse bench",
         description=__doc__,

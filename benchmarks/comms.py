@@ -1,6 +1,6 @@
 """Communication: speed of codec and bridge, and delivery against range and team size.
 
-`scripts/bench comms` prints the rows, `python -m benchmarks.comms figure` draws docs/figures/channel.png.
+`auv_lse bench comms` prints the rows, `python -m benchmarks.comms figure` draws docs/figures/channel.png.
 """
 
 from __future__ import annotations
@@ -291,7 +291,7 @@ def channel_figure(path: Path, packets: int = 250) -> None:
 
 
 def run(*, smoke: bool = False) -> list[Row]:
-    """All rows of `scripts/bench comms`; `smoke`: at the smallest sizes, in seconds."""
+    """All rows of `auv_lse bench comms`; `smoke`: at the smallest sizes, in seconds."""
     sizes = SMOKE if smoke else FULL
     return [*codec(sizes), *twenty_vehicles(sizes), *ranges(sizes), *teams(sizes)]
 

@@ -1,4 +1,4 @@
-"""Speed and quality of the planner: one core. `run()` gives the rows of `scripts/bench planner`.
+"""Speed and quality of the planner: one core. `run()` gives the rows of `auv_lse bench planner`.
 
 All in processor time, so that it can be measured on a machine that has other things to do.
 

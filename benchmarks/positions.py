@@ -54,7 +54,7 @@ def run(smoke: bool = False) -> list[Row]:
             "ms",
         ),
         row("map told how uncertain positions are", 1e3 * _time(lambda: _informed(corrector), 3), "ms"),
-        row("adjustment of the mission (scripts/adjust)", _time(lambda: adjust([run_data]), 1), "s"),
+        row("adjustment of the mission (auv_lse adjust)", _time(lambda: adjust([run_data]), 1), "s"),
     ]
 
 

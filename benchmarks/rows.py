@@ -1,10 +1,10 @@
-"""One line of the tables that `scripts/bench` prints."""
+"""One line of the tables that `auv_lse bench` prints."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: Content of a line; `scripts/bench --json` writes these keys.
+#: Content of a line; `auv_lse bench --json` writes these keys.
 KEYS = ("name", "value", "unit", "against", "ratio", "goal", "holds")
 
 Row = dict[str, Any]

@@ -1,7 +1,7 @@
 """What one vehicle's computer needs: processor time and memory of its nodes in a paced mission, on one core.
 
 Two vehicles fly apart, in real time, each in its own ROS domain with an emulated modem and a simulated autopilot
-(`scripts/sim --apart`). All processes of vehicle 1 (`scripts/vehicle`) share one core; the simulator and vehicle 2 have
+(`auv_lse sim --apart`). All processes of vehicle 1 (`auv_lse vehicle`) share one core; the simulator and vehicle 2 have
 the others. A Raspberry Pi 4's core has about a third of the speed of a desktop's.
 """
 

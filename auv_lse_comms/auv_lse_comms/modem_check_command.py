@@ -1,4 +1,4 @@
-"""scripts/modem-check: connects to a Micromodem-2, or an emulated one, and reports what is missing."""
+"""auv_lse modem-check: connects to a Micromodem-2, or an emulated one, and reports what is missing."""
 
 from __future__ import annotations
 

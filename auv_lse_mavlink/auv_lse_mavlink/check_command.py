@@ -1,4 +1,4 @@
-"""scripts/autopilot-check: connects to an autopilot, or a simulation of one, and reports what is missing."""
+"""auv_lse autopilot-check: connects to an autopilot, or a simulation of one, and reports what is missing."""
 
 from __future__ import annotations
 

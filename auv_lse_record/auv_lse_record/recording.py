@@ -222,7 +222,7 @@ class Recording:
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(
             f"{self.path}: cannot be read as a rosbag2 recording: {str(error).rstrip('.')}. If the recorder was "
-            f"killed, repair it: scripts/recover {self.path}"
+            f"killed, repair it: auv_lse recover {self.path}"
         )
 
 

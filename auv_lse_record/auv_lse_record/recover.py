@@ -147,7 +147,7 @@ def _copy(data: bytes, target: BinaryIO) -> tuple[int, int, int]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/recover."""
+    """The command line of auv_lse recover."""
     p = argparse.ArgumentParser(
         prog="auv_lse recover",
         description="Repairs a recording that was cut off by a power failure or a killed recorder, or damaged by a "

@@ -1,6 +1,6 @@
 """ros2 launch auv_lse_run vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
 
-The same nodes that scripts/vehicle keeps running (auv_lse_run.vehicle.run_vehicle). A node that dies is restarted
+The same nodes that auv_lse vehicle keeps running (auv_lse_run.vehicle.run_vehicle). A node that dies is restarted
 after two seconds. The vehicle's ROS domain is that of ROS_DOMAIN_ID, else 0.
 """
 

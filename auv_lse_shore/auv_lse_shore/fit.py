@@ -134,7 +134,7 @@ def parameter_file(result: Fit, source: str, origin: str = "") -> str:
         if field.name in learned or getattr(result.config, field.name) != getattr(defaults, field.name)
     }
     lines = [
-        f"# Learned by scripts/fit from {result.soundings} soundings of {source};",
+        f"# Learned by auv_lse fit from {result.soundings} soundings of {source};",
         f"# log marginal likelihood {result.log_likelihood:.3f}.",
         *([f"# {origin}"] if origin else []),
         *(f"# Warning: {warning}" for warning in result.warnings),
@@ -159,7 +159,7 @@ def _plain_exponent(text: str) -> str:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/fit."""
+    """The command line of auv_lse fit."""
     p = argparse.ArgumentParser(
         prog="auv_lse fit",
         description=__doc__,

@@ -158,7 +158,7 @@ class Browser:
 
 
 class Serving:
-    """A server on a thread of its own, as `scripts/live` runs it; may be stopped and started again on its port."""
+    """A server on a thread of its own, as `auv_lse live` runs it; may be stopped and started again on its port."""
 
     def __init__(self, timeline, desk=None):
         self.timeline, self.desk, self.port = timeline, desk, 0

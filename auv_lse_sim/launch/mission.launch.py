@@ -2,7 +2,7 @@
 
 Sets ROS_DOMAIN_ID for the nodes: to a free domain, unless the environment names one from 1 to 80.
 
-The same list that scripts/mission starts (auv_lse_sim.engine.processes). Every node gets the whole file, with every
+The same list that auv_lse mission starts (auv_lse_sim.engine.processes). Every node gets the whole file, with every
 default filled in, as mission.yaml in the run folder `out`; the recording goes there too, wherever params_file has it.
 """
 

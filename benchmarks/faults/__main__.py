@@ -1,4 +1,4 @@
-"""scripts/faults: breaks things on purpose and prints a table of what happened (docs/design/safety.md)."""
+"""auv_lse faults: breaks things on purpose and prints a table of what happened (docs/design/safety.md)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
 # `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module
-# with `SMALL`, the arguments of a run of a few minutes, is part of `scripts/faults all`.
+# with `SMALL`, the arguments of a run of a few minutes, is part of `auv_lse faults all`.
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
     "disk": "a full disk under real nodes, and kills while it is full",
@@ -44,7 +44,7 @@ _EXIT_CODES = "Exit codes: 0 no fault; 1 something was lost or broke; 2 wrong co
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/faults."""
+    """The command line of auv_lse faults."""
     p = argparse.ArgumentParser(
         prog="auv_lse faults",
         description="Breaks things on purpose, and prints a table of what happened.",
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _small() -> dict[str, list[str]]:
-    """The kinds that are part of `scripts/faults all`, with the arguments that keep each of them short."""
+    """The kinds that are part of `auv_lse faults all`, with the arguments that keep each of them short."""
     return {name: list(_kind(name).SMALL) for name in KINDS if hasattr(_kind(name), "SMALL")}
 
 

@@ -276,7 +276,7 @@ def _center_tolerance_m() -> float:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults day`."""
+    """Adds the options of `auv_lse faults day`."""
     count, default = {"type": whole_from(0), "metavar": "N"}, "(default: %(default)s)"
     parser.add_argument("--vehicles", type=whole_from(1), default=3, metavar="N", help=f"vehicles {default}")
     parser.add_argument("--hours", type=positive, default=5.0, metavar="H", help=f"mission time {default}")

@@ -79,7 +79,7 @@ def recover(bed: DiveBed) -> bool:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults disk`."""
+    """Adds the options of `auv_lse faults disk`."""
     parser.add_argument(
         "--moments", type=int, default=20, metavar="N", help="how many (default: %(default)s; 10 s each)"
     )

@@ -153,7 +153,7 @@ class _Link:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults flood`."""
+    """Adds the options of `auv_lse faults flood`."""
     parser.add_argument(
         "--datagrams", type=float, default=10_000.0, metavar="HZ", help="number per second (default: %(default)g)"
     )

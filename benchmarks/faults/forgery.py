@@ -313,7 +313,7 @@ def lockout(restarted: bool) -> tuple[float, list[str]]:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults forgery`."""
+    """Adds the options of `auv_lse faults forgery`."""
     parser.add_argument(
         "--seeds", type=whole_from(1), default=2, metavar="N", help="missions of each attack (default: %(default)s)"
     )

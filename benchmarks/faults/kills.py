@@ -1,6 +1,6 @@
 """Kills nodes of vehicles under way, and reads the effects from their recordings.
 
-The vehicles share nothing but the simulated water (`scripts/sim --apart`). Nodes, Micromodem driver and autopilot link
+The vehicles share nothing but the simulated water (`auv_lse sim --apart`). Nodes, Micromodem driver and autopilot link
 run as on real vehicles, in real time. The recorders are not killed, because their recordings are the evidence.
 """
 
@@ -346,7 +346,7 @@ def table(flight: Flight, steps: int) -> Report:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults kills`."""
+    """Adds the options of `auv_lse faults kills`."""
     parser.add_argument(
         "--kills", type=whole_from(1), default=50, metavar="N", help="how many (default: %(default)s; 9 s each)"
     )

@@ -32,7 +32,7 @@ from auv_lse_run.process.processes import Process
 from benchmarks.faults.kills import Program
 from benchmarks.faults.report import Report
 
-#: Arguments of `scripts/faults all`.
+#: Arguments of `auv_lse faults all`.
 SMALL: Sequence[str] = ()
 _DOMAIN = re.compile(r"ROS_DOMAIN_ID=(\d+)|ROS domain (\d+)")
 _NAMED = "publishes in this ROS domain, too"

@@ -137,7 +137,7 @@ def _domain_of(program: Program) -> int:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults nodes`."""
+    """Adds the options of `auv_lse faults nodes`."""
     parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
     parser.add_argument(
         "--vehicles", type=whole_from(1), default=2, metavar="N", help="vehicles (default: %(default)s)"

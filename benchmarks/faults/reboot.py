@@ -121,7 +121,7 @@ def resume(bed: DiveBed) -> bool:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults reboot`."""
+    """Adds the options of `auv_lse faults reboot`."""
     parser.add_argument(
         "--moments", type=int, default=20, metavar="N", help="how many (default: %(default)s; 15 s each)"
     )

@@ -1,4 +1,4 @@
-"""Report of one kind of fault: its row in the table of `scripts/faults all`."""
+"""Report of one kind of fault: its row in the table of `auv_lse faults all`."""
 
 from __future__ import annotations
 

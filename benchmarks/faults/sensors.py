@@ -257,7 +257,7 @@ class _Run:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults sensors`."""
+    """Adds the options of `auv_lse faults sensors`."""
     parser.add_argument(
         "--seeds", type=whole_from(1), default=10, metavar="N", help="runs of each fault (default: %(default)s)"
     )

@@ -112,7 +112,7 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults soak`."""
+    """Adds the options of `auv_lse faults soak`."""
     parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
     parser.add_argument(
         "--vehicles", type=whole_from(1), default=20, metavar="N", help="vehicles (default: %(default)s)"

@@ -190,7 +190,7 @@ def _play(chunk: list[tuple[str, str]]) -> list[tuple[str, float, str]]:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults watch`."""
+    """Adds the options of `auv_lse faults watch`."""
     parser.add_argument(
         "--sequences", type=whole_from(1), default=200_000, metavar="N", help="how many (default: %(default)s)"
     )

@@ -232,7 +232,7 @@ def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `scripts/faults water`."""
+    """Adds the options of `auv_lse faults water`."""
     parser.add_argument(
         "--seeds", type=whole_from(1), default=4, metavar="N", help="missions of each kind (default: %(default)s)"
     )

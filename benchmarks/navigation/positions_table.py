@@ -1,7 +1,7 @@
 """The table of docs/design/positions.md: what corrected positions are worth, from the rows of
 config/campaigns/positions.yaml.
 
-    scripts/campaign config/campaigns/positions.yaml
+    auv_lse campaign config/campaigns/positions.yaml
     python -m benchmarks.navigation.positions_table runs/campaigns/positions
 
 Settings whose labels begin alike, up to the first comma, are compared seed by seed with the first of them.

@@ -1,6 +1,6 @@
 """The tables of docs/evidence/planner.md: methods compared lake by lake, from config/campaigns/headline.yaml's rows.
 
-    scripts/campaign config/campaigns/headline.yaml
+    auv_lse campaign config/campaigns/headline.yaml
     python -m benchmarks.planning.headline_table runs/campaigns/headline
 
 Settings whose labels match up to the colon form one scene. Its first setting is compared with each of the others.

@@ -3,7 +3,7 @@
     python -m benchmarks.planning.real_lake FILE
     python -m benchmarks.planning.real_lake FILE --whole
 
-FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each of its windows is mown and flown by
+FILE is a lake's grid or soundings, as `auv_lse mission --bathymetry` takes it. Each of its windows is mown and flown by
 `tour`, with locations as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are
 flown by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the
 made-up

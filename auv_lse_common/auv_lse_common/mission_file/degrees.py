@@ -165,7 +165,7 @@ def _content_of(area: dict[str, Any], folder: Path, where: str, read_area: AreaR
     if name and read_area is None:
         raise ParameterError(
             f"{where}: area.file names {name}, which only the commands on shore read. Write a mission file that has "
-            f"the area: scripts/mission {Path(where).name} --for-vehicles vehicles.yaml"
+            f"the area: auv_lse mission {Path(where).name} --for-vehicles vehicles.yaml"
         )
     try:
         content = read_area(folder / name) if name and read_area else AreaContent()

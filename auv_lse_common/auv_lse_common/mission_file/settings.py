@@ -152,7 +152,7 @@ class Settings(TeamSections):
         """The complete mission file as text, from which `load` makes equal settings."""
         lines = [
             "# A complete mission: every parameter with its value, defaults included.",
-            "# Accepted by ros2 run --ros-args --params-file, the launch files and scripts/mission.",
+            "# Accepted by ros2 run --ros-args --params-file, the launch files and auv_lse mission.",
         ]
         body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in self.to_patterns().items()}
         text: str = yaml.dump(body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=110)

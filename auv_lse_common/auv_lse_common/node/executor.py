@@ -38,7 +38,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
-#: Environment variable with which scripts/bench selects rclpy's own executor: "rclpy".
+#: Environment variable with which auv_lse bench selects rclpy's own executor: "rclpy".
 CHOICE = "AUV_LSE_EXECUTOR"
 #: Largest number of messages of one subscription per round.
 _TURNS = 100

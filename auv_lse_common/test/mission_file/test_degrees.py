@@ -68,5 +68,5 @@ def test_nodes_take_metres_only():
 
 def test_a_vehicle_refuses_an_area_file_and_names_the_command_that_writes_it(tmp_path):
     path = mission(tmp_path, "/**:\n  ros__parameters:\n    area: {file: lake.kml}\n")
-    with pytest.raises(ParameterError, match=r"names lake.kml, .*scripts/mission mission.yaml --for-vehicles"):
+    with pytest.raises(ParameterError, match=r"names lake.kml, .*auv_lse mission mission.yaml --for-vehicles"):
         read_parameter_file(path)

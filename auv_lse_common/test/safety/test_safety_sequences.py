@@ -1,6 +1,6 @@
 """The safety watch over random sequences: with dropouts, outliers and flicker it misses nothing and trips for nothing.
 
-`scripts/faults watch` plays 200,000 of them.
+`auv_lse faults watch` plays 200,000 of them.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def read_key(path: str | Path) -> bytes:
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError:
-        raise KeyFileError(f"{path}: not hexadecimal; expected a file made by scripts/key") from None
+        raise KeyFileError(f"{path}: not hexadecimal; expected a file made by auv_lse key") from None
     if not 16 <= len(key) <= hashlib.blake2s.MAX_KEY_SIZE:
         raise KeyFileError(f"{path}: {len(key)} bytes; expected 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
     return key
@@ -86,7 +86,7 @@ ERRORS = (KeyFileError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/key."""
+    """The command line of auv_lse key."""
     p = argparse.ArgumentParser(
         prog="auv_lse key",
         description="Creates a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal "

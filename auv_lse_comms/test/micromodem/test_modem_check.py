@@ -1,4 +1,4 @@
-"""The dialogue of scripts/modem-check: queries only, and findings with what to type."""
+"""The dialogue of auv_lse modem-check: queries only, and findings with what to type."""
 
 from __future__ import annotations
 

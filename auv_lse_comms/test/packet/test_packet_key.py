@@ -38,7 +38,7 @@ def test_key_file_open_to_others_is_refused(tmp_path: Path, mode: int) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not hexadecimal at all", "not hexadecimal; expected a file made by scripts/key"),
+        ("not hexadecimal at all", "not hexadecimal; expected a file made by auv_lse key"),
         ("\xff\xfe", "not hexadecimal"),
         ("00" * 15, "15 bytes; expected 16 to 32"),
         ("00" * 33, "33 bytes; expected 16 to 32"),

@@ -42,7 +42,7 @@ class Dive:
 
 
 def start(root: Path, out: Path | None, number: int = 0) -> tuple[Any, dict[str, Any], Safety]:
-    """Starts the vehicle's programs, as `scripts/vehicle` does."""
+    """Starts the vehicle's programs, as `auv_lse vehicle` does."""
     record, folder = open_dive("auv1", root / "vehicles.yaml", out, root / "card" / "dives", False)
     environment = record.begin(folder, f"auv1-1123-184534-{number:04x}")
     files = {}

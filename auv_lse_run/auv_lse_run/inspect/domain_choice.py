@@ -58,7 +58,7 @@ def join(wanted: str | None) -> int:
         print(f"ROS domain {domain}, in use on this machine", file=sys.stderr)
     else:
         domain = 0
-        print("ROS domain 0: no mission of scripts/mission runs on this machine", file=sys.stderr)
+        print("ROS domain 0: no mission of auv_lse mission runs on this machine", file=sys.stderr)
     confine(domain)
     return domain
 

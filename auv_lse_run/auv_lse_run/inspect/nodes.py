@@ -1,4 +1,4 @@
-"""scripts/nodes: list, info; arguments and output as those of `ros2 node`."""
+"""auv_lse nodes: list, info; arguments and output as those of `ros2 node`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/nodes."""
+    """The command line of auv_lse nodes."""
     p = argparse.ArgumentParser(
         prog="auv_lse nodes",
         description="Inspects running nodes, as `ros2 node` does, on machines without that command.",
@@ -82,7 +82,7 @@ def known_node(name: str, graph: Any) -> str:
     full, there = name if name.startswith("/") else f"/{name}", graph.nodes(hidden=True)
     if full not in there:
         near = difflib.get_close_matches(full, there, n=1, cutoff=0.6)
-        hint = f"did you mean {near[0]}?" if near else "list the running nodes: scripts/nodes list"
+        hint = f"did you mean {near[0]}?" if near else "list the running nodes: auv_lse nodes list"
         raise GraphError(f"node {full}: not found; {hint}")
     return full
 

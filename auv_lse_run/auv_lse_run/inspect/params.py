@@ -1,4 +1,4 @@
-"""scripts/params: list, get, set, dump, describe; arguments and output as those of `ros2 param`."""
+"""auv_lse params: list, get, set, dump, describe; arguments and output as those of `ros2 param`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/params."""
+    """The command line of auv_lse params."""
     p = argparse.ArgumentParser(
         prog="auv_lse params",
         description="Inspects and sets the parameters of running nodes, as `ros2 param` does, on machines without "
@@ -87,7 +87,7 @@ def _known_parameter(name: str, node: str, graph: Any) -> None:
     names = graph.parameter_names(node)
     if name not in names:
         near = difflib.get_close_matches(name, names, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"list its parameters: scripts/params list {node}"
+        hint = f"did you mean {near[0]}?" if near else f"list its parameters: auv_lse params list {node}"
         raise GraphError(f"parameter {name}: not found on {node}; {hint}")
 
 

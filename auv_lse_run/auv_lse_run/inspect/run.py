@@ -1,4 +1,4 @@
-"""scripts/run: sends go, hold, surface, abort or reset to vehicles, and shows the state of their missions."""
+"""auv_lse go, hold, surface, abort and reset command vehicles; auv_lse state shows the states of their missions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/run."""
+    """The command line of auv_lse go, hold, surface, abort, reset and state."""
     p = argparse.ArgumentParser(
         prog="auv_lse",
         description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or "

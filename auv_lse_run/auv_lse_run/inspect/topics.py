@@ -1,4 +1,4 @@
-"""scripts/topics: list, echo, hz, bw, info; arguments and output as those of `ros2 topic`."""
+"""auv_lse topics: list, echo, hz, bw, info; arguments and output as those of `ros2 topic`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ERRORS = (DomainError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/topics."""
+    """The command line of auv_lse topics."""
     p = argparse.ArgumentParser(
         prog="auv_lse topics",
         description="Inspects the topics of running nodes, as `ros2 topic` does, on machines without that command.",
@@ -172,7 +172,7 @@ def run_info(options: argparse.Namespace, graph: Any) -> int:
     kinds = graph.topics(hidden=True).get(topic)
     if kinds is None:
         near = difflib.get_close_matches(topic, graph.topics(), n=1, cutoff=0.7)
-        hint = f"; did you mean {near[0]}?" if near else "; list the topics: scripts/topics list"
+        hint = f"; did you mean {near[0]}?" if near else "; list the topics: auv_lse topics list"
         print(f"error: topic {topic}: not found{hint}", file=sys.stderr)
         return 1
     publishers, subscriptions = graph.endpoints(topic)

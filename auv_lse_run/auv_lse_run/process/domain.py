@@ -122,7 +122,7 @@ def simulator_domain(wanted: str | None) -> Iterator[int]:
         if has_participants(domain):
             raise DomainError(
                 f"ROS domain got {domain}, where other nodes run on this machine; expected a free one. End them (list "
-                f"them with: scripts/nodes list --domain {domain}). {_CHOOSE}"
+                f"them with: auv_lse nodes list --domain {domain}). {_CHOOSE}"
             )
         yield domain
 
@@ -152,7 +152,7 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
         )
     if simulated and dive_on(domain) is None:
         raise DomainError(
-            f"ROS domain got {domain}, where no simulator of this machine runs; expected that of scripts/sim. Start it "
+            f"ROS domain got {domain}, where no simulator of this machine runs; expected that of auv_lse sim. Start it "
             "first, and use the commands that it prints"
         )
     with _locked(lock_file(domain, vehicle)) as mine:

@@ -1,4 +1,4 @@
-"""scripts/vehicle: runs the nodes of one vehicle, and restarts them, until SIGTERM or Ctrl-C."""
+"""auv_lse vehicle: runs the nodes of one vehicle, and restarts them, until SIGTERM or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def _in_memory(text: str) -> Path:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/vehicle."""
+    """The command line of auv_lse vehicle."""
     p = argparse.ArgumentParser(
         prog="auv_lse vehicle",
         description="Runs the nodes of one vehicle: gp, safety, planner and modem, and, if the mission file asks for "
@@ -249,7 +249,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--simulated",
         action="store_true",
-        help="follow the simulator that scripts/sim starts on this machine; the default if the file has a section sim",
+        help="follow the simulator that auv_lse sim starts on this machine; the default if the file has a section sim",
     )
     p.add_argument(
         "--wait", action="store_true", help="a new dive waits for GO, whatever vehicle.start says, as at boot"
@@ -258,7 +258,7 @@ def parser() -> argparse.ArgumentParser:
         "--record",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="whether to record (default: if record.folder is set; with a simulator, scripts/sim records)",
+        help="whether to record (default: if record.folder is set; with a simulator, auv_lse sim records)",
     )
     return p
 

@@ -1,4 +1,4 @@
-"""When scripts/run sends a command, and to whom, with a simulated clock and simulated vehicles."""
+"""When auv_lse go sends a command, and to whom, with a simulated clock and simulated vehicles."""
 
 from __future__ import annotations
 

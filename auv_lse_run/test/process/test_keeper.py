@@ -148,7 +148,7 @@ def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
 
 @pytest.fixture
 def _started_in_the_background():
-    """As `scripts/vehicle ... &` in a script: shells let such processes ignore SIGINT."""
+    """As `auv_lse vehicle ... &` in a script: shells let such processes ignore SIGINT."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     yield
     signal.signal(signal.SIGINT, before)

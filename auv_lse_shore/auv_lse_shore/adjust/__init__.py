@@ -1,1 +1,1 @@
-"""scripts/adjust: re-estimates the positions of soundings after the dive."""
+"""auv_lse adjust: re-estimates the positions of soundings after the dive."""

@@ -1,4 +1,4 @@
-"""scripts/adjust: the command line."""
+"""auv_lse adjust: the command line."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/adjust."""
+    """The command line of auv_lse adjust."""
     p = argparse.ArgumentParser(
         prog="auv_lse adjust",
         description="Re-estimates the positions of all soundings of one or more runs from all recorded data: fixes, "
         "ranges between vehicles, and track crossings. Writes the adjusted soundings, map and isobath (as "
-        "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
+        "auv_lse export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
         "Clocks that are apart are found from the packets, and corrected.",
         epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, in one call. "
         "The accuracy of compass and DVL comes from section positions of the first run's mission file. Recordings "

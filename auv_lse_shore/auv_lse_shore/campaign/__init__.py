@@ -1,1 +1,1 @@
-"""scripts/campaign: simulates many missions and tabulates their results."""
+"""auv_lse campaign: simulates many missions and tabulates their results."""

@@ -1,4 +1,4 @@
-"""scripts/campaign: the command line of campaigns."""
+"""auv_lse campaign: the command line of campaigns."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INTERRUPTED = "stopped; finished missions are kept. Run the same command again t
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/campaign."""
+    """The command line of auv_lse campaign."""
     p = argparse.ArgumentParser(
         prog="auv_lse campaign",
         description="Simulates a grid or list of settings over seeds (fleet engine, no ROS). Writes a result row in "

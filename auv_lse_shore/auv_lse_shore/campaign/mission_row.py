@@ -31,7 +31,7 @@ BOUNDS = 11
 
 
 def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path) -> RunData:
-    """Simulates a mission in this process; area and starts are fitted to the ground, as scripts/mission does.
+    """Simulates a mission in this process; area and starts are fitted to the ground, as auv_lse mission does.
 
     Args:
         patterns: Its complete mission file.

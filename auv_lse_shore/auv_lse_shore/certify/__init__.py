@@ -1,1 +1,1 @@
-"""scripts/certify: recomputes a mission's final map from its recordings, and states what it promises."""
+"""auv_lse certify: recomputes a mission's final map from its recordings, and states what it promises."""

@@ -145,7 +145,7 @@ def _values(
         "calibration": calibration.calibration(),
         "software": {"recorded": recorded.software, "certificate": version()},
         "files": [dataclasses.asdict(file) for file in files],
-        "repeat": "scripts/certify " + " ".join(path.name for path in paths),
+        "repeat": "auv_lse certify " + " ".join(path.name for path in paths),
     }
 
 

@@ -1,4 +1,4 @@
-"""scripts/certify: the command line."""
+"""auv_lse certify: the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INTERRUPTED = "stopped; no certificate is written"
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/certify."""
+    """The command line of auv_lse certify."""
     p = argparse.ArgumentParser(
         prog="auv_lse certify",
         description="Recomputes a mission's final map from its recordings alone, by an independent dense computation, "
@@ -23,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
         "support a map that a vehicle published.",
         epilog="Give all recordings of one mission in one call. A second certificate replaces the first. Exit codes: "
         "0 the recordings support the published maps; 1 they do not; 2 they cannot be read or are of different "
-        "missions, or wrong command line; 3 a vehicle's recording has no published map, as after scripts/import; "
+        "missions, or wrong command line; 3 a vehicle's recording has no published map, as after auv_lse import; "
         "130 Ctrl-C.",
     )
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")

@@ -108,7 +108,7 @@ def corrected_runs(recorded: Recorded) -> tuple[RunData, str]:
     if not corrects_positions(run):
         return run, "as the vehicles recorded them"
     try:
-        return merged(adjust(recorded.runs).runs), "estimated from fixes, ranges and track crossings (scripts/adjust)"
+        return merged(adjust(recorded.runs).runs), "estimated from fixes, ranges and track crossings (auv_lse adjust)"
     except AdjustError as error:
         return run, f"as the vehicles recorded them: {error}"
 

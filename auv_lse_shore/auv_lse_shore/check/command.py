@@ -1,4 +1,4 @@
-"""scripts/check: checks mission files before a mission."""
+"""auv_lse check: checks mission files before a mission."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ERRORS = (ParameterError,)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/check."""
+    """The command line of auv_lse check."""
     p = argparse.ArgumentParser(
         prog="auv_lse check",
         description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
@@ -41,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="check with the area, no-go areas, starts and recovery positions of a file (GeoJSON, KML, GPX, "
-        "GeoPackage, shapefile, QGroundControl, ...), as scripts/mission --area; without MISSION.yaml with the default "
+        "GeoPackage, shapefile, QGroundControl, ...), as auv_lse mission --area; without MISSION.yaml with the default "
         "mission",
     )
     p.add_argument(
@@ -68,7 +68,7 @@ def _picture(name: str) -> Path:
     path = Path(name)
     if path.suffix.lower() != ".png":
         raise argparse.ArgumentTypeError(
-            f"got {name}; expected a name that ends in .png. Give the mission file first: scripts/check {name} --map"
+            f"got {name}; expected a name that ends in .png. Give the mission file first: auv_lse check {name} --map"
         )
     return path
 

@@ -55,7 +55,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     if simulated:
         findings.warning(
             f"{settings.where}: has a section sim, so the nodes wait for a simulator; expected a file from "
-            "scripts/mission --for-vehicles"
+            "auv_lse mission --for-vehicles"
         )
     _check_modem(settings, number, findings)
     _check_link(settings, number, findings)

@@ -1,4 +1,4 @@
-"""Draws a mission file: what `scripts/check --map` shows."""
+"""Draws a mission file: what `auv_lse check --map` shows."""
 
 from __future__ import annotations
 

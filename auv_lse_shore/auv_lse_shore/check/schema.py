@@ -17,8 +17,8 @@ _COLUMNS = 118
 _HEAD = """\
 # yaml-language-server: $schema=../mission.schema.json
 # A mission file with every parameter. Lines with a `#` in the first column hold defaults. To set a parameter, replace
-# that `#` by a blank, in the line of its section too. Then: scripts/check MISSION.yaml
-# Made by: scripts/check --template
+# that `#` by a blank, in the line of its section too. Then: auv_lse check MISSION.yaml
+# Made by: auv_lse check --template
 """
 
 

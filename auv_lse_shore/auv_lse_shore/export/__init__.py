@@ -1,1 +1,1 @@
-"""scripts/export: writes results as files for other programs."""
+"""auv_lse export: writes results as files for other programs."""

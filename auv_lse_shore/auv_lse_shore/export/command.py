@@ -1,4 +1,4 @@
-"""scripts/export: the command line."""
+"""auv_lse export: the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/export."""
+    """The command line of auv_lse export."""
     files = "\n".join((module.__doc__ or "").splitlines()[0] for module in formats())
     p = argparse.ArgumentParser(
         prog="auv_lse export",

@@ -1,4 +1,4 @@
-"""Options of scripts/export and scripts/adjust that describe a survey."""
+"""Options of auv_lse export and auv_lse adjust that describe a survey."""
 
 from __future__ import annotations
 

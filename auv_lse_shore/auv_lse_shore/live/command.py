@@ -1,4 +1,4 @@
-"""scripts/live: shows a running mission or a recording on one page in a browser on this machine."""
+"""auv_lse live: shows a running mission or a recording on one page in a browser on this machine."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _LAST_PORT = 65535
 
 
 class LiveError(ValueError):
-    """An option of scripts/live has an invalid value."""
+    """An option of auv_lse live has an invalid value."""
 
 
 ERRORS = (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/live."""
+    """The command line of auv_lse live."""
     p = argparse.ArgumentParser(
         prog="auv_lse live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace) -> int:
     _check(options)
     if options.run is None:
         if options.write is not None:
-            raise RecordingError("--write got no RUN; expected a recording. Name one: scripts/live RUN --write FILE")
+            raise RecordingError("--write got no RUN; expected a recording. Name one: auv_lse live RUN --write FILE")
         work = listen_to_missions(timeline, options, desk)
     else:
         follower = RecordingFollower(recording_in(options.run), timeline, options.mission)

@@ -13,7 +13,7 @@ from auv_lse_shore.live.viewers.server import DEFAULT_PORT, port_or_any
 
 
 class LiveProcess:
-    """Runs `scripts/live` on a mission's domain while the context is open; the page keeps the events it has."""
+    """Runs `auv_lse live` on a mission's domain while the context is open; the page keeps the events it has."""
 
     def __init__(self, domain: int, environment: Mapping[str, str], report: Callable[[str], None]) -> None:
         """Prepares the command.

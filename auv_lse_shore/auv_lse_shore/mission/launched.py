@@ -1,4 +1,4 @@
-"""Beside a mission of `ros2 launch`: shows its progress, and reports its recording as scripts/mission does.
+"""Beside a mission of `ros2 launch`: shows its progress, and reports its recording as auv_lse mission does.
 
 The launch file starts `python -m auv_lse_shore.mission.launched RUN_FOLDER` where this package is installed. SIGINT
 starts the report; `ros2 launch` sends it when the mission has ended or Ctrl-C is pressed. A second one interrupts the
@@ -27,7 +27,7 @@ _PERIOD_S = 0.1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Follows the mission of a run folder to its end; returns the exit code of scripts/mission."""
+    """Follows the mission of a run folder to its end; returns the exit code of auv_lse mission."""
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     settings, console, interrupt = Settings.load(folder / "mission.yaml"), Console(), Interrupt()
     progress = progress_of(settings)

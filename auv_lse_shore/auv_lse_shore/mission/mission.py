@@ -1,4 +1,4 @@
-"""scripts/mission: runs a simulated team mission as real ROS 2 processes, and evaluates it."""
+"""auv_lse mission: runs a simulated team mission as real ROS 2 processes, and evaluates it."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def report_mission(
             loading.join()  # Ctrl-C during imports of two threads can leave Python's import lock taken for good
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:
-        _say(console, f"interrupted: {mission} and recorded. For its report: scripts/replay {folder} --report")
+        _say(console, f"interrupted: {mission} and recorded. For its report: auv_lse replay {folder} --report")
         return 130
     except ImportError as error:
         _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")

@@ -1,4 +1,4 @@
-"""The command line of scripts/mission."""
+"""The command line of auv_lse mission."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _VEHICLE = re.compile(r"auv\d+")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/mission."""
+    """The command line of auv_lse mission."""
     p = argparse.ArgumentParser(
         prog="auv_lse mission",
         description="Runs a simulated team mission as real ROS 2 processes. The run folder gets the recording, figures "

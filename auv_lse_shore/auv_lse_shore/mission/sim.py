@@ -1,4 +1,4 @@
-"""scripts/sim: the simulator and its recorder; each vehicle is started with scripts/vehicle."""
+"""auv_lse sim: the simulator and its recorder; each vehicle is started with auv_lse vehicle."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ VEHICLES = "vehicles.yaml"
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/sim."""
+    """The command line of auv_lse sim."""
     p = argparse.ArgumentParser(
         prog="auv_lse sim",
-        description="Runs the simulator of a mission, and its recorder. Start each vehicle with scripts/vehicle and "
+        description="Runs the simulator of a mission, and its recorder. Start each vehicle with auv_lse vehicle and "
         "the mission.yaml that this command writes. The mission begins when all vehicles have started. The result is "
-        "that of scripts/mission.",
+        "that of auv_lse mission.",
         epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 wrong command line or impossible request; "
         "130 Ctrl-C.",
     )
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
             file, where = folder / "mission.yaml", ""
             if options.apart:
                 file, where = folder / VEHICLES, f" --domain {VEHICLE_DOMAINS[vehicle - 1]}"
-            say(f"    scripts/vehicle auv{vehicle} {file}{where}")
+            say(f"    auv_lse vehicle auv{vehicle} {file}{where}")
         processes = mission_processes(0, record=not options.no_record)
         owned, report = _until_released(reserved.pop_all(), domain), not options.no_report
         return fly(settings, folder, console, processes, owned, start_s=math.inf, report=report)

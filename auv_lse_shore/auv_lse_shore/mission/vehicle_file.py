@@ -16,7 +16,7 @@ from auv_lse_common.support.atomic_files import write_whole
 RECORDING = "bag"
 
 _HEAD = """\
-# The mission file for the vehicles, every default filled in; made by scripts/mission --for-vehicles from
+# The mission file for the vehicles, every default filled in; made by auv_lse mission --for-vehicles from
 # {source}. No section sim: nodes without a simulator run on their own clock. docs/guide/bench-to-water.md
 """
 

@@ -1,4 +1,4 @@
-"""scripts/replay: plays a recording, recomputes its maps and decisions, or renews its report."""
+"""auv_lse replay: plays a recording, recomputes its maps and decisions, or renews its report."""
 
 from __future__ import annotations
 

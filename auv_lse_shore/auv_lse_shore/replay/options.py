@@ -1,4 +1,4 @@
-"""The command line of scripts/replay."""
+"""The command line of auv_lse replay."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PARTS = ("gp", "planner")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/replay."""
+    """The command line of auv_lse replay."""
     p = argparse.ArgumentParser(
         prog="auv_lse replay",
         description="Plays a recording on its own ROS domain, for any viewer; or recomputes its maps and decisions and "

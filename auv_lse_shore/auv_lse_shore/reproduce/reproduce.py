@@ -1,4 +1,4 @@
-"""scripts/reproduce: the paper's results in simulation, over many seeds, with its claims checked one by one.
+"""auv_lse reproduce: the paper's results in simulation, over many seeds, with its claims checked one by one.
 
 The study's campaigns continue where they were stopped; then one mission of each kind is recorded for the figures.
 """
@@ -26,7 +26,7 @@ INTERRUPTED = "stopped; finished missions are kept. Run the same command again t
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/reproduce."""
+    """The command line of auv_lse reproduce."""
     p = argparse.ArgumentParser(
         prog="auv_lse reproduce",
         description="Reproduces the paper's results in simulation: figures, a table over seeds with confidence "

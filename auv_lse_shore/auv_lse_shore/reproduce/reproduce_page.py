@@ -1,4 +1,4 @@
-"""The page of scripts/reproduce: claims, the paper's figures, tables over seeds, sensitivities."""
+"""The page of auv_lse reproduce: claims, the paper's figures, tables over seeds, sensitivities."""
 
 from __future__ import annotations
 
@@ -149,5 +149,5 @@ def _method(study: Study, done: Mapping[str, Sequence[Row]]) -> str:
         f"This project's fleet engine (one process, no ROS), Python {platform.python_version()}, {versions}, "
         f"{platform.machine()}, {os.cpu_count()} cores; {busy / 3600.0:.1f} core hours. Requested: {settings}. "
         "Every seed draws its own lake, sensor errors and channel, the same for all methods. The campaigns' Parquet "
-        "files hold every mission's complete parameters; scripts/campaign --rerun repeats any of them."
+        "files hold every mission's complete parameters; auv_lse campaign --rerun repeats any of them."
     )

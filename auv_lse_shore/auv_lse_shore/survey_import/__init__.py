@@ -1,1 +1,1 @@
-"""scripts/import: turns logs of a survey that was made without this software into a run folder."""
+"""auv_lse import: turns logs of a survey that was made without this software into a run folder."""

@@ -1,4 +1,4 @@
-"""scripts/import: the command line."""
+"""auv_lse import: the command line."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ INTERRUPTED = "stopped; nothing is written"
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of scripts/import."""
+    """The command line of auv_lse import."""
     files = "\n".join(f"  {(module.__doc__ or '').splitlines()[0]}" for module in formats())
     p = argparse.ArgumentParser(
         prog="auv_lse import",
-        description="Turns logs of an existing survey into a run folder that scripts/export, adjust, fit, replay and "
+        description="Turns logs of an existing survey into a run folder that auv_lse export, adjust, fit, replay and "
         "live read as they read a mission's. Prints what it left out and why, and what to type next.",
         epilog=f"Formats, recognized by content:\n{files}\n\n"
         "Times stay UTC. The same sounding in two files counts once. Logs of the same time are of different boats.\n\n"

@@ -28,7 +28,7 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
         start = f"{datetime.fromtimestamp(first_s, tz=UTC):%Y-%m-%d %H:%M:%S} UTC, " if log.is_utc else ""
         yield f"- {start}{(last_s - first_s) / 60.0:.1f} min"
     else:
-        yield "- no times: scripts/adjust cannot move these soundings"
+        yield "- no times: auv_lse adjust cannot move these soundings"
     for reason, count in sorted(found.left_out.items()):
         if count:
             yield f"- left out: {count} {reason}"
@@ -76,10 +76,10 @@ def next_lines(folder: Path, level_m: float) -> Sequence[str]:
     return [
         f"written: {folder} (import.md repeats this; {PICTURE} shows tracks, depths and area)",
         "next:",
-        f"  scripts/fit {soundings} --level {level_m:g} --out {shlex.quote(str(folder / 'gp.yaml'))}",
-        f"  scripts/check {dive} --map {shlex.quote(str(folder / 'dive-map.png'))}",
-        f"  scripts/mission {dive} --bathymetry {soundings} --out {lake}",
-        f"  scripts/export {at}",
+        f"  auv_lse fit {soundings} --level {level_m:g} --out {shlex.quote(str(folder / 'gp.yaml'))}",
+        f"  auv_lse check {dive} --map {shlex.quote(str(folder / 'dive-map.png'))}",
+        f"  auv_lse mission {dive} --bathymetry {soundings} --out {lake}",
+        f"  auv_lse export {at}",
         f"prior for the dive: {DIVE} has gp.mean: survey and gp.survey_file: {SOUNDINGS}; change area, vehicles "
         "and steps there",
     ]

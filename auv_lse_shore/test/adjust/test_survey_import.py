@@ -1,4 +1,4 @@
-"""scripts/import: logs of a survey over a known bottom become a recording, a map and a prior."""
+"""auv_lse import: logs of a survey over a known bottom become a recording, a map and a prior."""
 
 from __future__ import annotations
 
@@ -260,7 +260,7 @@ def test_several_logs_become_one_run_one_after_the_other(tmp_path):
 
 
 def test_vehicles_that_took_turns_in_a_table_are_logs_of_their_own(tmp_path, capsys):
-    """As in the soundings that scripts/export writes: read as one track, every position would jump."""
+    """As in the soundings that auv_lse export writes: read as one track, every position would jump."""
     rows = survey()
     half = len(rows) // 2
     turns = []
@@ -284,7 +284,7 @@ def columns_of(path, *names):
 
 
 def exported_table(rows):
-    """Soundings as scripts/export writes them: positions that were estimated to 1 to 6 m north, 2 to 3 m east."""
+    """Soundings as auv_lse export writes them: positions that were estimated to 1 to 6 m north, 2 to 3 m east."""
     north, east = local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)
     stds = np.column_stack([np.linspace(1.0, 6.0, len(rows)), np.linspace(3.0, 2.0, len(rows))])
     header = "time_s,vehicle,east_m,north_m,depth_m,east_std_m,north_std_m,thu_m,tvu_m,s44_order"

@@ -1,4 +1,4 @@
-"""The command scripts/campaign."""
+"""The command auv_lse campaign."""
 
 import os
 import re

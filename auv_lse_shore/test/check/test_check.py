@@ -1,4 +1,4 @@
-"""scripts/check: what it finds in mission files, the schema, the template, and the files that come with the project."""
+"""auv_lse check: what it finds in mission files, the schema, the template, and the files that come with the project."""
 
 from __future__ import annotations
 
@@ -266,7 +266,7 @@ def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_what_is_made_from_the_declarations_is_current(name: str, text: Any, option: str) -> None:
     path = ROOT / "config" / name
-    assert path.read_text() == text(), f"a parameter has changed: scripts/check {option} > config/{name}"
+    assert path.read_text() == text(), f"a parameter has changed: auv_lse check {option} > config/{name}"
 
 
 def test_the_template_has_every_parameter_with_its_default(tmp_path: Path) -> None:

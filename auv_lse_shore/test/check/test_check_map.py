@@ -1,4 +1,4 @@
-"""scripts/check --map and --area: what is drawn of a mission, and what is said of a file of positions."""
+"""auv_lse check --map and --area: what is drawn of a mission, and what is said of a file of positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""scripts/certify: what it supports, what it contradicts and where, and what it refuses."""
+"""auv_lse certify: what it supports, what it contradicts and where, and what it refuses."""
 
 import hashlib
 import json
@@ -117,7 +117,7 @@ def test_a_second_certificate_replaces_the_first_and_is_the_same(healthy, tmp_pa
         first = (tmp_path / "certificate.json").read_bytes()
     assert main([str(healthy / "bag"), "--out", str(tmp_path)]) == 0  # nothing beside the recording is used
     second = (tmp_path / "certificate.json").read_bytes()
-    assert first.replace(b"scripts/certify run", b"scripts/certify bag") == second
+    assert first.replace(b"auv_lse certify run", b"auv_lse certify bag") == second
     assert {path.name for path in tmp_path.iterdir()} == {"certificate.json", "certificate.html"}
 
 
@@ -178,7 +178,7 @@ def test_a_map_of_another_level_is_contradicted(monkeypatch, synthetic_run, tmp_
 
 def test_without_a_published_map_it_says_what_it_cannot_certify(synthetic_run, tmp_path, capsys):
     run = made(synthetic_run, steps=8)
-    for vehicle in run.vehicles:  # as scripts/import writes it
+    for vehicle in run.vehicles:  # as auv_lse import writes it
         vehicle.decisions = []
     run_writer.write_run(run, tmp_path / "run")
     assert main([str(tmp_path / "run")]) == 3

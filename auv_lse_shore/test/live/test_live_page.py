@@ -334,7 +334,7 @@ def test_connection_lost_mission_complete_new_mission(browser, serving):
     serving.stop()
     browser.wait("!document.getElementById('ending').hidden", "the live view has ended with the mission")
     assert text(browser, "state") == "mission complete"
-    assert "scripts/live runs/first" in text(browser, "ending")
+    assert "auv_lse live runs/first" in text(browser, "ending")
     serving.start()
     browser.wait("document.getElementById('ending').hidden", "connected again")
     _, _, events = serving.timeline.since("", 0, 1)

@@ -120,7 +120,7 @@ def test_without_control_and_on_a_recording_no_command_is_taken():
         assert (server.token, "#" in server.url) == ("", False)
         code, text = await answer(order(server, timeline))
         assert code == 403
-        assert "Start it with scripts/live --control" in text
+        assert "Start it with auv_lse live --control" in text
 
     async def replayed(server, timeline):
         code, text = await answer(order(server, timeline))

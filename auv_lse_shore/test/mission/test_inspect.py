@@ -1,4 +1,4 @@
-"""One running vehicle, started by scripts/vehicle: topics, nodes and parameters are looked at; a node dies; it ends."""
+"""One running vehicle, started by auv_lse vehicle: topics, nodes and parameters are looked at; a node dies; it ends."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Run = Callable[..., str]
 
 
 class Vehicle:
-    """auv1 under scripts/vehicle, in a ROS domain of its own."""
+    """auv1 under auv_lse vehicle, in a ROS domain of its own."""
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder, self.domain = folder, domain

@@ -112,7 +112,7 @@ def test_a_mission_with_emulated_modems_has_ranges(launch: Any, tmp_path: Path) 
     out = tmp_path / "run"
     _, start = launch("auv_lse_sim/launch/mission.launch.py", modem="emulated", out=str(out))
     assert "/auv1/micromodem_node" in names(start()[:-1])
-    assert Settings.load(out / "mission.yaml").vehicle(1).modem.synchronous, "as with scripts/mission"
+    assert Settings.load(out / "mission.yaml").vehicle(1).modem.synchronous, "as with auv_lse mission"
 
 
 def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:

@@ -316,7 +316,7 @@ def test_a_recording_begun_before_the_first_tick_is_removed_on_ctrl_c(
 def test_ctrl_c_before_the_first_tick_and_during_the_report_prints_what_was_recorded(tmp_path: Path) -> None:
     for folder, sign, last, there in (
         (tmp_path / "early", "to watch from another terminal", "interrupted before the first tick", False),
-        (tmp_path / "late", None, "For its report: scripts/replay", True),
+        (tmp_path / "late", None, "For its report: auv_lse replay", True),
     ):
         with started("--vehicles", "1", "--steps", "1", "--out", str(folder)) as process:
             until = time.monotonic() + 90.0

@@ -1,4 +1,4 @@
-"""The command line of scripts/mission, without flying: the vehicles' file, and how it says what is wrong."""
+"""The command line of auv_lse mission, without flying: the vehicles' file, and how it says what is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""scripts/sim and scripts/vehicle, each in a process of its own: together they fly the mission of scripts/mission."""
+"""auv_lse sim and auv_lse vehicle, each in a process of its own: together they fly the mission of auv_lse mission."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def start(module: str, *arguments: str) -> subprocess.Popen[str]:
 
 def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> None:
     folder = tmp_path / "a run"
-    with own_domain() as free:  # let go at once: scripts/sim takes it
+    with own_domain() as free:  # let go at once: auv_lse sim takes it
         domain = ("--domain", str(free))
     short = ("--vehicles", "2", "--steps", "5", "--seed", "5", "--no-report", "--out", str(folder))
     started = [start("sim", *short, *domain)]
@@ -56,11 +56,11 @@ def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> Non
         for process in started:
             process.kill()
     assert [process.returncode for process in started] == [0, 0, 0], outputs
-    assert f"scripts/vehicle auv2 {folder / 'mission.yaml'}" in outputs[0]
+    assert f"auv_lse vehicle auv2 {folder / 'mission.yaml'}" in outputs[0]
     assert "auv2: the simulated mission has finished" in outputs[1]
     by_hand = read_run(folder)
     settings = Settings.load(folder / "mission.yaml")
-    by_fleet = Fleet(settings, ground_of(settings)).run()  # equal to scripts/mission: test_mission.py
+    by_fleet = Fleet(settings, ground_of(settings)).run()  # equal to auv_lse mission: test_mission.py
     assert [p.payload for p in by_hand.sent] == [p.payload for p in by_fleet.sent]
     assert len(by_hand.sent) > 2
     for one, other in zip(by_hand.vehicles, by_fleet.vehicles, strict=True):

@@ -26,7 +26,7 @@ main = verb_main("bench")
 
 
 def check(rows):
-    """Rows as `scripts/bench` prints them, with finite figures."""
+    """Rows as `auv_lse bench` prints them, with finite figures."""
     assert rows
     for row in rows:
         assert tuple(row) == KEYS

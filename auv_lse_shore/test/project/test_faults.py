@@ -1,4 +1,4 @@
-"""`scripts/faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
+"""`auv_lse faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
 
 import math
 import os

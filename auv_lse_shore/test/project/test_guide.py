@@ -145,6 +145,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         more = f" --steps {STEPS}" if script.name == "mission" else ""
         shim.write_text(f'#!/bin/sh\nexec "{script}" "$@"{more}\n')
         shim.chmod(0o755)
+    (made / "bin").mkdir()
+    shim = made / "bin" / "auv_lse"
+    short = f'[ "$1" != mission ] || set -- "$@" --steps {STEPS}\n'
+    shim.write_text(f'#!/bin/sh\n{short}exec "{ROOT}/scripts/auv_lse" "$@"\n')
+    shim.chmod(0o755)
     (made / "config").symlink_to(ROOT / "config")
     follow("first-mission", made)
     return made
@@ -167,7 +172,7 @@ def follow(page: str, folder: Path) -> None:
             continue
         done = subprocess.run(
             ["bash", "-e", "-c", block.text], cwd=folder, text=True, capture_output=True, timeout=300, check=False,
-            env={**os.environ, "PYTHONWARNINGS": ""},
+            env={**os.environ, "PYTHONWARNINGS": "", "PATH": f"{folder / 'bin'}:{os.environ['PATH']}"},
         )  # fmt: skip
         if block.text.endswith("soundings.csv survey.csv\n"):
             (folder / "survey.csv").write_text(survey())

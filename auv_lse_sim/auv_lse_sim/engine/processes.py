@@ -1,4 +1,4 @@
-"""The processes of a mission, for scripts/mission, scripts/sim and the launch file."""
+"""The processes of a mission, for auv_lse mission, auv_lse sim and the launch file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""scripts/autopilot-check against the simulated autopilot on UDP, and against one whose settings are wrong."""
+"""auv_lse autopilot-check against the simulated autopilot on UDP, and against one whose settings are wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""scripts/modem-check with emulated modems: alone, and two in a bucket."""
+"""auv_lse modem-check with emulated modems: alone, and two in a bucket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vehicles of real nodes (`scripts/vehicle`) without hardware, for faults of their computers.
+"""Vehicles of real nodes (`auv_lse vehicle`) without hardware, for faults of their computers.
 
 Each vehicle has a ROS domain of its own. The vehicles share nothing but the water, which carries their packets.
 """
@@ -54,7 +54,7 @@ class Vehicle:
     Attributes:
         number: Its number.
         witness: The water around it.
-        program: `scripts/vehicle`; None between dives.
+        program: `auv_lse vehicle`; None between dives.
         out: Folder of its current dive.
     """
 
@@ -90,7 +90,7 @@ class Vehicle:
                 self.witness.dive = match[1]
             return True
         if self.program.process.poll() is not None:
-            raise RuntimeError(f"scripts/vehicle has not started its nodes: {''.join(self.program.text)[-2000:]}")
+            raise RuntimeError(f"auv_lse vehicle has not started its nodes: {''.join(self.program.text)[-2000:]}")
         return False
 
     def kill(self, node: str) -> None:

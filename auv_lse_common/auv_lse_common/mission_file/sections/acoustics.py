@@ -131,7 +131,7 @@ class PacketConfig:
         """
         if self.tag and not self.key_file:
             raise ValueError(
-                "key_file: got '' with tag true; expected the file with the team's key (scripts/key makes one)"
+                "key_file: got '' with tag true; expected the file with the team's key (auv_lse key makes one)"
             )
         if self.tag and not self.session:
             raise ValueError(

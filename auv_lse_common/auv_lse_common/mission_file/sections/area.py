@@ -101,7 +101,7 @@ def metres_only(key: str, value: object) -> str:
     """The message of a node that gets positions in degrees, which are converted where a mission file is read."""
     return (
         f"{key} is {value!r}, but nodes and --set take metres only. Give it in a mission file, and start with "
-        "scripts/mission or scripts/sim, which convert it"
+        "auv_lse mission or auv_lse sim, which convert it"
     )
 
 

@@ -42,7 +42,7 @@ class LinkConfig:
     )
     key_file: str = parameter(
         "",
-        help="sign messages, and accept signed ones only, with the key in this file (scripts/key); empty: no signing",
+        help="sign messages, and accept signed ones only, with the key in this file (auv_lse key); empty: no signing",
     )
     set_origin: bool = parameter(
         True, help="send the mission's origin as SET_GPS_GLOBAL_ORIGIN if the autopilot has none"

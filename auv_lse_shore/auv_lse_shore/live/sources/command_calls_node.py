@@ -1,4 +1,4 @@
-"""Sends the page's commands to the vehicles' missions, in the way of scripts/run."""
+"""Sends the page's commands to the vehicles' missions, as auv_lse go does."""
 
 from __future__ import annotations
 

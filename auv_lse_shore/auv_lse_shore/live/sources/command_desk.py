@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from auv_lse_common.vocabulary.mission_run import Command
 
-#: The commands that the page offers. Nothing that starts a vehicle: that needs scripts/run.
+#: The commands that the page offers. Nothing that starts a vehicle: that needs auv_lse go.
 COMMANDS = {"hold": Command.HOLD, "surface": Command.SURFACE, "abort": Command.ABORT}
 
 #: Why a vehicle that was asked has not answered.

@@ -174,9 +174,9 @@ class CommandHandler(_Guard):
             return
         given = self.request.headers.get(TOKEN_HEADER, "").encode()
         if self._desk is None:
-            self._refuse("this live view sends no commands. Start it with scripts/live --control")
+            self._refuse("this live view sends no commands. Start it with auv_lse live --control")
         elif not hmac.compare_digest(given, self._token.encode()):
-            self._refuse("wrong or missing token. Open the address that scripts/live --control printed")
+            self._refuse("wrong or missing token. Open the address that auv_lse live --control printed")
 
     async def post(self) -> None:
         """Takes {"mission": name of the timeline, "command": ..., "vehicles": [...]}; answers when all is known.

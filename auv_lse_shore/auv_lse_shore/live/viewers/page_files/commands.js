@@ -1,10 +1,10 @@
-// Buttons that command the vehicles: hold, surface, abort. Only with scripts/live --control, and its token in the address.
+// Buttons that command the vehicles: hold, surface, abort. Only with auv_lse live --control, and its token in the address.
 
 import { clock, element, setText } from "./format.js";
 
 const EFFECT = {
-  hold: "holds its position until scripts/run go",
-  surface: "comes up and stays at the surface until scripts/run go",
+  hold: "holds its position until auv_lse go",
+  surface: "comes up and stays at the surface until auv_lse go",
   abort: "ends its mission; safety.abort sets what it does then",
 };
 const MAX_SHOWN = 6;
@@ -20,7 +20,7 @@ export class Commands {
       button.addEventListener("click", () => this.ask(name));
       return button;
     });
-    this.hint = element("p", { class: "soft" }, "To command the vehicles, open the address that scripts/live --control printed.");
+    this.hint = element("p", { class: "soft" }, "To command the vehicles, open the address that auv_lse live --control printed.");
     this.log = element("ol", { role: "log", "aria-label": "Results of commands", tabindex: "0", hidden: "" });
     this.bar = element("div", { class: "bar" }, this.to, ...this.buttons);
     root.append(this.bar, this.hint, this.log);

@@ -106,7 +106,7 @@ function describeState() {
   const left = complete && source.connection === "lost" && source.run;
   const early = complete && final.text?.startsWith("the quality asked for") ? `Mission complete: ${final.text}.` : "";
   $("ending").hidden = !(early || left);
-  const results = left ? `The live view has ended. The results are in ${source.run}; scripts/live ${source.run} shows the mission again.` : "";
+  const results = left ? `The live view has ended. The results are in ${source.run}; auv_lse live ${source.run} shows the mission again.` : "";
   setText($("ending"), [early, results].filter(Boolean).join(" "));
   $("problem").hidden = !problem;
   setText($("problem"), problem);
