@@ -12,7 +12,9 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.positions import positions_of
+from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
@@ -28,7 +30,11 @@ from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
+from auv_lse_gp.map.quality_watch import QualityWatch, slices
 from auv_lse_gp.positions.position_corrector import corrector_for
+
+#: Lockstep: time (s) between the slices of a judgement, in which the node handles messages.
+_SLICES_S = 0.001
 
 
 class GpNode(VehicleNode):
@@ -39,9 +45,16 @@ class GpNode(VehicleNode):
         config = section(GpConfig, self.parameters, "gp", self.where)
         level_set = section(LevelSet, self.parameters, "level_set", self.where)
         area = section(AreaConfig, self.parameters, "area", self.where)
-        self._map = DepthMap(config, level_set, OperatingArea(area))
+        operating_area = OperatingArea(area)
+        self._map = DepthMap(config, level_set, operating_area)
         positions = positions_of(self.parameters, self.where)
-        self._intake = MapIntake(self._map, corrector_for(self.vehicle, positions, self._map))
+        until = section(MissionConfig, self.parameters, "mission", self.where).until
+        watch = QualityWatch.of(config, level_set, operating_area, until)
+        self._intake = MapIntake(self._map, corrector_for(self.vehicle, positions, self._map), watch)
+        self._is_running = False  # the mission is
+        self._slices_per_step = slices(section(SimConfig, self.parameters, "sim", self.where).tick_s)
+        self._slices = 0  # lockstep: of a judgement, still to be done in this tick
+        self._judged = 0  # number of judgements published
         self._maps = Periodic(self._map.publish_period_s)
         self._reports = Periodic(config.publish_period_s)
         self._maps_took_s = 0.0
@@ -54,6 +67,7 @@ class GpNode(VehicleNode):
         self._recent = Recent()
         self._centers = self.publisher("kernel_centers")
         self._corrected = self.publisher("corrected")
+        self._quality = self.publisher("map/quality")
         self._field = self.publisher("field")
         self._risk = self.publisher("risk_map")
         self._isobath = self.publisher("isobath")
@@ -63,7 +77,9 @@ class GpNode(VehicleNode):
         self.listen("team/navigation", self._intake.add_navigation)
         self.listen("team/samples", self._on_samples)
         self.listen("mission/state", self._on_state)
-        self.phase("gp", self.step, lambda: (self._revisions, self._positions))
+        self.phase("gp", self.step, lambda: (self._revisions, self._positions, self._judged))
+        self._slicer = self.create_timer(_SLICES_S, self._judge_on)
+        self._slicer.cancel()
         self._intake.restore(self.journal.records)
         self.begin()
 
@@ -72,6 +88,7 @@ class GpNode(VehicleNode):
             self._intake.add_samples(float(packet.stamp_s[0]), int(packet.vehicle[0]), packet.points_m)
 
     def _on_state(self, report: RunReport) -> None:
+        self._is_running = report.status.state is RunState.RUNNING
         is_over = report.status.state in (RunState.ENDED, RunState.ABORTED)
         self._is_final_map_due |= is_over and not self._is_over
         self._is_over = is_over
@@ -90,6 +107,7 @@ class GpNode(VehicleNode):
             self._corrected.publish(position)
         if taken:
             self._update_s = time.perf_counter() - began
+        self._judge(now_s)
         if self._is_final_map_due or self._maps.is_due(now_s):
             self._maps.done(now_s)
             self._is_final_map_due = False
@@ -97,6 +115,32 @@ class GpNode(VehicleNode):
         if self._reports.is_due(now_s):
             self._reports.done(now_s)
             self._publish_health(now_s)
+
+    def _judge(self, now_s: float) -> None:
+        """Does one slice of a judgement of the map; in lockstep the others of this tick follow in other callbacks."""
+        quality = self._intake.judge(now_s, self._is_running, self.journal.write if self.journal.kept else None)
+        if quality is not None:
+            self._judged += 1
+            self._quality.publish(quality)
+        if self.lockstep and self._intake.watch is not None and self._intake.watch.is_judging:
+            self._slices = self._slices_per_step - 1
+            self._slicer.reset()
+
+    def _judge_on(self) -> None:
+        """Does one more slice in this tick of lockstep."""
+        self._slices -= 1
+        quality = self._intake.judge(self.now_s(), self._is_running)
+        if quality is not None:
+            self._judged += 1
+            self._quality.publish(quality)
+            self._slices = 0
+        if self._slices <= 0:
+            self._slicer.cancel()
+            self.wake()
+
+    def settled(self) -> bool:
+        """Lockstep: whether this tick's share of a judgement is done."""
+        return self._slices <= 0
 
     def _publish_maps(self, now_s: float) -> None:
         began = time.perf_counter()

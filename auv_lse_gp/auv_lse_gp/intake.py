@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.quality_watch import QualityWatch
 from auv_lse_gp.positions.position_corrector import Checkpoint, PositionCorrector
 
 
@@ -24,12 +26,19 @@ class MapIntake:
 
     Attributes:
         corrector: Corrects the positions of soundings; None: uses their estimated positions.
+        watch: Judges the map's quality; None: nobody asks for it.
         sounded_s: Time (s) of the last step with a sounding of this vehicle, initially of the first step.
     """
 
-    def __init__(self, depth_map: DepthMap, corrector: PositionCorrector | None = None) -> None:
+    def __init__(
+        self,
+        depth_map: DepthMap,
+        corrector: PositionCorrector | None = None,
+        watch: QualityWatch | None = None,
+    ) -> None:
         self.map = depth_map
         self.corrector = corrector
+        self.watch = watch
         self.gate = SoundingGate()
         self.sounded_s = math.inf
         self._soundings: list[Sounding] = []
@@ -86,6 +95,8 @@ class MapIntake:
 
         They are written afterwards, so that inputs that crash the map are not repeated at every start.
         """
+        if self._is_held:
+            return False
         waiting = self.waiting()
         taken = self.step(now_s)
         if waiting:
@@ -114,6 +125,9 @@ class MapIntake:
             self.step(last_s)
         if self.corrector is not None:
             self.corrector.end_skip()
+        judged = [values[0] for kind, *values in records if kind == "judged"]
+        if judged and self.watch is not None:
+            self.watch.restore(judged[-1])
 
     def _can_join(self, waiting: Mapping[str, Any]) -> bool:
         """Whether one step with the queued inputs and those of the next step gives the same log as two steps."""
@@ -129,11 +143,14 @@ class MapIntake:
     def step(self, now_s: float) -> bool:
         """Updates the map: own soundings by stamp, then samples by stamp and source.
 
-        With a corrector, navigation comes before the soundings that it positions, and the correction comes last.
+        With a corrector, navigation comes before the soundings that it positions, and the correction comes last. While
+        the map stands still (`QualityWatch.holds`), all inputs wait.
 
         Returns:
             Whether there were soundings or samples, or positions were corrected.
         """
+        if self._is_held:
+            return False
         waited = bool(self._soundings or self._samples)
         has_sounding = any(math.isfinite(sounding.depth_m) for sounding in self._soundings)
         self.sounded_s = now_s if has_sounding else min(self.sounded_s, now_s)
@@ -149,6 +166,32 @@ class MapIntake:
         self._tracks, self._fixes, self._mates = [], [], []
         self._take()
         return self.corrector.step(now_s) or waited
+
+    def judge(self, now_s: float, is_running: bool, write: Callable[..., None] | None = None) -> Quality | None:
+        """Begins a judgement of the map's quality if one is due, and does one slice of it. Call it after each step.
+
+        Args:
+            now_s: Mission time.
+            is_running: Whether the mission runs; else a judgement is abandoned.
+            write: Writes the state of the watch into a journal when it has changed.
+
+        Returns:
+            The quality, once it is done.
+        """
+        if self.watch is None:
+            return None
+        if not is_running:
+            self.watch.stop()
+            return None
+        begun = self.watch.begin_if_due(now_s, self.map.gp)
+        quality = self.watch.advance(now_s)
+        if write is not None and (begun or quality is not None):
+            write("judged", self.watch.snapshot())
+        return quality
+
+    @property
+    def _is_held(self) -> bool:
+        return self.watch is not None and self.watch.holds
 
     def _take(self) -> None:
         passed = self.gate.passed(sorted(self._soundings, key=itemgetter(0)))

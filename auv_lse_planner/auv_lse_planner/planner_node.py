@@ -91,6 +91,7 @@ class PlannerNode(VehicleNode):
         self.listen("odometry", self._on_odometry)
         self.listen("corrected", self._on_corrected)
         self.listen("kernel_centers", self._on_centers)
+        self.listen("map/quality", self._intake.set_quality)
         self.listen("mission/state", self._on_state)
         self.listen("team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
@@ -166,7 +167,11 @@ class PlannerNode(VehicleNode):
 
     def step(self, now_s: float) -> None:
         """Applies the queued inputs; if a decision is due, makes and publishes it."""
-        if self._intake.take(now_s):
+        quality = self._planner.until.quality
+        is_due = self._intake.take(now_s)
+        if self._planner.until.quality is not quality:
+            self._note_judgement()
+        if is_due:
             began = time.perf_counter()
             decision = self._planner.decide(now_s, self._deadline())
             self._planning_s = time.perf_counter() - began
@@ -174,7 +179,6 @@ class PlannerNode(VehicleNode):
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
             self.state.write({"decided": self._planner.decided})  # before anyone learns of it
             self._publish(now_s, decision)
-            self._judge()
         if self._planner.finished and not self._finish_kept:
             self._finish_kept = True
             self.journal.write("finished")
@@ -183,10 +187,8 @@ class PlannerNode(VehicleNode):
             self._end.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
         self._diagnose(now_s)
 
-    def _judge(self) -> None:
-        """Judges the map for `mission.until`, once the decision is published."""
-        if not self._planner.judge_map():
-            return
+    def _note_judgement(self) -> None:
+        """Enters a judgement of the map, for `mission.until`, into the journal."""
         until = self._planner.until
         self.journal.write("judged", until.snapshot())
         if until.met == IN_A_ROW:
@@ -250,9 +252,6 @@ def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: In
         map_revision=taken.map_revision,
         plans_heard=taken.plans,
         odometry_taken=taken.odometry_s,
-        found_share=bound.quality.found_share,
-        undiscovered_m=bound.quality.undiscovered_m,
-        deviation_m=bound.quality.deviation_m,
     )
 
 

@@ -19,6 +19,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import OnlineGp
+from auv_lse_gp.map.quality_watch import QualityWatch
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from auv_lse_shore.judge.isobath import compare, trace
 
@@ -42,6 +43,15 @@ class _Boat:
     unsent: list[tuple[float, float, float]] = field(default_factory=list)
     visited: list[tuple[float, float]] = field(default_factory=list)
     wall_s: list[float] = field(default_factory=list)
+    watch: QualityWatch | None = None
+
+    def judge(self, now_s: float) -> None:
+        """Judges the map for `mission.until`, if that is due."""
+        if self.watch is not None and self.watch.begin_if_due(now_s, self.gp):
+            while self.watch.is_judging:
+                quality = self.watch.advance(now_s)
+                if quality is not None:
+                    self.planner.set_quality(now_s, quality)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -106,7 +116,7 @@ def light_mission(
     late_s, silent_s = late_s or {}, silent_s or {}
     vehicles = settings.mission.vehicles
     noise, channel = stream(seed, "soundings"), stream(seed, "channel")
-    v = settings.vehicle
+    v, area = settings.vehicle, OperatingArea(settings.area)
     boats = [
         _Boat(
             VehiclePlanner(k, settings, stream(seed, "planner", k)),
@@ -114,6 +124,7 @@ def light_mission(
             v.start_heading_rad,
             v.start_north_m,
             v.start_east_m,
+            watch=QualityWatch.of(settings.gp, settings.level_set, area, settings.mission.until),
         )
         for k in range(1, vehicles + 1)
     ]
@@ -132,7 +143,6 @@ def light_mission(
                 boat.planner.set_centers(boat.gp.centers, float(now))
                 decision = boat.planner.decide(float(now))
                 boat.wall_s.append(time.perf_counter() - begin)
-                boat.planner.judge_map()
                 boat.plan = decision.plan
                 if boat.leg is None:
                     boat.leg = decision.leg
@@ -159,6 +169,7 @@ def light_mission(
                     boat.soundings.append((float(now), boat.north, boat.east, depth))
                     boat.unsent.append((boat.north, boat.east, depth))
             boat.planner.odometry(float(now), boat.heading, boat.north, boat.east)
+            boat.judge(float(now))
     return _evaluate(settings, ground, boats)
 
 

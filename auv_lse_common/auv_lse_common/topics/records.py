@@ -194,9 +194,6 @@ class BoundReport:
     map_revision: int = 0
     plans_heard: int = 0
     odometry_taken: Time = 0.0
-    found_share: float = math.nan
-    undiscovered_m: float = math.nan
-    deviation_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ from auv_lse_common.topics import codecs, map_codecs, plan_codecs
 from auv_lse_common.topics.codecs import Decode, Encode, encode_record, packet_decoder, record_decoder
 from auv_lse_common.topics.records import BoundReport, Reception, SimReport, TdmaReport, Transmission
 from auv_lse_common.vocabulary.dead_reckoning import Fix
+from auv_lse_common.vocabulary.map_quality import Quality
 
 #: How messages are delivered. "every": reliably. "newest": only the newest one matters, so readers accept best-effort
 #: writers such as ROS drivers (in lockstep as "every"). "latched": late readers receive the last message.
@@ -178,6 +179,11 @@ _ROWS = (
         name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's position, corrected by its map",
         writer="gp_node", readers=("planner_node",), delivery="newest", phase="gp", awaited_by=("planner",),
         encode=codecs.encode_odometry, decode=codecs.decode_corrected,
+    ),
+    Topic(
+        name="map/quality", kind="auv_lse_msgs/msg/MapQuality", about="with `mission.until`: the map's quality",
+        writer="gp_node", readers=("planner_node",), delivery="latched", phase="gp", awaited_by=("planner",),
+        encode=encode_record, decode=record_decoder(Quality),
     ),
     Topic(
         name="field", kind="auv_lse_msgs/msg/LevelSetField", about="the map on a grid: depth, error, risk",

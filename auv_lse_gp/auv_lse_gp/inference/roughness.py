@@ -29,6 +29,7 @@ from scipy.spatial import cKDTree
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,6 +42,8 @@ LOCAL_WORTH = 3.0
 REACH = 4.0
 #: Largest number of weights that are computed together.
 _WEIGHTS = 2_000_000
+#: Locations are taken as cells of a grid if that has at most this many cells per location.
+_SPARSE = 6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,11 +63,17 @@ class Roughness:
     @classmethod
     def of(cls, posterior: Posterior, length_m: float, own: Mask | None = None) -> Roughness:
         """Predicts each center of a posterior, or those of a mask (n,)."""
+        return finish(cls.in_parts(posterior, length_m, own))
+
+    @classmethod
+    def in_parts(cls, posterior: Posterior, length_m: float, own: Mask | None = None) -> Work[Roughness]:
+        """As `of`."""
         locations = posterior.centers.locations_m
         if own is not None:
             locations = locations[own]
         steep = steepness(posterior, locations, 0.0)  # hardly any variance is left at a center
-        squares = left_out_squares(posterior, LEFT_OUT * length_m, own) / steep
+        yield FUNCTION * len(locations) * posterior.data_rows
+        squares = (yield from _left_out_squares(posterior, LEFT_OUT * length_m, own)) / steep
         return cls(locations_m=locations, squares=squares, length_m=length_m)
 
     @classmethod
@@ -85,23 +94,53 @@ class Roughness:
         return Roughness(locations_m=self.locations_m[near], squares=self.squares[near], length_m=self.length_m)
 
     def sums(self, at_m: Array) -> Array:
-        """Sums of k_i q_i and of k_i at locations (P, 2), shape (P, 2)."""
-        found = np.zeros((len(at_m), 2))
-        if not len(self.squares):
-            return found
-        h, values = NEARBY * self.length_m, np.column_stack([self.squares, np.ones(len(self.squares))])
+        """Sums of k_i q_i and of k_i at locations (P, 2), shape (P, 2).
+
+        The weights are products of a function of north and one of east. So at the cells of a grid the sums are matrix
+        products, and few exponentials are needed.
+        """
+        if not len(self.squares) or not len(at_m):
+            return np.zeros((len(at_m), 2))
+        (north, row), (east, column) = (np.unique(at_m[:, axis], return_inverse=True) for axis in (0, 1))
+        if len(north) * len(east) > _SPARSE * len(at_m):
+            return self._sums_at(at_m)
+        by_north, by_east = self._weights(north, 0), self._weights(east, 1)
+        layers = [(by_north.T * values) @ by_east for values in (self.squares, np.ones(len(self.squares)))]
+        return np.stack([layer[row.ravel(), column.ravel()] for layer in layers], axis=1)
+
+    def _weights(self, at_m: Array, axis: int) -> Array:
+        """Factors (n, A) of the weights at coordinates (A,) along an axis."""
+        off = (self.locations_m[:, axis, None] - at_m) / (NEARBY * self.length_m)
+        return np.asarray(np.exp(-0.5 * off * off))
+
+    def _sums_at(self, at_m: Array) -> Array:
+        """As `sums`, at locations (P, 2) that lie on no common grid."""
+        found, values = np.zeros((len(at_m), 2)), np.column_stack([self.squares, np.ones(len(self.squares))])
         rows = max(1, _WEIGHTS // len(self.squares))
         for first in range(0, len(at_m), rows):
             part = at_m[first : first + rows]
-            apart = (part[:, None, 0] - self.locations_m[:, 0]) ** 2 + (part[:, None, 1] - self.locations_m[:, 1]) ** 2
-            found[first : first + rows] = np.exp(apart / (-2.0 * h * h)) @ values
+            apart = ((part[:, None] - self.locations_m) ** 2).sum(axis=2)
+            found[first : first + rows] = np.exp(apart / (-2.0 * (NEARBY * self.length_m) ** 2)) @ values
         return found
 
 
 def variance_scales(posterior: Posterior, config: GpConfig, at_m: Array, variance_m2: Array) -> Array:
     """Factor c^2 (P,) on the variances (P,) of a posterior at locations (P, 2)."""
-    found, steep = Roughness.of(posterior, config.length_scale_m), steepness(posterior, at_m, variance_m2)
-    return scale_of(found.sums(at_m), steep, float(found.squares.sum()), len(found.squares), config.std_soundings)
+    return finish(variance_scales_in_parts(posterior, config, at_m, variance_m2))
+
+
+def variance_scales_in_parts(posterior: Posterior, config: GpConfig, at_m: Array, variance_m2: Array) -> Work[Array]:
+    """As `variance_scales`."""
+    found = yield from Roughness.in_parts(posterior, config.length_scale_m)
+    steep, each = np.empty(len(at_m)), FUNCTION * max(posterior.data_rows, 1)
+    rows = rows_per_part(each)
+    for first in range(0, len(at_m), rows):
+        part = slice(first, min(first + rows, len(at_m)))
+        steep[part] = steepness(posterior, at_m[part], variance_m2[part])
+        yield each * (part.stop - first)
+    sums = found.sums(at_m)
+    yield 4.0 * len(at_m) * len(found.squares)
+    return scale_of(sums, steep, float(found.squares.sum()), len(found.squares), config.std_soundings)
 
 
 def degrees_of_freedom(posterior: Posterior, config: GpConfig) -> float:
@@ -148,6 +187,10 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
     Args:
         own: Mask (n,) of the centers to predict; None: all.
     """
+    return finish(_left_out_squares(posterior, radius_m, own))
+
+
+def _left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None) -> Work[Array]:
     n = posterior.data_rows
     predicted = np.arange(n) if own is None else np.flatnonzero(own)
     if not len(predicted):
@@ -155,12 +198,13 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
     locations, factor, residuals = posterior.centers.locations_m, posterior.factor, posterior.whitened_residuals[:n]
     near = cKDTree(locations).query_ball_point(locations[predicted], radius_m)
     used = np.unique(np.concatenate([np.asarray(found, dtype=np.int64) for found in near]))
-    precision = _precision(posterior, used)
+    precision = yield from _precision(posterior, used)
     if posterior.positions_uncertain:
         white = posterior.white_position_effect
         within, back = np.eye(white.shape[1]) + white.T @ white, factor.solve_transposed(white, n)
         residuals = residuals - white @ np.linalg.solve(within, white.T @ residuals)
         precision -= back[used] @ np.linalg.solve(within, back[used].T)
+        yield 2.0 * n * n * white.shape[1]
     weighted = factor.solve_transposed(residuals, n)[used]
     counts = np.array([len(found) for found in near])
     squares = np.empty(len(predicted))
@@ -171,16 +215,23 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
         solved = np.linalg.solve(precision[blocks[:, :, None], blocks[:, None, :]], is_own[:, :, None])[:, :, 0]
         error, variance = (solved * weighted[blocks]).sum(axis=1), (solved * is_own).sum(axis=1)
         squares[alike] = error**2 / variance
+        yield 10.0 * len(alike) * float(count) ** 3
     return squares
 
 
-def _precision(posterior: Posterior, used: NDArray[np.int64]) -> Array:
-    """Rows and columns `used` (u,) of the inverse of the data's covariance, (u, u)."""
+def _precision(posterior: Posterior, used: NDArray[np.int64]) -> Work[Array]:
+    """Rows and columns `used` (u,) of the inverse of the data's covariance, (u, u); in parts."""
     n = posterior.data_rows
     if len(used) == n:
-        half, _ = lapack.dpotri(np.array(posterior.factor.lower[:n, :n], order="F"), lower=1, overwrite_c=1)
+        inverse, _ = lapack.dtrtri(np.array(posterior.factor.lower[:n, :n], order="F"), lower=1, overwrite_c=1)
+        yield n**3 / 3.0
+        half, _ = lapack.dlauum(inverse, lower=1, overwrite_c=1)
+        yield n**3 / 3.0
         return np.asarray(np.tril(half) + np.tril(half, -1).T)
     units = np.zeros((n, len(used)))
     units[used, np.arange(len(used))] = 1.0
     columns = posterior.factor.solve_in_place(units)
-    return np.asarray(columns.T @ columns)
+    yield 0.5 * n * n * len(used)
+    product = columns.T @ columns
+    yield float(n) * len(used) ** 2
+    return np.asarray(product)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_locations
 from auv_lse_gp.inference.roughness import Roughness, scale_of, steepness
+from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -186,9 +187,17 @@ class TiledPosterior:
         Raises:
             IllConditionedError: if their covariance cannot be factorized.
         """
-        posterior = self._prior.blank() if start is None else start
-        posterior.follow(self._centers.take(self._numbers_near(tile, tile, share)))
+        posterior = self.blank() if start is None else start
+        posterior.follow(self.near_tile(tile, share))
         return posterior
+
+    def blank(self) -> Posterior:
+        """A posterior without data."""
+        return self._prior.blank()
+
+    def near_tile(self, tile: Corner, share: float = 1.0) -> Centers:
+        """The centers within a share of the margin of a tile."""
+        return self._centers.take(self._numbers_near(tile, tile, share))
 
     def _numbers_near(
         self, first: Corner, last: Corner, share: float = 1.0, locations: _Locations | None = None
@@ -360,12 +369,21 @@ class TiledMoments:
                 results. Half of it goes to the tiles that most centers have come close to, half to those computed
                 longest ago. Tiles without results are always computed.
         """
+        return finish(self.update_in_parts(most_work))
+
+    def follow(self, centers: Centers) -> Work[tuple[Array, Array, Array]]:
+        """Takes other data and updates all tiles, in parts."""
+        self._posterior.follow(centers)
+        return self.update_in_parts()
+
+    def update_in_parts(self, most_work: float = math.inf) -> Work[tuple[Array, Array, Array]]:
+        """As `update`; the posterior's data must not change in between."""
         homes = dict(self._posterior.tiles(self._posterior.centers.locations_m))
         for corner in homes.keys() - self._tiles.keys():
             self._tiles[corner] = _Tile(np.zeros(0, dtype=np.int64))
         self._turn += 1
         for each in self._chosen(most_work):
-            self._compute(each)
+            yield from self._compute(each)
         mean, variance, position_variance = np.empty((3, len(self._locations_m)))
         for tile in self._tiles.values():
             mean[tile.locations], variance[tile.locations] = tile.mean_m, tile.variance_m2
@@ -374,6 +392,10 @@ class TiledMoments:
 
     def scales(self, worth: float) -> Array:
         """Factor on the prior's variance (P,) of the last update, as `variance_scales`."""
+        return finish(self.scales_in_parts(worth))
+
+    def scales_in_parts(self, worth: float) -> Work[Array]:
+        """As `scales`."""
         parts = [tile.roughness for tile in self._tiles.values() if tile.roughness is not None]
         everywhere, sums = Roughness.joined(parts, self._length_m), np.zeros((len(self._locations_m), 2))
         steep = np.empty(len(self._locations_m))
@@ -386,6 +408,7 @@ class TiledMoments:
                 if tile.sums is None or tile.summed != summed:
                     tile.sums, tile.summed = near.sums(own), summed
                 sums[tile.locations] = tile.sums
+                yield FUNCTION * len(own) + 100.0 * len(everywhere.squares)
         return scale_of(sums, steep, float(everywhere.squares.sum()), len(everywhere.squares), worth)
 
     def _chosen(self, most_work: float) -> list[_Stale]:
@@ -410,17 +433,27 @@ class TiledMoments:
                     spent += each.work
         return list(chosen.values())
 
-    def _compute(self, stale: _Stale) -> None:
-        tile, local = stale.tile, self._posterior.of_tile(stale.corner)
-        own = self._locations_m[tile.locations]
-        tile.position_variance_m2 = local.position_variance(local.kernel.scale(own))
-        if tile.data is None or tile.data.centers != stale.data.centers:  # else only location effects have changed
-            tile.mean_m, variance = local.moments(own)
-            tile.variance_m2 = np.maximum(variance - tile.position_variance_m2, 0.0)
-            tile.steep = steepness(local, own, tile.variance_m2)
+    def _compute(self, stale: _Stale) -> Work[None]:
+        tile, local = stale.tile, self._posterior.blank()
+        yield from local.extend_in_parts(self._posterior.near_tile(stale.corner))
+        own, is_new = self._locations_m[tile.locations], tile.data is None or tile.data.centers != stale.data.centers
+        mean, variance, position_variance, steep = np.empty((4, len(own)))
+        each = 0.5 * local.data_rows**2 + 3.0 * FUNCTION * local.data_rows
+        rows = rows_per_part(each)
+        for first in range(0, len(own), rows):
+            part = slice(first, min(first + rows, len(own)))
+            position_variance[part] = local.position_variance(local.kernel.scale(own[part]))
+            if is_new:  # else only location effects have changed
+                mean[part], total = local.moments(own[part])
+                variance[part] = np.maximum(total - position_variance[part], 0.0)
+                steep[part] = steepness(local, own[part], variance[part])
+            yield each * (part.stop - first)
+        tile.position_variance_m2 = position_variance
+        if is_new:
+            tile.mean_m, tile.variance_m2, tile.steep = mean, variance, steep
         locations = local.centers.locations_m
         home = np.zeros(len(locations), dtype=bool)
         for corner, members in self._posterior.tiles(locations):
             home[members] = corner == stale.corner
-        tile.roughness = Roughness.of(local, self._length_m, home)
+        tile.roughness = yield from Roughness.in_parts(local, self._length_m, home)
         tile.data, tile.turn = stale.data, self._turn

@@ -16,7 +16,7 @@ from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings
-from auv_lse_gp.inference.banks import Banks, width_factor
+from auv_lse_gp.inference.banks import Banks, depths, width_factor
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.roughness import variance_scales
@@ -58,6 +58,23 @@ class DepthField:
     p_safe: Array
     variance_scale: float
     revision: int
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Moments:
+    """Moments of the posterior at locations, (P,) each; of relative depths, if there are banks.
+
+    Attributes:
+        mean_m: Mean.
+        variance_m2: Variance with exact positions, by the prior's scale.
+        position_variance_m2: Variance that uncertain positions add.
+        scales: Factor on the variance that the ground's roughness near each location shows.
+    """
+
+    mean_m: Array
+    variance_m2: Array
+    position_variance_m2: Array
+    scales: Array
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -210,20 +227,9 @@ class DepthMap:
         return self._computed(RECENT_WORK) if self.gp.is_tiled else self.field()
 
     def _computed(self, most_work: float) -> DepthField:
-        relative, variance, position_variance, scales = self._predict(most_work)
-        scales = scales + width_factor(self.gp.banks, self._locations_m, relative, self.gp.config.signal_std_m)
-        mean, std = self.gp.depths(self._locations_m, relative, scales * variance + position_variance)
-        _, prior_std = self.gp.depths(self._locations_m, relative, variance + position_variance)
-        return DepthField(
-            grid=self.grid,
-            mean_m=self.grid.fill(mean),
-            std_m=self.grid.fill(std),
-            prior_std_m=self.grid.fill(prior_std),
-            risk=self.grid.fill(self.level_set.risk(mean, std)),
-            p_safe=self.grid.fill(self.level_set.p_safe(mean, std)),
-            variance_scale=float(scales.mean()) if len(scales) else 1.0,
-            revision=self.gp.revision,
-        )
+        moments = Moments(*self._predict(most_work))
+        signal_std_m = self.gp.config.signal_std_m
+        return field_of(self.grid, moments, self.level_set, self.gp.banks, signal_std_m, self.gp.revision)
 
     def isobath(self, field: DepthField | None = None) -> Isobath:
         """Contours of the mean at the level, and the band with probability `BAND_PROBABILITY`.
@@ -242,10 +248,7 @@ class DepthMap:
         )
 
     def _predict(self, most_work: float) -> tuple[Array, Array, Array, Array]:
-        """Moments of the posterior, (P,) each.
-
-        Mean, variance with the prior's scale, variance that uncertain positions add, variance factor.
-        """
+        """The values of `Moments`."""
         gp = self.gp
         if gp.is_tiled and not gp.config.local:
             tiled = gp.tiled  # up to date
@@ -263,6 +266,31 @@ class DepthMap:
             position_variance = posterior.position_variance(gp.kernel.scale(self._locations_m))
             variance = np.maximum(total - position_variance, 0.0)
         return mean, variance, position_variance, variance_scales(posterior, gp.config, self._locations_m, variance)
+
+
+def field_of(
+    grid: Grid, moments: Moments, level_set: LevelSet, banks: Banks | None, signal_std_m: float, revision: int
+) -> DepthField:
+    """The map on a grid, from the moments at its cells.
+
+    Args:
+        signal_std_m: `gp.signal_std_m`.
+        revision: The map's.
+    """
+    locations, relative, variance = grid.locations_m, moments.mean_m, moments.variance_m2
+    scales = moments.scales + width_factor(banks, locations, relative, signal_std_m)
+    mean, std = depths(banks, locations, relative, scales * variance + moments.position_variance_m2)
+    _, prior_std = depths(banks, locations, relative, variance + moments.position_variance_m2)
+    return DepthField(
+        grid=grid,
+        mean_m=grid.fill(mean),
+        std_m=grid.fill(std),
+        prior_std_m=grid.fill(prior_std),
+        risk=grid.fill(level_set.risk(mean, std)),
+        p_safe=grid.fill(level_set.p_safe(mean, std)),
+        variance_scale=float(scales.mean()) if len(scales) else 1.0,
+        revision=revision,
+    )
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

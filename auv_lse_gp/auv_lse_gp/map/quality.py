@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,49 +12,28 @@ from scipy.special import erfc
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
-from auv_lse_common.mission_file.sections.mission import UntilConfig
-from auv_lse_gp.inference.banks import depths, width_factor
+from auv_lse_common.vocabulary.map_quality import Quality
+from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import variance_scales
+from auv_lse_gp.inference.roughness import variance_scales_in_parts
+from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
+from auv_lse_gp.inference.work import FUNCTION, Work, finish
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M, MIN_INFORMED, classify, found_within_m, length_of, lines_of
-from auv_lse_gp.map.depth_map import MANY_CELLS, DepthField, contours
-from auv_lse_gp.map.undiscovered import KERNEL, coarse_grid, undiscovered
+from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, contours, field_of
+from auv_lse_gp.map.online import MAX_DENSE
+from auv_lse_gp.map.undiscovered import KERNEL, coarse_grid, undiscovered_in_parts
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quality:
-    """The quality of a map.
-
-    Attributes:
-        found_share: Length of isobath found / (that length + expected length undiscovered); 0 without any.
-        undiscovered_m: 95 % upper limit of the length undiscovered (m).
-        deviation_m: Distance (m) within which 95 % of the line found is expected; NaN if none is found.
-    """
-
-    found_share: float
-    undiscovered_m: float
-    deviation_m: float
-
-    def meets(self, asked: UntilConfig) -> bool:
-        """Whether it is at least the quality that is asked for."""
-        return (
-            (asked.found is None or self.found_share >= asked.found)
-            and (asked.undiscovered_m is None or self.undiscovered_m <= asked.undiscovered_m)
-            and (asked.deviation_m is None or self.deviation_m <= asked.deviation_m)
-        )
-
-
-#: Nothing is known yet.
-UNKNOWN = Quality(found_share=math.nan, undiscovered_m=math.nan, deviation_m=math.nan)
-
-
 class QualityJudge:
-    """Judges the maps of one mission; takes one to two seconds for each."""
+    """Judges the maps of one mission.
+
+    A judgement takes one to four seconds. So it is done in parts (`auv_lse_gp.inference.work`).
+    """
 
     def __init__(self, config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
         self._config, self._levels = config, LevelSet.of(level_set)
@@ -65,48 +43,58 @@ class QualityJudge:
             grid = area.grid(config.map_resolution_m * math.sqrt(cells / MANY_CELLS))
         self._grid, self._locations_m = grid, grid.locations_m
         self._coarse = coarse_grid(area, config.map_resolution_m)
+        self._prior = Posterior(config, banks=Banks.of(area.config, self._levels.level_m))
+        self._tiles: TiledMoments | None = None  # of a large map, so that tiles without changes are kept
 
-    def judge(self, posterior: Posterior) -> Quality:
-        """The quality of the map of a posterior.
+    def judge(self, centers: Centers) -> Quality:
+        """The quality of the map of these centers.
 
         Where positions are corrected, its location variance (`Posterior.position_variance`) counts as the vehicles'
         error.
+
+        Raises:
+            IllConditionedError: if the centers cannot be factorized.
         """
-        field, level_m = self._field(posterior), self._levels.level_m
+        return finish(self.judge_in_parts(centers))
+
+    def judge_in_parts(self, centers: Centers, revision: int = 0) -> Work[Quality]:
+        """As `judge`; the quality has the map's `revision`."""
+        banks, level_m = self._prior.banks, self._levels.level_m
+        moments = yield from self._moments(centers)
+        field = field_of(self._grid, moments, self._levels, banks, self._config.signal_std_m, revision)
+        yield FUNCTION * len(self._locations_m)
         lines = contours(self._grid, field.mean_m, level_m)
-        soundings = np.column_stack([posterior.centers.locations_m, np.zeros(posterior.data_rows)])
-        shore_known = posterior.banks is not None
-        pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=shore_known)
+        soundings = np.column_stack([centers.locations_m, np.zeros(len(centers))])
+        yield FUNCTION * len(self._locations_m)
+        pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=banks is not None)
+        yield FUNCTION * len(self._locations_m)
         located = near(lines_of(pieces, FOUND))
-        missing = undiscovered(self._config, posterior.centers, level_m, self._coarse, located, posterior.banks)
+        missing = yield from undiscovered_in_parts(
+            self._config, centers, level_m, self._coarse, located, self._prior.banks
+        )
         found_m = length_of(pieces, FOUND)
         both_m = found_m + missing.expected_m
         return Quality(
             found_share=found_m / both_m if both_m > 0.0 else 0.0,
             undiscovered_m=missing.limit_m,
             deviation_m=found_within_m(pieces),
+            revision=revision,
         )
 
-    def _field(self, posterior: Posterior) -> DepthField:
-        """The posterior on the grid, as `DepthMap.field`."""
-        grid, config = self._grid, self._config
-        relative, variance = posterior.moments(self._locations_m)
-        position_variance = posterior.position_variance(posterior.kernel.scale(self._locations_m))
-        exact = np.maximum(variance - position_variance, 0.0)  # of exact positions
-        scales = variance_scales(posterior, config, self._locations_m, exact)
-        scales = scales + width_factor(posterior.banks, self._locations_m, relative, config.signal_std_m)
-        mean, std = depths(posterior.banks, self._locations_m, relative, scales * exact + position_variance)
-        _, prior_std = depths(posterior.banks, self._locations_m, relative, variance)
-        return DepthField(
-            grid=grid,
-            mean_m=grid.fill(mean),
-            std_m=grid.fill(std),
-            prior_std_m=grid.fill(prior_std),
-            risk=grid.fill(self._levels.risk(mean, std)),
-            p_safe=grid.fill(self._levels.p_safe(mean, std)),
-            variance_scale=float(scales.mean()),
-            revision=0,
-        )
+    def _moments(self, centers: Centers) -> Work[Moments]:
+        """The posterior at the grid's cells: of a small map as a whole, else tile by tile."""
+        if len(centers) > MAX_DENSE:
+            if self._tiles is None:
+                length_m = self._config.length_scale_m
+                self._tiles = TiledMoments(TiledPosterior(self._prior), self._locations_m, length_m)
+            found = yield from self._tiles.follow(centers)
+            scales = yield from self._tiles.scales_in_parts(self._config.std_soundings)
+            return Moments(*found, scales)
+        posterior = self._prior.blank()
+        yield from posterior.extend_in_parts(centers)
+        mean, variance, position_variance = yield from posterior.moments_in_parts(self._locations_m)
+        scales = yield from variance_scales_in_parts(posterior, self._config, self._locations_m, variance)
+        return Moments(mean, variance, position_variance, scales)
 
 
 #: Half the number of lanes of `lanes_share`, and half their length in length scales.

@@ -27,7 +27,8 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.inference.roughness import degrees_of_freedom, variance_scales
+from auv_lse_gp.inference.roughness import degrees_of_freedom, variance_scales_in_parts
+from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 from auv_lse_gp.level_set.crossings import crossing_intensity
 
 Array = NDArray[np.float64]
@@ -38,6 +39,8 @@ FACTORS = tuple(2.0 ** (k / 6.0) for k in range(-12, 9))
 #: Number of soundings that `gp.signal_std_m` counts as in the weights of hypotheses. Soundings along tracks hardly tell
 #: a long, rough scale from a short, smooth one: a surer standard deviation would decide, and could be wrong.
 STD_WORTH = 1.0
+#: Of the length scales, every so many are tried first.
+COARSE = 3
 #: Hypotheses of less weight are left out.
 LEAST_WEIGHT = 0.01
 #: Largest number of centers; of more, evenly many are left out.
@@ -99,26 +102,47 @@ class Undiscovered:
 
 def hypotheses(config: GpConfig, centers: Centers, banks: Banks | None = None) -> list[Hypothesis]:
     """Posteriors of several length scales that the soundings support, by decreasing weight."""
+    return finish(hypotheses_in_parts(config, centers, banks))
+
+
+def hypotheses_in_parts(config: GpConfig, centers: Centers, banks: Banks | None = None) -> Work[list[Hypothesis]]:
+    """As `hypotheses`.
+
+    Every third length scale is tried first, then those beside one that has some weight: the likelihood changes slowly.
+    """
     centers = _thinned(centers)
-    posteriors, logs = [], []
-    for factor in FACTORS:
-        prior = dataclasses.replace(
-            config,
-            kernel=KERNEL,
-            support_m=0.0,
-            local=False,
-            length_scale_m=factor * config.length_scale_m,
-            length_scale_2_m=factor * config.length_scale_2_m,
-        )
-        posterior = Posterior(prior, banks=banks)
-        posterior.extend(centers)
-        posteriors.append(posterior)
-        logs.append(_log_likelihood(posterior, STD_WORTH))
-    weights = np.exp(np.array(logs) - max(logs))
+    tried: dict[int, tuple[Posterior, float]] = {}
+    wanted = list(range(0, len(FACTORS), COARSE))
+    while wanted:
+        for number in wanted:
+            posterior = yield from _conditioned(config, centers, banks, FACTORS[number])
+            tried[number] = posterior, _log_likelihood(posterior, STD_WORTH)
+        best = max(log for _, log in tried.values())
+        likely = [number for number, (_, log) in tried.items() if math.exp(log - best) >= LEAST_WEIGHT / len(FACTORS)]
+        beside = {n + step for n in likely for step in range(1 - COARSE, COARSE)}
+        wanted = sorted(n for n in beside if 0 <= n < len(FACTORS) and n not in tried)
+    numbers = sorted(tried)
+    posteriors, logs = [tried[n][0] for n in numbers], np.array([tried[n][1] for n in numbers])
+    weights = np.exp(logs - max(logs))
     kept = weights / weights.sum() >= LEAST_WEIGHT
     weights = np.where(kept, weights, 0.0) / weights[kept].sum()
     order = np.argsort(-weights, kind="stable")
     return [Hypothesis(posterior=posteriors[i], weight=float(weights[i])) for i in order if weights[i] > 0.0]
+
+
+def _conditioned(config: GpConfig, centers: Centers, banks: Banks | None, factor: float) -> Work[Posterior]:
+    """The posterior of one length scale: a multiple of `gp.length_scale_m`."""
+    prior = dataclasses.replace(
+        config,
+        kernel=KERNEL,
+        support_m=0.0,
+        local=False,
+        length_scale_m=factor * config.length_scale_m,
+        length_scale_2_m=factor * config.length_scale_2_m,
+    )
+    posterior = Posterior(prior, banks=banks)
+    yield from posterior.extend_in_parts(centers)
+    return posterior
 
 
 def _thinned(centers: Centers) -> Centers:
@@ -159,30 +183,47 @@ def undiscovered(
         located: Whether the isobath is located at locations (P, 2): mask (P,).
         banks: The banks of the area; None: all ground is open.
     """
+    return finish(undiscovered_in_parts(config, centers, level_m, grid, located, banks))
+
+
+def undiscovered_in_parts(
+    config: GpConfig,
+    centers: Centers,
+    level_m: float,
+    grid: Grid,
+    located: Callable[[Array], NDArray[np.bool_]],
+    banks: Banks | None = None,
+) -> Work[Undiscovered]:
+    """As `undiscovered`."""
     cells = grid.locations_m
-    missing = ~located(cells)
-    found = hypotheses(config, centers, banks)
+    missing = np.flatnonzero(~located(cells))
+    found = yield from hypotheses_in_parts(config, centers, banks)
     lengths = np.zeros(len(cells))
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
         posterior = hypothesis.posterior
-        relative, variance = posterior.moments(cells)
-        variance -= posterior.position_variance(posterior.kernel.scale(cells))
-        scales = variance_scales(posterior, config, cells, variance)
+        relative, variance, _ = yield from posterior.moments_in_parts(cells)
+        scales = yield from variance_scales_in_parts(posterior, config, cells, variance)
         scales = scales + width_factor(banks, cells, relative, config.signal_std_m)
-        lengths[missing] += hypothesis.weight * expected_lengths(
-            posterior, cells[missing], scales[missing], level_m, grid.resolution_m
-        )
-        fields = draws(posterior, cells, scales, count, degrees_of_freedom(posterior, config))
-        drawn += [outside_m(grid, depth, level_m, located) for depth in fields]
-    expected, mean = float(lengths.sum()), float(np.mean(drawn))
+        each = (2.0 * posterior.data_rows + 15.0 * FUNCTION) * posterior.data_rows
+        rows = rows_per_part(each)
+        for first in range(0, len(missing), rows):
+            part = missing[first : first + rows]
+            expected = expected_lengths(posterior, cells[part], scales[part], level_m, grid.resolution_m)
+            lengths[part] += hypothesis.weight * expected
+            yield each * len(part)
+        freedom = degrees_of_freedom(posterior, config)
+        for depth in (yield from draws_in_parts(posterior, cells, scales, count, freedom)):
+            drawn.append(outside_m(grid, depth, level_m, located))
+            yield FUNCTION * len(cells)
+    expected_m, mean_m = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
-    limit = expected * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean if mean > 0.0 else expected
+    limit_m = expected_m * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean_m if mean_m > 0.0 else expected_m
     return Undiscovered(
         grid=grid,
         per_cell_m=grid.fill(lengths),
-        expected_m=expected,
-        limit_m=limit,
+        expected_m=expected_m,
+        limit_m=limit_m,
         length_scale_m=sum(h.weight * h.posterior.kernel.length_m for h in found),
     )
 
@@ -211,6 +252,11 @@ def draws(posterior: Posterior, locations_m: Array, scales: Array, count: int, f
     The scales are uncertain by a common factor, freedom / chi^2. Every call draws the same numbers. Depth errors from
     uncertain positions are not scaled.
     """
+    return finish(draws_in_parts(posterior, locations_m, scales, count, freedom))
+
+
+def draws_in_parts(posterior: Posterior, locations_m: Array, scales: Array, count: int, freedom: float) -> Work[Array]:
+    """As `draws`."""
     rng = stream(0, "undiscovered", count)
     kernel, centers, n = posterior.kernel, posterior.relative(posterior.centers), posterior.data_rows
     waves, shares = _waves(rng)
@@ -222,24 +268,35 @@ def draws(posterior: Posterior, locations_m: Array, scales: Array, count: int, f
         phases = scaled @ waves.T
         return np.asarray(np.hstack([np.cos(phases), np.sin(phases)]) @ amplitudes)
 
-    scaled = kernel.scale(locations_m)
-    off = field(scaled)  # from the posterior's mean
     common = freedom / rng.chisquare(freedom, count) if math.isfinite(freedom) else np.ones(count)
-    std = np.sqrt(scales[:, None] * common)
-    if not n:
-        return np.asarray((posterior.prior_mean(locations_m)[:, None] + std * off).T)
-    data = kernel.scale(centers.locations_m)
-    cross = kernel.of_scaled(scaled, data)
-
-    def effect(depths: Array) -> Array:
-        """Change of the posterior's mean at the locations (P, count) by depths (n, count)."""
-        return np.asarray(cross @ posterior.factor.solve_transposed(posterior.factor.solve(depths), n))
-
-    off -= effect(field(data) + rng.standard_normal((n, count)) * centers.noise_std_m[:, None])
-    drawn = posterior.mean_m(locations_m)[:, None] + std * off
-    if centers.position_effect_m is not None:
-        drawn += effect(centers.position_effect_m @ rng.standard_normal((centers.position_effect_m.shape[1], count)))
+    data, effect = kernel.scale(centers.locations_m), centers.position_effect_m
+    weights, location_weights = np.zeros((n, count)), np.zeros((n, count))
+    if n:
+        off = field(data) + rng.standard_normal((n, count)) * centers.noise_std_m[:, None]
+        weights = _weights(posterior, off)
+        yield 4.0 * n * WAVES * (FUNCTION + count) + n * n * count
+    if n and effect is not None:
+        location_weights = _weights(posterior, effect @ rng.standard_normal((effect.shape[1], count)))
+        yield float(n * n * count)
+    drawn = np.empty((len(locations_m), count))
+    each = 2.0 * WAVES * (FUNCTION + count) + n * (FUNCTION + 2.0 * count)
+    rows = rows_per_part(each)
+    for first in range(0, len(locations_m), rows):
+        part = slice(first, min(first + rows, len(locations_m)))
+        locations = locations_m[part]
+        scaled = kernel.scale(locations)
+        cross = kernel.of_scaled(scaled, data)
+        std = np.sqrt(scales[part, None] * common)
+        drawn[part] = posterior.mean_m(locations)[:, None] + std * (field(scaled) - cross @ weights)
+        if effect is not None:
+            drawn[part] += cross @ location_weights
+        yield each * len(locations)
     return np.asarray(drawn.T)
+
+
+def _weights(posterior: Posterior, depths: Array) -> Array:
+    """Weights (n, count) of the data's covariances in the posterior's mean, if the data had depths (n, count)."""
+    return posterior.factor.solve_transposed(posterior.factor.solve(depths), posterior.data_rows)
 
 
 def _waves(rng: np.random.Generator) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ def corners_computed(monkeypatch):
 
     def counted(self, stale):
         computed.append(stale.corner)
-        compute(self, stale)
+        return compute(self, stale)
 
     monkeypatch.setattr(TiledMoments, "_compute", counted)
     return computed

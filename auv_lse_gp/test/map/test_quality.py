@@ -40,7 +40,7 @@ def test_it_is_that_of_the_map_as_the_report_judges_it(shore: dict[str, tuple[fl
     banks = depth_map.gp.banks
     posterior = Posterior(CONFIG, banks=banks)
     posterior.extend(depth_map.centers)
-    quality = QualityJudge(CONFIG, levels, area).judge(posterior)
+    quality = QualityJudge(CONFIG, levels, area).judge(depth_map.centers)
     locations = np.column_stack([rows[:, 1:3], np.zeros(len(rows))])
     pieces = classify(depth_map.isobath().lines, depth_map.field(), CONFIG.signal_std_m, locations)
     located = near(lines_of(pieces, FOUND))
@@ -84,7 +84,7 @@ def test_more_soundings_raise_it() -> None:
         depth_map.add_soundings(soundings(east_to_m))
         posterior = Posterior(CONFIG)
         posterior.extend(depth_map.centers)
-        qualities.append(judge.judge(posterior))
+        qualities.append(judge.judge(depth_map.centers))
     assert [q.found_share for q in qualities] == sorted(q.found_share for q in qualities)
     assert [-q.undiscovered_m for q in qualities] == sorted(-q.undiscovered_m for q in qualities)
     assert qualities[-1].found_share > 0.8

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_gp.map.quality import UNKNOWN, Quality
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +30,6 @@ class BoundRecord:
         void: Reason why the last plan was discarded: "shallow ground", "border of the area", "off the plan"; else
             empty.
         void_value: `expected_end` of the discarded plan on the same data, to which the budget was referred; else NaN.
-        quality: Of the map judged last, for `mission.until`.
     """
 
     step: int
@@ -48,7 +46,6 @@ class BoundRecord:
     budget: float = math.nan
     void: str = ""
     void_value: float = math.nan
-    quality: Quality = UNKNOWN
 
     @property
     def expected_total(self) -> float:

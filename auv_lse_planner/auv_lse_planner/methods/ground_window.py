@@ -141,18 +141,6 @@ class GroundWindow:
         local.follow(self._centers.take(np.flatnonzero(off_m <= radius_m + MARGINS[-1][0] * self._scale_m)))
         return local
 
-    def whole(self) -> Posterior:
-        """The posterior given all centers; costs their cubed number once the window is focused.
-
-        Raises:
-            IllConditionedError: if they cannot be factorized.
-        """
-        if not self.is_focused and self.most_centers is None:
-            return self.posterior
-        whole = self.posterior.blank()
-        whole.follow(self._centers)
-        return whole
-
     @property
     def risks_elsewhere(self) -> Array:
         """Risk of each cell outside of the window (C,), when the window was focused."""

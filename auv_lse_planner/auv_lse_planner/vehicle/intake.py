@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
@@ -41,6 +42,7 @@ class PlannerIntake:
         self.planner = planner
         self.inputs_used = InputsUsed()
         self._centers: tuple[Centers, int] | None = None
+        self._quality: Quality | None = None
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
         self._recent_odometry: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east
@@ -56,6 +58,10 @@ class PlannerIntake:
     def set_centers(self, centers: Centers, revision: int) -> None:
         """Queues the map's kernel centers and their revision; replaces queued ones."""
         self._centers = centers, revision
+
+    def set_quality(self, quality: Quality) -> None:
+        """Queues the quality of the map; replaces a queued one."""
+        self._quality = quality
 
     def add_plan(self, stamp_s: float, vehicle: int, plan: Plan) -> None:
         """Queues a team mate's plan: end of reception (s), number of the mate, the plan."""
@@ -75,7 +81,10 @@ class PlannerIntake:
         self._run_status = status
 
     def take(self, now_s: float) -> bool:
-        """Applies, in this order: the mission's state, the map, the plans sorted by stamp and vehicle, the odometry.
+        """Applies the mission's state, the map, the plans sorted by stamp and vehicle, the map's quality, the odometry.
+
+        The quality is that of the current map unless a newer map was applied before. A map that arrives together with
+        the quality may be newer: `gp_node` publishes it right after.
 
         Returns:
             Whether a decision is now due.
@@ -93,6 +102,10 @@ class PlannerIntake:
             self.planner.receive_plan(stamp_s, vehicle, plan)
         plans += len(self._plans)
         self._plans = []
+        if self._quality is not None:
+            is_current = self._quality.revision >= self.inputs_used.map_revision
+            self.planner.set_quality(now_s, self._quality, is_current)
+            self._quality = None
         self.apply_correction()
         if self._odometry is not None:
             self.planner.odometry(*self._odometry)

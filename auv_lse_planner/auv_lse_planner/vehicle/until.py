@@ -1,29 +1,28 @@
 """When a mission ends before its last step: the team's maps have the quality that `mission.until` asks for.
 
-Each vehicle judges its own map every `JUDGE_LEGS` legs, or every `CLOSE_LEGS` near its horizon and after a judgement
-that found the quality. New soundings can lower an estimated quality again. So a map has the quality once `IN_A_ROW`
-judgements in a row have found it. While it has, every packet of the vehicle announces it (`Plan.quality_reached`), also
-after its end. The vehicle makes its next leg the last one when every team mate has announced the same, or has been
-silent for `planner.plan_expiry_s`. A lost packet only delays the end, and no packet can end a vehicle whose own map
-lacks the quality.
+Each vehicle's `gp_node` judges its own map (`auv_lse_gp/map/quality_watch.py`); this module counts the judgements. New
+soundings can lower an estimated quality again. So a map has the quality once `IN_A_ROW` judgements in a row have found
+it. While it has, every packet of the vehicle announces it (`Plan.quality_reached`), also after its end.
+
+With a judgement of the current map, the vehicle makes its next leg the last one when every team mate has announced the
+same, or has been silent for `planner.plan_expiry_s`. A lost packet only delays the end, and no packet can end a vehicle
+whose own map lacks the quality.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
-from auv_lse_gp.inference.factor import IllConditionedError
-from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.map.quality import UNKNOWN, Quality, QualityJudge
+from auv_lse_common.vocabulary.map_quality import UNKNOWN, Quality
 from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.stages import is_staged
 
-#: Legs between two judgements of the map, usually and close to the end, and judgements in a row that must find it
-#: (docs/evidence/gp.md).
-JUDGE_LEGS, CLOSE_LEGS, IN_A_ROW = 5, 2, 2
+#: Judgements in a row that must find the quality (docs/evidence/gp.md).
+IN_A_ROW = 2
 
 
 class Until:
@@ -32,6 +31,7 @@ class Until:
     Attributes:
         quality: Of the map judged last.
         met: Number of the last judgements in a row that found the quality asked for.
+        ends: Whether the next leg is the last one.
         horizon: The step at which the vehicle plans to have it.
     """
 
@@ -44,71 +44,71 @@ class Until:
         self.asked = settings.mission.until
         self.quality = UNKNOWN
         self.met = 0
+        self.ends = False
         self.horizon = Horizon(settings, area, self.asked.found if plans_to_horizon(settings) else None)
-        self._judge = QualityJudge(settings.gp, settings.level_set, area) if self.asked.is_asked else None
         self._heard: dict[int, tuple[float, bool]] = {}
         self._mates = tuple(mates)
+        self._silence_s = settings.planner.complete().plan_expiry_s
         self._began_s: float | None = None
-        self._judged_at = 0
 
     @property
     def reached(self) -> bool:
         """Whether the map has the quality asked for."""
         return self.met >= IN_A_ROW
 
+    def begin_decision(self, now_s: float, step: int) -> None:
+        """A decision from `step` is made at `now_s` (s). From the first one on, mates may be silent."""
+        if self._began_s is None:
+            self._began_s = now_s
+        self.horizon.extend(step)
+
     def hear(self, now_s: float, mate: int, reached: bool) -> None:
         """Takes what a mate's packet announced, received at `now_s` (s)."""
         self._heard[mate] = now_s, reached
 
-    def agreed(self, now_s: float, silence_s: float) -> bool:
-        """Whether the vehicle may end: its map has the quality, and so has each mate heard within `silence_s` (s)."""
+    def agreed(self, now_s: float) -> bool:
+        """Whether this map has the quality, and so has each mate that was heard within `planner.plan_expiry_s`."""
         if self._began_s is None:
-            self._began_s = now_s
+            return False
         began = self._began_s, False
         heard = [self._heard.get(mate, began) for mate in self._mates]
-        return self.reached and all(reached or now_s - heard_s > silence_s for heard_s, reached in heard)
+        return self.reached and all(reached or now_s - heard_s > self._silence_s for heard_s, reached in heard)
 
-    def judge(self, decided: int, whole: Callable[[], Posterior]) -> bool:
-        """Judges the whole map, if that is due after `decided` decisions; returns whether it was judged.
+    def judged(self, now_s: float, quality: Quality, decided: int, is_current: bool) -> bool:
+        """Counts a judgement.
 
-        A map that cannot be factorized is judged later.
+        Args:
+            now_s: Mission time.
+            decided: Number of steps decided.
+            is_current: Whether the planner has no newer map than the one that was judged.
+
+        Returns:
+            Whether the judgement is new: messages may be repeated.
         """
-        if self._judge is None or decided - self._judged_at < self._interval(decided):
+        if quality == self.quality or not self.asked.is_asked:
             return False
-        try:
-            posterior = whole()
-        except IllConditionedError:
-            return False
-        if not len(posterior):
-            return False
-        self.quality = self._judge.judge(posterior)
-        self.met = self.met + 1 if self.quality.meets(self.asked) else 0
-        self._judged_at = decided
+        self.quality = quality
+        self.met = self.met + 1 if self.asked.is_met(quality) else 0
+        self.ends = is_current and self.agreed(now_s)
         if not self.met:
-            self.horizon.judged(decided, self.quality.found_share)
+            self.horizon.judged(decided, quality.found_share)
         return True
-
-    def _interval(self, decided: int) -> int:
-        """Legs from the last judgement to the next one."""
-        return CLOSE_LEGS if self.met or self.horizon.is_near(decided) else JUDGE_LEGS
 
     def snapshot(self) -> dict[str, Any]:
         """The state, for a journal; what mates announced is in the plans that it holds."""
-        q = self.quality
         return {
             "met": self.met,
+            "ends": self.ends,
             "began_s": self._began_s,
             "horizon": self.horizon.end,
-            "judged_at": self._judged_at,
-            "quality": [q.found_share, q.undiscovered_m, q.deviation_m],
+            "quality": dataclasses.asdict(self.quality),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Continues from a `snapshot`."""
-        found_share, undiscovered_m, deviation_m = values["quality"]
-        self.quality = Quality(found_share=found_share, undiscovered_m=undiscovered_m, deviation_m=deviation_m)
-        self.met, self._began_s = values["met"], values["began_s"]
-        self.horizon.end, self._judged_at = values["horizon"], values["judged_at"]
+        self.quality = Quality(**values["quality"])
+        self.met, self.ends, self._began_s = values["met"], values["ends"], values["began_s"]
+        self.horizon.end = values["horizon"]
 
 
 def plans_to_horizon(settings: PlannerSettings) -> bool:

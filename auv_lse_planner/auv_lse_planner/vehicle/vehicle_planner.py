@@ -34,6 +34,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerS
 from auv_lse_common.mission_file.sections.vehicle import MAX_SURFACINGS
 from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.banks import Banks
@@ -168,6 +169,10 @@ class VehiclePlanner:
         """Takes the vehicle's estimated state at `now_s`; an impossible state is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
+    def set_quality(self, now_s: float, quality: Quality, is_current: bool = True) -> bool:
+        """Takes the map's quality for the next decision, as `Until.judged`."""
+        return self.until.judged(now_s, quality, self._travel.decided, is_current)
+
     def set_map_offset(self, north_m: float, east_m: float, covariance_m2: Array | None = None) -> None:
         """Sets the offset from odometry to map coordinates (m), and the covariance (2, 2) of the location in the
         map."""
@@ -253,7 +258,7 @@ class VehiclePlanner:
             raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
-        self.until.horizon.extend(step)
+        self.until.begin_decision(now_s, step)
         method = self._method  # before it takes the map, whose size it may bound
         evaluates = method.evaluates(step, self.planner)
         self._take_centers(evaluates)
@@ -273,7 +278,7 @@ class VehiclePlanner:
         path = choice.chosen.path
         self._followed = Followed(choice.chosen.plan, path)
         leg = self.motion.leg(step, path.states[0], int(path.actions[0]))
-        if self.until.agreed(now_s, self.planner.plan_expiry_s):
+        if self.until.ends:
             self._travel.end_at(step + 1)
         decision = Decision(
             plan=dataclasses.replace(choice.chosen.plan, quality_reached=self.until.reached),
@@ -348,13 +353,6 @@ class VehiclePlanner:
         self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
         self._position_margin = PositionMargin(np.array(values["position_covariance_m2"]))
 
-    def judge_map(self) -> bool:
-        """Judges the map for `mission.until`, if that is due; returns whether it was.
-
-        Call it after each decision. It takes one to two seconds, and counts from the next decision on.
-        """
-        return self.until.judge(self._travel.decided, self._context.window.whole)
-
     def is_last(self, leg: Leg) -> bool:
         """Whether a leg is the mission's last one."""
         return leg.step == self._travel.steps - 1
@@ -411,7 +409,6 @@ class VehiclePlanner:
             budget=choice.budget,
             void=choice.void,
             void_value=choice.void_value,
-            quality=self.until.quality,
         )
 
     def _with_surfacing(self, situation: Situation, decision: Decision, path: PlannedPath) -> Decision:

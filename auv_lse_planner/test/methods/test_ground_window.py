@@ -145,19 +145,6 @@ def test_focused_window_takes_centers_when_it_is_updated():
     assert window.posterior.data_rows > before
 
 
-@pytest.mark.parametrize("most", [None, 20])
-def test_the_whole_posterior_has_all_centers(most):
-    window, _ = _window(GpConfig())
-    window.most_centers = most
-    centers = _lanes(4)
-    window.set_centers(centers)
-    assert len(window.whole()) == len(centers)
-    assert (len(window.posterior) == len(centers)) == (most is None)
-    window.focus(PATH_M)
-    assert len(window.posterior) < len(centers)
-    assert len(window.whole()) == len(centers)
-
-
 def test_refused_centers_are_reported_until_others_are_taken():
     window, _ = _window(GpConfig())
     window.set_centers(Centers(np.zeros((2, 2)), np.full(2, 9.0), np.full(2, 1e-9)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -11,9 +10,7 @@ import pytest
 from planner_helpers import centers, settings
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
-from auv_lse_gp.map.quality import Quality
 from auv_lse_planner.methods.horizon import LEAST_LEGS, Horizon
-from auv_lse_planner.vehicle.until import CLOSE_LEGS, JUDGE_LEGS
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 STEPS = 60
@@ -127,19 +124,3 @@ def test_a_planner_started_again_keeps_its_horizon() -> None:
     assert continued.bound.expected_end == pytest.approx(undisturbed.bound.expected_end, rel=0.02)
     lengths = {len(own.rollout.follow(decision.plan)) for decision in (continued, undisturbed)}
     assert lengths == {own.until.horizon.end - 2}
-
-
-def test_a_map_is_judged_more_often_near_the_horizon_and_once_it_has_the_quality(monkeypatch: Any) -> None:
-    own = planner(until={"found": 0.5})
-    quality = Quality(found_share=0.4, undiscovered_m=0.0, deviation_m=1.0)
-    monkeypatch.setattr(own.until._judge, "judge", lambda posterior: quality)
-    first = own.until.horizon.end
-    judged = [step for step in range(1, first + 1) if own.until.judge(step, lambda: [None])]
-    late = [step for step in judged if step >= 0.8 * first]
-    early = judged[: len(judged) - len(late)]
-    assert len(early) > 1
-    assert set(np.diff([0, *early])) == {JUDGE_LEGS}
-    assert set(np.diff(late)) == {CLOSE_LEGS}
-    found = planner(until={"found": 0.5, "undiscovered_m": 10.0})
-    monkeypatch.setattr(found.until._judge, "judge", lambda posterior: dataclasses.replace(quality, found_share=0.6))
-    assert [step for step in range(1, 12) if found.until.judge(step, lambda: [None])] == [5, 7, 9, 11]

@@ -14,7 +14,7 @@ from auv_lse_common.node.executor import make_executor
 from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.vocabulary.stamps import seconds
-from auv_lse_msgs.msg import Bound, SimStatus
+from auv_lse_msgs.msg import Bound, MapQuality, SimStatus
 from auv_lse_run.mission.display import MissionProgress
 from auv_lse_run.process.domain import temporary_environment
 
@@ -51,6 +51,8 @@ class MissionWatch:
         for vehicle in range(1, self._progress.vehicles + 1):
             topic = f"/auv{vehicle}/planner/bound"
             self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
+            topic = f"/auv{vehicle}/map/quality"
+            self._node.create_subscription(MapQuality, topic, partial(self._on_quality, vehicle), LATCHED)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -65,7 +67,7 @@ class MissionWatch:
         self._executor.spin_once(timeout_sec=0.0)
         return self._state, self._message
 
-    def _is_own(self, message: SimStatus | Bound) -> bool:
+    def _is_own(self, message: SimStatus | Bound | MapQuality) -> bool:
         return dive_of(message.header.frame_id) == self._environment.get(DIVE_VARIABLE, "")
 
     def _on_status(self, message: SimStatus) -> None:
@@ -86,4 +88,8 @@ class MissionWatch:
         p.expected[vehicle] = message.reward_so_far + message.jbar
         if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
             p.bounds[vehicle] = message.lower_bound_max
-        p.qualities[vehicle] = (message.found_share, message.undiscovered_m, message.deviation_m)
+
+    def _on_quality(self, vehicle: int, message: MapQuality) -> None:
+        if self._is_own(message):
+            quality = message.found_share, message.undiscovered_m, message.deviation_m
+            self._progress.qualities[vehicle] = quality

@@ -19,6 +19,7 @@ from auv_lse_common.mission_file.retired import notes_on_retired, without_retire
 from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_planner.vehicle.intake import InputsUsed
@@ -33,6 +34,7 @@ _TOPICS = {
     "corrected",
     "fix",
     "kernel_centers",
+    "map/quality",
     "field",
     "plan",
     "waypoint",
@@ -84,6 +86,7 @@ class VehicleInputs:
         plans: The team's plans.
         packets: Packets received.
         centers: Kernel centers; the time is that of their publication.
+        qualities: Qualities of its map.
         tuned: Parameters changed while the planner ran.
         maps: Maps published.
         decisions: Decisions published.
@@ -98,6 +101,7 @@ class VehicleInputs:
     plans: list[tuple[float, PlanReport]] = field(default_factory=list)
     packets: list[tuple[float, Reception]] = field(default_factory=list)
     centers: list[tuple[float, CentersReport]] = field(default_factory=list)
+    qualities: list[tuple[float, Quality]] = field(default_factory=list)
     tuned: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
     maps: list[FieldReport] = field(default_factory=list)
     decisions: list[RecordedDecision] = field(default_factory=list)
@@ -196,6 +200,7 @@ class _Gathered:
             "sounding": found.soundings,
             "odometry": found.odometry,
             "corrected": found.corrected,
+            "map/quality": found.qualities,
             "dead_reckoning": found.navigation,
             "fix": found.navigation,
             "team/navigation": found.navigation,
@@ -243,7 +248,7 @@ class _Gathered:
         entries: list[Any]
         for entries in (
             found.navigation, found.odometry, found.corrected, found.soundings, found.samples, found.plans,
-            found.packets, found.centers,
+            found.packets, found.centers, found.qualities,
         ):  # fmt: skip
             entries.sort(key=lambda entry: entry[0])
         for now_s in sorted(self._plans):

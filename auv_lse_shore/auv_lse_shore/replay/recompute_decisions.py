@@ -112,6 +112,7 @@ class _Recomputer:
         self._plans = Pending(inputs.plans or _plans_heard(inputs, settings))
         self._odometry, self._corrected = Pending(inputs.odometry), Pending(inputs.corrected)
         self._centers, self._tuned = Pending(inputs.centers if self._map is None else []), Pending(inputs.tuned)
+        self._qualities = Pending(inputs.qualities)
         self._revision = -1
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
@@ -145,6 +146,8 @@ class _Recomputer:
             self._tune(changed)
         for report in self._plans.take(is_due if taken is None else lambda *_: self._plans.taken < taken.plans):
             self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
+        for quality in self._qualities.take(is_due):
+            self._intake.set_quality(quality)
         for position in self._corrected.take(is_stamped):
             self._intake.set_corrected(position)
         # Without lockstep: the first decision had an odometry, whenever the recorder received it.
@@ -185,7 +188,6 @@ class _Recomputer:
                 f"parameters (actions, steps, naive paths); expected those flown"
             )
         decision = planner.decide(recorded.now_s)
-        planner.judge_map()
         leg = recorded.leg or self._leg(recorded, decision.leg.surface)
         same_leg = math.isclose(decision.leg.action_rad, leg.action_rad) and decision.leg.surface == leg.surface
         same_plan = decision.plan == recorded.plan and same_leg

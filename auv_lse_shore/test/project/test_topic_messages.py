@@ -37,6 +37,7 @@ from auv_lse_common.topics.records import (
 )
 from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
 from auv_lse_common.vocabulary.dead_reckoning import CorrectedPosition, DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.mission_run import Action, Command, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan, Tour
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
@@ -123,6 +124,7 @@ VALUES: dict[str, Any] = {
             for name, value in {"mean_m": 15.0, "std_m": 1.5, "risk": 2.5, "p_safe": 0.5}.items()
         },
     ),
+    "map/quality": Quality(stamp_s=1.0, revision=4, found_share=0.75, undiscovered_m=220.5, deviation_m=8.25),
     "plan": PlanReport(stamp_s=1.0, vehicle=3, plan=PLAN),
     "team/plans": PlanReport(stamp_s=1.0, vehicle=3, plan=TOUR),
     "waypoint": Waypoint(

@@ -28,6 +28,7 @@ from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.quality_watch import QualityWatch, slices
 from auv_lse_gp.positions.position_corrector import PositionCorrector, corrector_for
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
@@ -97,7 +98,13 @@ class VehicleCores:
     """
 
     def __init__(
-        self, vehicle: int, bridge: ModemBridge, to_map: MapIntake, safety: Safety, planner: VehiclePlanner
+        self,
+        vehicle: int,
+        bridge: ModemBridge,
+        to_map: MapIntake,
+        safety: Safety,
+        planner: VehiclePlanner,
+        tick_s: float,
     ) -> None:
         """Connects the cores."""
         self.vehicle = vehicle
@@ -110,6 +117,7 @@ class VehicleCores:
         self._to_map = to_map
         self._to_planner = PlannerIntake(planner)
         self._revision = -1
+        self._slices = slices(tick_s)
 
     @property
     def corrector(self) -> PositionCorrector | None:
@@ -142,7 +150,14 @@ class VehicleCores:
                 self._to_map.add_navigation(_rounded_mate(received.navigation))
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
-        self._to_map.step(output.odometry.stamp_s)
+        now_s = output.odometry.stamp_s
+        self._to_map.step(now_s)
+        is_running = self.safety.run.status.state is RunState.RUNNING
+        for _ in range(self._slices):
+            quality = self._to_map.judge(now_s, is_running)
+            if quality is not None:
+                self._to_planner.set_quality(quality)
+                break
 
     def update_safety(self, now_s: float, output: VehicleOutput) -> Stop | None:
         """Checks odometry and altitude, as safety_node does; returns the stop that is in force, if any."""
@@ -181,7 +196,6 @@ class VehicleCores:
         began = time.perf_counter()
         decision = self.planner.decide(now_s)
         wall_s = time.perf_counter() - began
-        self.planner.judge_map()
         return decision, wall_s
 
     def next_packet(self, now_s: float, decision: Decision | None) -> bytes | None:
@@ -220,9 +234,14 @@ class Fleet:
         return VehicleCores(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number),
-            to_map=MapIntake(depth_map, corrector_for(number, self.settings.positions_in_force(number), depth_map)),
+            to_map=MapIntake(
+                depth_map,
+                corrector_for(number, self.settings.positions_in_force(number), depth_map),
+                QualityWatch.of(own.gp, self.settings.level_set, self.area, own.mission.until),
+            ),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
+            tick_s=self.settings.sim.tick_s,
         )
 
     @property
@@ -247,8 +266,8 @@ class Fleet:
         for cores in self.cores:
             output = outputs[cores.vehicle]
             heard = cores.receive(output)
-            cores.update_map(output, heard)
             stops.append((cores.vehicle, cores.update_safety(now_s, output)))
+            cores.update_map(output, heard)
             decided = cores.decide(now_s, output, heard)
             payload = cores.next_packet(now_s, decided[0] if decided else None)
             if decided:

@@ -13,6 +13,7 @@ import pytest
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.journal import Journal
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, ModemFeatures
 from auv_lse_gp.intake import MapIntake
@@ -53,7 +54,8 @@ class Journalled(Fleet):
         if judged and "met" in judged[-1][0]:
             cores.planner.until.restore(judged[-1][0])
         cores.planner.resume_at(0, any(kind == "finished" for kind, *_ in planner.records))
-        hear, decide, judge = cores.planner.receive_plan, cores.planner.decide, cores.planner.judge_map
+        hear, decide, judged = cores.planner.receive_plan, cores.planner.decide, cores.planner.set_quality
+        judge = to_map.judge
 
         def hear_and_write(now_s: float, vehicle: int, plan: Plan) -> None:
             hear(now_s, vehicle, plan)
@@ -64,15 +66,16 @@ class Journalled(Fleet):
             planner.write("decided", cores.planner.snapshot())
             return decision
 
-        def judge_and_write() -> bool:
-            if not judge():
+        def count_and_write(now_s: float, quality: Quality, is_current: bool = True) -> bool:
+            if not judged(now_s, quality, is_current):
                 return False
             planner.write("judged", cores.planner.until.snapshot())
             return True
 
         self._write_finish = lambda: planner.write("finished")
         cores.planner.receive_plan, cores.planner.decide = hear_and_write, decide_and_write
-        cores.planner.judge_map = judge_and_write
+        cores.planner.set_quality = count_and_write
+        to_map.judge = lambda now_s, is_running: judge(now_s, is_running, gp.write)
         cores.bridge.recall(modem.records)
         cores.bridge.remember = modem.write
 

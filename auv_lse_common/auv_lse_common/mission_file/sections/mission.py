@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from auv_lse_common.mission_file.parameters import parameter
+from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
 
 
@@ -30,6 +31,14 @@ class UntilConfig:
     def is_asked(self) -> bool:
         """Whether any quality is asked for."""
         return any(getattr(self, field.name) is not None for field in dataclasses.fields(self))
+
+    def is_met(self, quality: Quality, share: float = 1.0) -> bool:
+        """Whether a map has the quality asked for, or this share of it; False if nothing is asked for."""
+        return self.is_asked and (
+            (self.found is None or quality.found_share >= share * self.found)
+            and (self.undiscovered_m is None or share * quality.undiscovered_m <= self.undiscovered_m)
+            and (self.deviation_m is None or share * quality.deviation_m <= self.deviation_m)
+        )
 
     @property
     def text(self) -> str:
