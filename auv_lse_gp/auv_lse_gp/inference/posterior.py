@@ -42,15 +42,12 @@ from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
-from auv_lse_gp.inference.work import FUNCTION, Work, rows_per_part
 from auv_lse_gp.level_set.crossings import DepthAndSlope
 
 Array = NDArray[np.float64]
 
 #: Number of locations that `moments` processes together, so that the data fit in the processor's cache.
 CHUNK = 2048
-#: Number of centers that `extend_in_parts` takes together.
-ROWS = 512
 #: Number of covariances' slopes that are computed together.
 _SLOPES = 2_000_000
 #: Half of the distance (m) of the finite difference for a prior mean's slope.
@@ -126,14 +123,6 @@ class Posterior:
             )
         self._append(self.kernel.scale(centers.locations_m), self.relative(centers).noise_std_m ** 2)
         self._set_data(self._centers.joined(centers), self.data_rows)
-
-    def extend_in_parts(self, centers: Centers) -> Work[None]:
-        """As `extend`, `ROWS` centers at a time; if it raises, those before remain."""
-        for first in range(0, len(centers), ROWS):
-            part = centers.slice(first, min(first + ROWS, len(centers)))
-            before, new = self.data_rows, len(part)
-            self.extend(part)
-            yield new * ((FUNCTION + 0.5 * before) * before + (FUNCTION + new) * new)
 
     def with_planned(self, locations_m: Array) -> Posterior:
         """A copy that is also conditioned on future measurements at `locations_m` (O, 2), which may contain a location
@@ -262,19 +251,6 @@ class Posterior:
         scaled = self.kernel.scale(locations)
         self.condition_moments(scaled, mean, variance)
         return mean, np.maximum(variance, 0.0) + self.position_variance(scaled)
-
-    def moments_in_parts(self, locations_m: Array) -> Work[tuple[Array, Array, Array]]:
-        """Mean, variance with exact positions, and variance that uncertain positions add, (P,) each; as `moments`."""
-        mean, variance, position_variance = np.empty((3, len(locations_m)))
-        each = len(self) * (0.5 * len(self) + 2.0 * FUNCTION)
-        rows = rows_per_part(each)
-        for first in range(0, len(locations_m), rows):
-            part = slice(first, min(first + rows, len(locations_m)))
-            mean[part], total = self.moments(locations_m[part])
-            position_variance[part] = self.position_variance(self.kernel.scale(locations_m[part]))
-            variance[part] = np.maximum(total - position_variance[part], 0.0)
-            yield each * (part.stop - first)
-        return mean, variance, position_variance
 
     @property
     def positions_uncertain(self) -> bool:

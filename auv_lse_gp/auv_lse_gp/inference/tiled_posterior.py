@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.posterior import Posterior, checked_locations
+from auv_lse_gp.inference.posterior_in_parts import extend_in_parts
 from auv_lse_gp.inference.roughness import Roughness, scale_of, steepness
 from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 
@@ -435,7 +436,7 @@ class TiledMoments:
 
     def _compute(self, stale: _Stale) -> Work[None]:
         tile, local = stale.tile, self._posterior.blank()
-        yield from local.extend_in_parts(self._posterior.near_tile(stale.corner))
+        yield from extend_in_parts(local, self._posterior.near_tile(stale.corner))
         own, is_new = self._locations_m[tile.locations], tile.data is None or tile.data.centers != stale.data.centers
         mean, variance, position_variance, steep = np.empty((4, len(own)))
         each = 0.5 * local.data_rows**2 + 3.0 * FUNCTION * local.data_rows

@@ -16,6 +16,7 @@ from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.posterior_in_parts import extend_in_parts, moments_in_parts
 from auv_lse_gp.inference.roughness import variance_scales_in_parts
 from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
 from auv_lse_gp.inference.work import FUNCTION, Work, finish
@@ -91,8 +92,8 @@ class QualityJudge:
             scales = yield from self._tiles.scales_in_parts(self._config.std_soundings)
             return Moments(*found, scales)
         posterior = self._prior.blank()
-        yield from posterior.extend_in_parts(centers)
-        mean, variance, position_variance = yield from posterior.moments_in_parts(self._locations_m)
+        yield from extend_in_parts(posterior, centers)
+        mean, variance, position_variance = yield from moments_in_parts(posterior, self._locations_m)
         scales = yield from variance_scales_in_parts(posterior, self._config, self._locations_m, variance)
         return Moments(mean, variance, position_variance, scales)
 

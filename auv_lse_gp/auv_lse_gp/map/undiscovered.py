@@ -27,6 +27,7 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.banks import Banks, width_factor
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.inference.posterior_in_parts import extend_in_parts, moments_in_parts
 from auv_lse_gp.inference.roughness import degrees_of_freedom, variance_scales_in_parts
 from auv_lse_gp.inference.work import FUNCTION, Work, finish, rows_per_part
 from auv_lse_gp.level_set.crossings import crossing_intensity
@@ -141,7 +142,7 @@ def _conditioned(config: GpConfig, centers: Centers, banks: Banks | None, factor
         length_scale_2_m=factor * config.length_scale_2_m,
     )
     posterior = Posterior(prior, banks=banks)
-    yield from posterior.extend_in_parts(centers)
+    yield from extend_in_parts(posterior, centers)
     return posterior
 
 
@@ -202,7 +203,7 @@ def undiscovered_in_parts(
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
         posterior = hypothesis.posterior
-        relative, variance, _ = yield from posterior.moments_in_parts(cells)
+        relative, variance, _ = yield from moments_in_parts(posterior, cells)
         scales = yield from variance_scales_in_parts(posterior, config, cells, variance)
         scales = scales + width_factor(banks, cells, relative, config.signal_std_m)
         each = (2.0 * posterior.data_rows + 15.0 * FUNCTION) * posterior.data_rows
@@ -272,9 +273,15 @@ def draws_in_parts(posterior: Posterior, locations_m: Array, scales: Array, coun
     data, effect = kernel.scale(centers.locations_m), centers.position_effect_m
     weights, location_weights = np.zeros((n, count)), np.zeros((n, count))
     if n:
-        off = field(data) + rng.standard_normal((n, count)) * centers.noise_std_m[:, None]
+        off = rng.standard_normal((n, count)) * centers.noise_std_m[:, None]
+        each = 4.0 * WAVES * (FUNCTION + count)
+        rows = rows_per_part(each)
+        for first in range(0, n, rows):
+            part = slice(first, min(first + rows, n))
+            off[part] += field(data[part])
+            yield each * (part.stop - first)
         weights = _weights(posterior, off)
-        yield 4.0 * n * WAVES * (FUNCTION + count) + n * n * count
+        yield float(n * n * count)
     if n and effect is not None:
         location_weights = _weights(posterior, effect @ rng.standard_normal((effect.shape[1], count)))
         yield float(n * n * count)
