@@ -64,6 +64,8 @@ def raster_ground(
     if origin is None:
         origin = checked_origin(np.mean(lat), longitude_180(float(np.mean(lon))), f"{path}: the middle of the raster")
     north, east = local_from_geodetic(lat, lon, *origin)
+    if not np.isfinite([north, east]).all():
+        raise GroundError(f"{path}: its corners are too far from its middle, or outside of its projection")
     check_near(path, north, east, lat, lon, origin)
     north_m, east_m = _local_axes(path, north, east, grid.shape)
     lat, lon = geodetic_from_local(*np.meshgrid(north_m, east_m, indexing="ij"), *origin)
@@ -84,6 +86,8 @@ def _depths(
     Raises:
         GroundError: if its coordinates are no grid, or its values are not understood.
     """
+    if min(len(x), len(y)) < 2:
+        raise GroundError(f"{path}: has {len(y)} x {len(x)} nodes; a grid needs at least 2 x 2")
     if not (np.isfinite([x[0], x[-1], y[0], y[-1]]).all() and x[1] > x[0] and y[1] > y[0]):
         raise GroundError(f"{path}: coordinates from {x[0]:g}, {y[0]:g} to {x[-1]:g}, {y[-1]:g} make no grid")
     depth, notes = grid_depths(grid, path, said.name, said.up, config)
@@ -112,6 +116,8 @@ def _local_axes(path: Path, north: Array, east: Array, shape: tuple[int, ...]) -
     """
     ny, nx = shape
     step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
+    if not step > 0.0:
+        raise GroundError(f"{path}: its cells are {step:g} m wide. Check its georeference, or make it coarser")
     north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)
     east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
     check_nodes(str(path), len(north_m), len(east_m))

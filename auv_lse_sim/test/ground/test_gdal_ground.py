@@ -261,3 +261,13 @@ def test_a_raster_outside_of_its_projection_is_refused(tmp_path):
         file.transform = rasterio.transform.Affine(10.0, 0.0, 500_000.0, 0.0, -10.0, 5.2e30)
     with pytest.raises(GroundError, match=r"outside of its projection|no grid|expected degrees|farther than"):
         load_ground(path)
+
+
+@pytest.mark.parametrize(("rows", "step", "expected"), [(1, 10.0, "1 x 41 nodes"), (41, 1e-9, "m wide|make no grid")])
+def test_a_raster_that_is_no_grid_is_refused(tmp_path, rows, step, expected):
+    transform = rasterio.transform.Affine(step, 0.0, 500_000.0, 0.0, -step, 5_200_000.0)
+    options = {"width": 41, "height": rows, "count": 1, "dtype": "float64", "crs": UTM, "transform": transform}
+    with rasterio.open(tmp_path / "g.tif", "w", driver="GTiff", **options) as file:
+        file.write(-DEPTH[:rows], 1)
+    with pytest.raises(GroundError, match=expected):
+        load_ground(tmp_path / "g.tif")
