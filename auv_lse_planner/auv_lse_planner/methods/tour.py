@@ -26,8 +26,9 @@ reference at the start is then the covering strip, which leaves a larger budget.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ from auv_lse_planner.paths.position_margin import LEGS, TOLERATED_M2
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
+from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import search_path
 from auv_lse_planner.search.tour import ROOM_WEIGHT
 from auv_lse_planner.search.uct import Actions
@@ -90,7 +92,8 @@ class Tour(Method):
         reward = self.map_reward(s)
         mates_m = np.concatenate([np.empty((0, 2)), *(locations for _, locations in context.mates_ahead(s))])
         due = situation.last is None or bool(void) or renewed or self._interval_is_over(s.step, s.planner)
-        heads = self._heads(s, mates_m) if (due or self._follows) and last is not None else []
+        path_reward = cache(lambda: context.path_reward(s, mates_m))
+        heads = self._heads(s, path_reward) if (due or self._follows) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None:
             followed = self._candidates.evaluated(last.plan, last.path, reward)
@@ -109,7 +112,7 @@ class Tour(Method):
             reference = floor = found.floor
             self.budget = 0.0
         every = found.plans if incumbent is None else [incumbent, *found.plans]
-        chosen = self._chosen(s, every, floor, mates_m)
+        chosen = self._chosen(s, every, floor, path_reward)
         if reference is not None:
             self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
         self._value = chosen.value
@@ -203,7 +206,9 @@ class Tour(Method):
             return 0.0
         return s.margin.lack(self.context.space, self.context.map_locations(path)[:LEGS].reshape(-1, 2))[0]
 
-    def _chosen(self, s: Situation, candidates: list[Candidate], floor: float, mates_m: Array) -> Candidate:
+    def _chosen(
+        self, s: Situation, candidates: list[Candidate], floor: float, path_reward: Callable[[], PathReward]
+    ) -> Candidate:
         """The best candidate that the budget and the location's margin allow.
 
         If there is none, the one with the largest expected end, less a penalty for what it lacks of the margin.
@@ -212,7 +217,7 @@ class Tour(Method):
         end = np.array([c.value.expected_end for c in candidates])
         allowed = np.flatnonzero((end >= floor) & (lack <= TOLERATED_M2))
         if len(allowed):
-            return self._best(s, [candidates[i] for i in allowed], mates_m)
+            return self._best(s, [candidates[i] for i in allowed], path_reward)
         return candidates[int(np.argmax(end - ROOM_WEIGHT * np.abs(end).max() * lack))]
 
     def _interval_is_over(self, step: int, planner: PlannerConfig) -> bool:
@@ -230,19 +235,19 @@ class Tour(Method):
             return self._candidates.at_start(problem, None if last is None else last.path)
         return self._candidates.under_way(problem, last.path, heads)
 
-    def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
+    def _heads(self, s: Situation, path_reward: Callable[[], PathReward]) -> list[Actions]:
         """The best sequences of a tree search for the path reward, given the mates' positions."""
         early = s.step < HEADS_FROM_SHARE * self.context.horizon.end and not self._follows
         early = early or (self._stages is not None and not self._stages.is_last)
         if early or not s.planner.tour_interval or s.out_of_time:
             return []
         problem = self.context.search_problem(s, self._seeds)
-        found = search_path(problem, self.context.space, self.context.rollout, self.context.path_reward(s, mates_m))
+        found = search_path(problem, self.context.space, self.context.rollout, path_reward())
         ranking = found.found.ranking
         self._seeds = [a[1:] for a, _ in ranking if len(a) > 1][:SEEDS]
         return [a for a, _ in ranking[:MAX_HEADS]]
 
-    def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
+    def _best(self, s: Situation, candidates: list[Candidate], path_reward: Callable[[], PathReward]) -> Candidate:
         """The first candidate with the largest score: its anytime value plus `planner.own_share` times its path reward.
 
         The path reward is that of its next legs, given the mates' positions. A vehicle that follows the isobath goes by
@@ -251,7 +256,7 @@ class Tour(Method):
         score = np.array([0.0 if self._follows else c.value.weighted for c in candidates])
         share = 1.0 if self._follows else s.planner.own_share
         if share and len(candidates) > 1:
-            reward, legs = self.context.path_reward(s, mates_m), s.planner.horizon
+            reward, legs = path_reward(), s.planner.horizon
             locations = [c.path.leg_locations_m[:legs].reshape(-1, 2) for c in candidates]
             own = [reward.value(reward.posterior.at(m)) for m in locations]
             score = score + share * np.array(own)
