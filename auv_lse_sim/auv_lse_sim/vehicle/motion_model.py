@@ -227,6 +227,9 @@ def _take_fix(model: Model, normals: Any) -> None:
     m.gps_error_east = f * m.gps_error_east + white * normals.gps_east
     north, east = m.north + m.gps_error_north, m.east + m.gps_error_east
     variance = (1e-4 if ideal else noise * noise) * (1.0 + f) / (1.0 - f)
+    if m.mode == PILOTED:  # it may move at the surface without a DVL: then the distance since the last one is uncertain
+        p = model.estimate.p
+        variance += (f / (1.0 - f) * m.gps_age) ** 2 * (p[SURGE, SURGE] + p[SWAY, SWAY])
     if m.dived > 0.0:
         if m.raw_differs == 0.0:
             m.raw_differs = 1.0

@@ -12,14 +12,14 @@ from typing import Any, Protocol
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_sim.vehicle.motion_model import sense
-from auv_lse_sim.vehicle.navigation import DVL_SCALE, EAST, HEADING, NORTH, wrap
+from auv_lse_sim.vehicle.navigation import DVL_SCALE, EAST, HEADING, NORTH, SURGE, SWAY, wrap
 from auv_lse_sim.vehicle.records import Array, Draws, Model
 
 #: Position control (1/s), heading control (1/s), and speed through the water (m/s) at full thrust.
 GAIN, YAW_GAIN, FULL_MPS = 0.62, 4.0, 2.0
 #: Rates of turn (rad/s) and of depth (m/s) at full thrust.
 FULL_RADPS, FULL_DIVE_MPS = 1.5, 1.5
-#: A trajectory that changes its velocity by more than this (m/s^2) makes the filter expect changes.
+#: Where the velocity over ground, or in the vehicle's axes, changes by more than this (m/s^2), the filter expects it.
 CHANGING_MPS2 = 0.05
 
 
@@ -53,9 +53,11 @@ def advance_piloted(model: Model, poses: Array, draws: Draws, in_reach: bool, ou
     for i in range(len(poses)):
         before = poses[i - 1] if i > 0 else poses[i]
         changed = math.hypot(poses[i, 4] - before[4], poses[i, 5] - before[5])
-        if changed > CHANGING_MPS2 * dt:
-            m.under_way = 0.0
         _move(model, poses[i], draws.currents[i, 0], draws.currents[i, 1])
+        if changed > CHANGING_MPS2 * dt or abs(m.yaw_rate) * math.hypot(m.surge, m.sway) > CHANGING_MPS2:
+            m.under_way = 0.0
+        _turn(model.estimate.x, m.yaw_rate * dt)
+        _turn(model.raw.x, m.yaw_rate * dt)
         _keep_depth(model, poses[i, 2], draws.normals[i].wobble)
         sense(model, draws, in_reach, out, i)
 
@@ -88,6 +90,14 @@ def _move(model: Model, pose: Array, current_north: float, current_east: float) 
     m.surge, m.sway = c * ground_north + s * ground_east, -s * ground_north + c * ground_east
     m.speed = c * through_north + s * through_east
     m.travelled += math.hypot(ground_north, ground_east) * dt
+
+
+@compiled
+def _turn(x: Array, turned: float) -> None:
+    """Turns a filter's velocity back by as much as the vehicle has turned (rad): it turns without changing course."""
+    c, s = math.cos(turned), math.sin(turned)
+    surge, sway = x[SURGE], x[SWAY]
+    x[SURGE], x[SWAY] = c * surge + s * sway, -s * surge + c * sway
 
 
 @compiled

@@ -137,6 +137,7 @@ STORIES = (
                   (254.52, mode(0)), (267.67, mode(15)), (333.1, disarm)),
         fix_s=33.9,
         from_s=27.0,
+        parameters={"WP_SPEED": 2.0},
         apart_m=5.0,  # it has turned back and forth with the wind
     ),
 )  # fmt: skip

@@ -23,10 +23,13 @@ GROUND = FunctionGround(
 
 
 class Dive(LoneVehicle):
-    """A vehicle under its safety watch."""
+    """A vehicle under its safety watch.
+
+    Its autopilot dives at once: these tests are about the gauge, and ArduSub sinks along its leg.
+    """
 
     def __init__(self, **parameters):
-        super().__init__(GROUND, ORIGIN, parameters)
+        super().__init__(GROUND, ORIGIN, {"sim.autopilot.firmware": "generic", **parameters})
         self.watch = SafetyWatch(SafetyConfig(), Fence((0.0, 0.0, 0.0, 1e4, 1e4, 1e4), 1e4), 8.0, has_autopilot=True)
         self.run = MissionRun(True, Stop(action=2))
         self.depths_m, self.warned_s = [], math.inf
@@ -67,6 +70,20 @@ def test_with_an_origin_8_m_off_the_vehicle_travels_at_the_wanted_depth(mode, or
     assert dive.depths_m[20:] == pytest.approx([3.0] * 40, abs=0.3)
     shown_m = [event.depth_m for event in dive.of(AutopilotEstimate)[20:]]
     assert shown_m == pytest.approx(dive.depths_m[20:], abs=0.15)
+    assert dive.run.status.state is RunState.RUNNING
+
+
+@pytest.mark.parametrize("origin_height_m", [8.0, -8.0])
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+def test_ardusub_with_an_origin_8_m_off_travels_at_the_wanted_depth(mode, origin_height_m):
+    values = {"sim.autopilot.firmware": "ardupilot", "sim.autopilot.origin_height_m": origin_height_m}
+    dive = Dive(**values, **{"auv1.link.mode": mode})
+    dive.leg(0, 20.0)
+    dive.leg(1, 200.0)
+    dive.fly(90)
+    assert dive.depths_m[-40:] == pytest.approx([3.0] * 40, abs=0.3)
+    shown_m = [event.depth_m for event in dive.of(AutopilotEstimate)[-40:]]
+    assert shown_m == pytest.approx(dive.depths_m[-40:], abs=0.15)
     assert dive.run.status.state is RunState.RUNNING
 
 

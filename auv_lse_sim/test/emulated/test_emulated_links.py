@@ -28,6 +28,7 @@ GROUND = FunctionGround(lambda north, east: 20.0 + 0.0 * north, EXTENT)
 
 def settings_with(**overrides) -> Settings:
     quiet = {"mission.vehicles": len(TEAM), "sim.ideal": True, "sim.channel.fading_db": 0.0}
+    quiet["sim.autopilot.firmware"] = "generic"  # its legs can be compared with the planner's
     return Settings.load(None, {**quiet, **overrides})
 
 

@@ -85,7 +85,8 @@ def test_the_safety_watch_acts_on_an_autopilot_that_refuses_ignores_or_never_sto
             dive.flow()
         return set(run.limits)
 
-    dive.leg(0, 200.0)
+    dive.leg(0, 20.0)  # ArduSub sinks along its leg
+    dive.leg(1, 200.0)
     assert fly(40) == set(), "it follows its target"
     dive.vehicle.fault = fault
     if fault is not Fault.NONE and fault is not Fault.NEVER_STOPS:
@@ -154,11 +155,9 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     assert depths[-1] == pytest.approx(3.0, abs=0.5), "it has dived and gone on"
     assert math.hypot(dive.truth[-1][0] - north_0, dive.truth[-1][1] - east_0) > 60.0
     assert dive.link.counts["surfacings"] == 1
-    estimates = dive.of(AutopilotEstimate)
-    jump_m = math.dist(
-        (estimates[up[0] - 3].north_m, estimates[up[0] - 3].east_m),
-        (estimates[up[-1]].north_m, estimates[up[-1]].east_m),
-    )
+    estimates = dive.of(AutopilotEstimate)[-len(dive.truth) :]  # without those on deck
+    # it returns to its place at once, so the jump is seen from one second to the next
+    jump_m = max(math.dist((a.north_m, a.east_m), (b.north_m, b.east_m)) for a, b in pairwise(estimates[up[0] - 3 :]))
     (fix,) = dive.of(Fix)
     at = round(fix.stamp_s) - 1
     assert (fix.north_m, fix.east_m) == pytest.approx(dive.truth[at][:2], abs=3.0)
@@ -166,7 +165,7 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     off_m = math.dist((fix.raw_north_m, fix.raw_east_m), dive.truth[at][:2])
     before_m = math.dist((estimates[up[0] - 3].north_m, estimates[up[0] - 3].east_m), dive.truth[up[0] - 3][:2])
     assert off_m == pytest.approx(before_m, abs=3.0)  # at the surface it is velocity times time
-    assert off_m > 4.0, "there was something to find"
+    assert off_m > 2.5, "there was something to find"
     assert jump_m > 2.0
     steps = [math.dist((a.raw_north_m, a.raw_east_m), (b.raw_north_m, b.raw_east_m)) for a, b in pairwise(estimates)]
     assert max(steps) < 3.0

@@ -162,7 +162,7 @@ class AutopilotConfig:
 
     ideal: bool = parameter(False, help=_IDEAL)
     firmware: str = parameter(
-        "generic",
+        "ardupilot",
         choices=("ardupilot", "generic"),
         help="ardupilot: ArduSub, or ArduRover for a vehicle with depth_m 0, as their own simulator shows them; "
         "generic: one that flies the planner's arcs and follows every message",

@@ -24,7 +24,6 @@ class Personality:
         surface: Number of SURFACE; None: there is none.
         base_modes: HEARTBEAT.base_mode by mode number, disarmed.
         gcs_timeout_s: Time without a ground station's heartbeat after which its failsafe acts.
-        repeats_targets: Whether a repeated target changes nothing.
         armed_text, disarmed_text, lost_text: Texts at arming, disarming, and at a lost ground station.
         reached_text: Text at a reached mission item, with {} for its number.
     """
@@ -38,7 +37,6 @@ class Personality:
     surface: int | None
     base_modes: dict[int, int]
     gcs_timeout_s: float
-    repeats_targets: bool
     armed_text: str
     disarmed_text: str
     lost_text: str
@@ -70,7 +68,6 @@ SUB = Personality(
         **dict.fromkeys((3, 4), _CUSTOM | _STABILIZE | _MANUAL | _GUIDED),
     },
     gcs_timeout_s=2.5,
-    repeats_targets=False,
     armed_text="Arming motors",
     disarmed_text="Disarming motors",
     lost_text="MYGCS: {}, heartbeat lost",
@@ -87,7 +84,6 @@ ROVER = Personality(
     surface=None,
     base_modes={0: _CUSTOM | _MANUAL, 4: _CUSTOM, 10: _CUSTOM | _GUIDED, 15: _CUSTOM | _GUIDED},
     gcs_timeout_s=6.5,
-    repeats_targets=True,
     armed_text="Throttle armed",
     disarmed_text="Throttle disarmed",
     lost_text="GCS Failsafe",

@@ -40,15 +40,21 @@ class Setup:
     feeds: bool = True
 
 
-def as_the_guide_says(personality: Personality, station: int) -> dict[str, float]:
+def as_the_guide_says(personality: Personality, station: int, speed_mps: float = 1.0) -> dict[str, float]:
     """Parameters of a vehicle that was set up for the link (docs/guide): rates, failsafes, range finder.
 
     Args:
         personality: ArduSub or ArduRover.
         station: System id of the link, whose heartbeats count.
+        speed_mps: Speed where none is commanded.
     """
     rates = {f"SR0_{group}": RATE_HZ for group in ("RAW_SENS", "EXT_STAT", "POSITION", "EXTRA1", "EXTRA3")}
     common = {"SYSID_MYGCS": float(station), "RNGFND1_TYPE": 10.0, "RNGFND1_MAX_CM": 10000.0, **rates}
     if personality is SUB:
-        return common | {"FS_GCS_ENABLE": 4.0, "FS_PILOT_INPUT": 0.0, "FS_LEAK_ENABLE": 2.0}
-    return common | {"FS_GCS_ENABLE": 1.0, "FS_THR_ENABLE": 0.0}
+        return common | {
+            "FS_GCS_ENABLE": 4.0,
+            "FS_PILOT_INPUT": 0.0,
+            "FS_LEAK_ENABLE": 2.0,
+            "WPNAV_SPEED": 100.0 * speed_mps,
+        }
+    return common | {"FS_GCS_ENABLE": 1.0, "FS_THR_ENABLE": 0.0, "WP_SPEED": speed_mps}
