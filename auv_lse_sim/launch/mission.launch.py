@@ -22,6 +22,7 @@ from launch_ros.actions import Node
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.support.confinement import confined, watch_variables
+from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_run.process.domain import ONE_THREAD, dive_on, simulation_domain, wanted_domain
 from auv_lse_run.process.processes import LAST_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
@@ -56,9 +57,10 @@ def _nodes(context):
     modem, link = value("modem"), value("vehicle_link")
     settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
     domain = _RESERVED.enter_context(simulation_domain(wanted_domain(None), folder))
-    variables = confined(domain) | {DIVE_VARIABLE: dive_on(domain), **ONE_THREAD}
+    variables = confined(domain) | {DIVE_VARIABLE: dive_on(domain), COPY_VARIABLE: own_copy(), **ONE_THREAD}
     print(f"to watch from another terminal: export {watch_variables(domain)}")
     (folder / "logs").mkdir(parents=True, exist_ok=True)
+    note_software(folder)
     complete = folder / "mission.yaml"
     complete.write_text(settings.to_parameter_file())
     nodes = [

@@ -23,6 +23,7 @@ from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.node.local_post import POST
 from auv_lse_common.support.confinement import confine
+from auv_lse_common.support.installed_copy import refuse_mixture
 from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
@@ -150,6 +151,11 @@ class Main:
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that; restore the signal.
     stopping = Stopping()
+    try:
+        refuse_mixture()
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 2
     confine()
     rclpy.init(args=init_arguments(arguments), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 
+from auv_lse_common.support.installed_copy import copy_of
+
 #: Install commands for ROS 2 on Ubuntu; elsewhere `scripts/setup` installs all packages.
 COMMANDS = {
-    "auv_lse_mavlink": "link it into ros_ws/src, then scripts/setup",
     "contourpy": "sudo apt install python3-contourpy",
     "dask": "pip install dask",
     "distributed": "pip install distributed",
@@ -21,6 +22,12 @@ COMMANDS = {
     "rosbags": "pip install rosbags",
     "serial": "sudo apt install python3-serial",
     "shapely": "sudo apt install python3-shapely",
+}
+#: How to add a package of the stack, by the kind of the copy that runs.
+_STACK = {
+    "checkout": "link {} into ros_ws/src, then scripts/setup",
+    "colcon": "copy {} into the workspace's src, then colcon build",
+    "pip": "pip install {} (wheels: scripts/auv_lse wheels in a checkout); auv_lse_msgs comes with colcon build",
 }
 
 
@@ -48,5 +55,8 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
 
 
 def install_command(package: str) -> str:
-    """What installs a Python package."""
+    """What installs a Python package; for one of the stack, by how the others were installed."""
+    if package.startswith("auv_lse_"):
+        copy = copy_of("auv_lse_common")
+        return _STACK[copy.kind if copy is not None else "checkout"].format(package)
     return COMMANDS.get(package, f"pip install {package}")

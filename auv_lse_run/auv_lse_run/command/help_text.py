@@ -50,6 +50,6 @@ def version_text(packages: Iterable[str]) -> str:
         f"Python {platform.python_version()}{f', ROS 2 {ros}' if ros else ''}",
     ]
     for package, copy in copies.items():
-        if copy != main:
+        if copy != main and not copy.folder.is_relative_to(main.folder):
             lines.append(f"from another copy: {package} {copy.version}, {copy.kind}: {copy.folder}")
     return "\n".join(lines)

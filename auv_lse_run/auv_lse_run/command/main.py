@@ -14,15 +14,21 @@ from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from auv_lse_common.support.installed_copy import copy_of
+from auv_lse_common.support.installed_copy import copy_of, mixed_versions
 from auv_lse_common.support.missing_packages import MissingPackageError, install_command, is_installed
 from auv_lse_common.support.user_error import error_text
-from auv_lse_common.support.verb import Verb
+from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
 
 if TYPE_CHECKING:
     import argparse
+
+
+#: All packages of the stack.
+PACKAGES = tuple(
+    sorted({*PACKAGE_OF.values(), "auv_lse_common", "auv_lse_gp", "auv_lse_msgs", "auv_lse_planner", "auv_lse_sim"})
+)
 
 
 class CommandError(ValueError):
@@ -139,6 +145,8 @@ def _check_needs(verb: Verb) -> None:
         sys.path.append(str(copy.folder))
         paths = (os.environ.get("PYTHONPATH"), str(copy.folder))  # for the processes that the verb starts
         os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+    if NODES[0] in verb.needs and (problem := mixed_versions(PACKAGES)):
+        raise CommandError(f"auv_lse {verb.name}: {problem}")
     missing = [package for package in verb.needs if not is_installed(package)]
     if missing:
         cures = "; ".join(f"{package}: {install_command(package)}" for package in missing)

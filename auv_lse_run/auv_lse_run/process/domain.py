@@ -19,6 +19,7 @@ from typing import IO
 
 from auv_lse_common.node.dive import SIMULATION, new_dive
 from auv_lse_common.support.confinement import confined
+from auv_lse_common.support.installed_copy import COPY_VARIABLE, own_copy
 
 #: Domains of simulations and replays, and those recommended for vehicles: 80 plus the vehicle's number. The UDP ports
 #: of both stay below Linux's ephemeral range. Vehicles may use any other domain, too, also ROS's default 0.
@@ -353,4 +354,5 @@ def node_environment(domain: int | None = None) -> dict[str, str]:
     Args:
         domain: ROS domain; None: that of the environment.
     """
-    return confined(domain) | {"RCUTILS_COLORIZED_OUTPUT": "0", "PYTHONUNBUFFERED": "1"} | ONE_THREAD
+    own = {COPY_VARIABLE: own_copy(), "RCUTILS_COLORIZED_OUTPUT": "0", "PYTHONUNBUFFERED": "1"}
+    return confined(domain) | own | ONE_THREAD

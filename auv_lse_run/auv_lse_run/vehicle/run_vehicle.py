@@ -23,6 +23,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, merge, sectio
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
+from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_run.process.death import cause
@@ -194,7 +195,8 @@ def begun_dive(
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
     with vehicle_domain(domain, crew.vehicle, crew.simulated):
         dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
-        variables = record.begin(out, dive)
+        variables = record.begin(out, dive) | {COPY_VARIABLE: own_copy()}
+        note_software(out)
         with suppress(OSError):  # a full disk must not keep a vehicle from continuing
             note_run(domain, out, variables[DIVE_VARIABLE], crew.vehicle)
         try:

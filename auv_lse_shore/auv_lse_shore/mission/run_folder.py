@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
+from auv_lse_common.support.installed_copy import note_software
+
 
 class RunFolderError(ValueError):
     """A run folder that cannot be created."""
@@ -34,6 +36,7 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
         raise RunFolderError(f"--out {folder}: cannot be made: {error.strerror or error}") from error
+    note_software(folder)
     return folder.resolve()
 
 
