@@ -21,7 +21,7 @@ from auv_lse_shore.export.formats import ascii_grid
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
-from auv_lse_sim.ground.geotiff_ground import read_geotiff_ground
+from auv_lse_sim.ground.gdal_ground import read_gdal_ground
 
 main = verb_main("export")
 
@@ -92,7 +92,7 @@ def test_units_and_coordinates_are_in_the_geotiff(on_earth, local):
     assert not (local[0] / "depth.prj").exists()
 
 
-@pytest.mark.parametrize(("ending", "read"), [("tif", read_geotiff_ground), ("asc", read_ascii_ground)])
+@pytest.mark.parametrize(("ending", "read"), [("tif", read_gdal_ground), ("asc", read_ascii_ground)])
 def test_an_exported_depth_map_is_ground_for_another_mission(on_earth, ending, read):
     folder, _, team = on_earth
     ground = read(folder / f"depth.{ending}", BathymetryConfig(), ORIGIN)
