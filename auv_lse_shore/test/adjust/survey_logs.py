@@ -36,7 +36,8 @@ def survey():
     return np.column_stack([START_S + np.arange(len(positions)), lat, lon, depth_m(*positions.T) - DRAUGHT_M])
 
 
-def _sum(body):
+def sentence(body):
+    """An NMEA sentence with its checksum."""
     total = 0
     for byte in body.encode():
         total ^= byte
@@ -55,9 +56,9 @@ def nmea(rows, start_s=START_S - START_S % 86400):
         of_day = (stamp - start_s) % 86400
         clock = f"{int(of_day // 3600):02d}{int(of_day % 3600 // 60):02d}{of_day % 60:05.2f}"
         position = f"{_angle(lat, 2, 'NS')},{_angle(lon, 3, 'EW')}"
-        lines.append(_sum(f"GPRMC,{clock},A,{position},3.9,90.0,030526,,,A"))
-        lines.append(_sum(f"GPGGA,{clock},{position},2,09,0.9,372.0,M,48.0,M,,"))
-        lines.append(_sum(f"SDDBT,{depth / 0.3048:.2f},f,{depth:.2f},M,{depth / 1.8288:.2f},F"))
+        lines.append(sentence(f"GPRMC,{clock},A,{position},3.9,90.0,030526,,,A"))
+        lines.append(sentence(f"GPGGA,{clock},{position},2,09,0.9,372.0,M,48.0,M,,"))
+        lines.append(sentence(f"SDDBT,{depth / 0.3048:.2f},f,{depth:.2f},M,{depth / 1.8288:.2f},F"))
     return "".join(lines)
 
 

@@ -1,0 +1,198 @@
+"""NMEA 0183 as plotters, multiplexers and loggers write it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from adjust.survey_logs import ORIGIN, START_S, depth_m, nmea, sentence, survey
+
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_record.run_reader import read_run
+from auv_lse_shore.survey_import.__main__ import main
+from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
+from auv_lse_shore.survey_import.log_file import ReadOptions
+from auv_lse_shore.survey_import.reading import read_logs
+
+DAY_S = 86_400.0
+
+
+def content_of(tmp_path, data, **options) -> LogContent:
+    path = tmp_path / "log.txt"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    (content,) = read_logs(path, ReadOptions(**options), lambda share: None)
+    return content
+
+
+def soundings_of(tmp_path, data, *arguments):
+    """The soundings of a log, and how far they are from the known bottom (m)."""
+    path = tmp_path / "a.log"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    assert main([str(path), "--out", str(tmp_path / "run"), "--draught", "0.3", *arguments]) == 0
+    soundings = read_run(tmp_path / "run").vehicles[0].soundings
+    return soundings, soundings.depth_m - depth_m(soundings.north_m, soundings.east_m)
+
+
+def gga(stamp_s, lat, lon):
+    rows = nmea([(stamp_s, lat, lon, 1.0)]).splitlines(keepends=True)
+    return rows[1]
+
+
+def test_hemispheres_midnight_units_and_offsets(tmp_path):
+    lat, lon = geodetic_from_local(np.arange(60.0), np.zeros(60), -33.5, -70.25)
+    rows = np.column_stack([START_S - START_S % DAY_S + DAY_S - 30 + np.arange(60), lat, lon, np.full(60, 5.0)])
+    text = "".join(line for line in nmea(rows).splitlines(keepends=True) if "RMC" not in line)  # no date
+    content = content_of(tmp_path, "2026-05-03T23:59:59 " + text.replace("\r\n", "\r\n2026 "))
+    positions = content.positions["GPGGA"]
+    assert content.clock is Clock.DAY
+    assert np.diff(positions[:, 0]) == pytest.approx(1.0)
+    assert positions[0, 1:] == pytest.approx([-33.5, -70.25], abs=1e-6)
+    assert content.sounders["SDDBT"].rows[:, 1] == pytest.approx(5.0)
+    at = "$GPGGA,120000,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n"
+    dpt = content_of(tmp_path, at + "$SDDPT,4.0,0.5\n$SDDPT,4.1,0.5\n$SDDPT,,\n").sounders["SDDPT"]
+    assert dpt.reference is Reference.SURFACE
+    assert dpt.rows[:, 1] == pytest.approx([4.5, 4.6])
+    keel = content_of(tmp_path, at + "$SDDPT,4.0,-0.5\n").sounders["SDDPT"]
+    assert keel.reference is Reference.TRANSDUCER
+    assert keel.rows[:, 1] == pytest.approx([4.0])
+    feet = content_of(tmp_path, at + "$SDDBT,10.0,f,,M,,F\n$SDDBT,,f,,M,2.0,F\n").sounders["SDDBT"]
+    assert feet.rows[:, 1] == pytest.approx([3.048, 3.6576])
+
+
+def test_odd_offsets_of_plotters_do_not_cost_the_depth(tmp_path):
+    rows = survey()[:60]
+    text = "".join(gga(*row[:3]) + sentence(f"SDDPT,{row[3]:.1f},-1.-1,") for row in rows)
+    soundings, error = soundings_of(tmp_path, text)
+    assert len(soundings) == 60
+    assert np.abs(error).max() < 0.06  # the sentences' decimals
+
+
+def test_two_days_in_one_file_keep_their_dates(tmp_path):
+    rows = survey()[:100]
+    cold = sentence("GPRMC,095959.00,V,,,,,,,060180,,,N")  # a receiver without a fix has a date of its own
+    second = nmea(rows + [DAY_S, 0.0, 0.0, 0.0]).replace("030526", "040526")
+    second = "".join(sentence(line[1:].split("*")[0]) for line in second.splitlines())
+    soundings, error = soundings_of(tmp_path, cold + nmea(rows) + cold + second)
+    assert len(soundings) == 200
+    assert soundings.stamp_s[[0, 100]] == pytest.approx([START_S, START_S + DAY_S])
+    assert np.abs(error).max() < 0.02
+
+
+def test_depths_between_slow_positions_are_where_the_boat_was(tmp_path):
+    rows = survey()[:300]
+    lines = [(gga(*row[:3]) if i % 10 == 0 else "") + sentence(f"SDDBT,,f,{row[3]:.2f},M,,F") for i, row in enumerate(rows)]
+    soundings, _ = soundings_of(tmp_path, "".join(lines))
+    assert len(soundings) == 291  # after the last position, nobody knows
+    north, east = local_from_geodetic(rows[:291, 1], rows[:291, 2], *ORIGIN)
+    off_m = np.hypot(soundings.north_m - north, soundings.east_m - east)
+    assert np.median(off_m) < 0.1
+    run = read_run(tmp_path / "run").vehicles[0]
+    stated = np.hypot(*run.position_std_at(soundings.stamp_s).T)
+    # where lanes turn, a straight line misses up to 10 m of the way, and that is stated
+    assert off_m.max() < 4.0 * stated.max()
+    assert (off_m < 2.0 * stated).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: text[:40] + b"\0" + text[40:],
+        lambda text: text.decode().encode("utf-16"),
+        lambda text: text.decode().encode("utf-16-le"),
+        lambda text: b"\xff\xfe\x01 boot\r\n" * 3 + text.replace(b"\r\n", b"\r\n!AIVDM,1,1,,A,13aEOK?P00PD2wVMdLDRhgvL289?,0*26\r\n"),
+        lambda text: text.replace(b"\r\n", b"\r"),
+    ],
+    ids=["zero", "UTF-16", "UTF-16 without mark", "AIS and garbage", "old line ends"],
+)
+def test_captures_with_other_bytes_are_read(tmp_path, damage):
+    soundings, error = soundings_of(tmp_path, damage(nmea(survey()[:100]).encode()))
+    assert len(soundings) >= 99
+    assert np.abs(error).max() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["GLL", "GNS"])
+def test_positions_of_other_sentences_are_read(tmp_path, kind):
+    lines = []
+    for line in nmea(survey()[:100]).splitlines():
+        f = line[1:].split("*")[0].split(",")
+        if f[0] == "GPGGA":
+            rest = f"{','.join(f[2:6])},{f[1]},A,D" if kind == "GLL" else f"{f[1]},{','.join(f[2:6])},AAN,12,0.7,1.0,2.0,,"
+            clock = f"GPZDA,{f[1]},03,05,2026,00,00"
+            lines.append(sentence(clock) + sentence(f"GN{kind},{rest}"))
+        elif f[0] == "SDDBT":
+            lines.append(sentence(",".join(f)))
+    soundings, error = soundings_of(tmp_path, "".join(lines))
+    assert len(soundings) == 100
+    assert soundings.stamp_s[0] == START_S
+    assert np.abs(error).max() < 0.02
+
+
+def test_two_talkers_are_two_sounders(tmp_path, capsys):
+    rows = survey()[:100]
+    other = "".join(sentence(f"YDDBT,,f,{1.0 + 0.01 * i:.2f},M,,F") for i in range(2))
+    text = nmea(rows).replace("$GPRMC", other + "$GPRMC")
+    soundings, error = soundings_of(tmp_path, text, "--sounder", "sddbt")
+    assert len(soundings) == 100
+    assert np.abs(error).max() < 0.02
+    assert 'of YDDBT, 1.0 to 1.0 m (--sounder "YDDBT" takes them instead)' in capsys.readouterr().out
+    assert main([str(tmp_path / "a.log"), "--sounder", "XXDBT", "--dry-run"]) == 2
+    assert "no log has it; it can be SDDBT, YDDBT" in capsys.readouterr().err
+
+
+def test_wrong_checksums_are_refused_with_their_count_and_can_be_accepted(tmp_path, capsys):
+    text = "\r\n".join(line.split("*")[0] + "*00" for line in nmea(survey()[:100]).splitlines())
+    (tmp_path / "a.log").write_text(text)
+    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 2
+    assert "100 DBT sentences with a wrong checksum (--accept-checksums uses them)" in capsys.readouterr().err
+    soundings, error = soundings_of(tmp_path, text, "--accept-checksums")
+    assert len(soundings) == 100
+    assert np.abs(error).max() < 0.02
+
+
+def test_all_depths_end_at_the_surface_and_an_unknown_draught_is_asked_for(tmp_path, capsys):
+    rows = survey()[:60]
+    found = {}
+    for name, text, draught in (
+        ("DPT", "SDDPT,{0:.2f},0.3", ()),
+        ("DBS", "SDDBS,,f,{1:.2f},M,,F", ()),
+        ("DBT", "SDDBT,,f,{0:.2f},M,,F", ("--draught", "0.3")),
+        ("DBK", "SDDBK,,f,{2:.2f},M,,F", ("--draught", "0.8")),
+    ):
+        path = tmp_path / f"{name}.log"
+        path.write_text("".join(gga(*r[:3]) + sentence(text.format(r[3], r[3] + 0.3, r[3] - 0.5)) for r in rows))
+        assert main([str(path), "--out", str(tmp_path / name), *draught]) == 0
+        found[name] = read_run(tmp_path / name).vehicles[0].soundings.depth_m
+        assert "unknown" not in capsys.readouterr().out
+    for name, depths in found.items():
+        assert depths == pytest.approx(found["DBT"], abs=0.011), name
+    assert main([str(tmp_path / "DBK.log"), "--dry-run"]) == 0
+    assert "depths are below the keel, whose depth is unknown" in capsys.readouterr().out
+
+
+def test_a_log_without_dates_asks_for_them(tmp_path, capsys):
+    text = "".join(line for line in nmea(survey()[:60]).splitlines(keepends=True) if "RMC" not in line)
+    (tmp_path / "a.log").write_text(text)
+    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 0
+    assert "times of day and no date: --date 2026-06-14 gives it" in capsys.readouterr().out
+    soundings, _ = soundings_of(tmp_path, text, "--date", "2026-05-03")
+    assert soundings.stamp_s[0] == START_S
+
+
+def test_a_lost_count_of_weeks_is_found_and_corrected(tmp_path, capsys):
+    text = nmea(survey()[:60]).replace("030526", "170906")  # 1,024 weeks earlier
+    text = "".join(sentence(line[1:].split("*")[0]) for line in text.splitlines())
+    (tmp_path / "a.log").write_text(text)
+    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 0
+    assert "If it is of 2026-05-03, its GPS receiver lost 1,024 weeks: --date 2026-05-03" in capsys.readouterr().out
+    soundings, _ = soundings_of(tmp_path, text, "--date", "2026-05-03")
+    assert soundings.stamp_s[0] == START_S
+    assert "lost 1,024 weeks" not in capsys.readouterr().out
+
+
+def test_the_same_sounding_in_two_files_counts_once(tmp_path, capsys):
+    rows = survey()
+    (tmp_path / "day.log").write_text(nmea(rows))
+    (tmp_path / "noon.log").write_text(nmea(rows[200:400]))
+    assert main([str(tmp_path), "--out", str(tmp_path / "run")]) == 0
+    assert "left out: 200 soundings that another file has, too" in capsys.readouterr().out
+    (boat,) = read_run(tmp_path / "run").vehicles
+    assert len(boat.soundings) == len(rows)
