@@ -180,7 +180,11 @@ def _sounder_of(content: LogContent, choice: Choice, pings: Counter[str]) -> str
 def _reasons(content: LogContent) -> str:
     """What was left out, in brackets; "" if nothing."""
     reasons = [f"{count} {reason}" for reason, count in content.left_out.items() if count]
-    found = [f"{len(sounder.pings) // 3} depths of {name}" for name, sounder in content.sounders.items()]
+    found = [
+        f"{len(sounder.pings) // 3} depths of {name}"
+        for name, sounder in content.sounders.items()
+        if len(sounder.pings)
+    ]
     found += [f"{len(rows)} positions of {kind}" for kind, rows in content.positions.items()]
     return f" ({'; '.join([*reasons, *found])})" if reasons or found else ""
 

@@ -10,18 +10,17 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from auv_lse_shore.survey_import.choice import Choice, chosen_logs
-from auv_lse_shore.survey_import.clocks import ClockFacts, start_of, to_utc
+from auv_lse_shore.survey_import.choice import Choice
+from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
-from auv_lse_shore.survey_import.log_content import LogContent
+from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import UNITS
-from auv_lse_shore.survey_import.reading import files_of, read_all
 from auv_lse_shore.survey_import.run import check_free, survey_run, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError
-from auv_lse_shore.survey_import.team import vehicles_of, without_repetitions
-from auv_lse_shore.survey_import.track import Placement, local_origin, position
-from auv_lse_shore.survey_import.words import log_lines, next_lines, survey_lines
+from auv_lse_shore.survey_import.team import vehicles_of
+from auv_lse_shore.survey_import.track import Placement
+from auv_lse_shore.survey_import.words import next_lines, survey_lines
 
 #: Seconds between two lines of progress.
 _REWRITE_S, _LINE_S = 0.3, 5.0
@@ -113,68 +112,52 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         MissingPackageError: if a package that a format needs is missing.
         OSError: if a file cannot be read or written.
     """
-    summary: list[str] = []
-    contents: list[LogContent] = []
-    paths, all_named = files_of(options.logs)
-    for found in read_all(paths, all_named, _read_options(options), _progress()):
-        if isinstance(found, str):
-            summary.append(found)
-            yield found
-        else:
-            contents += found
-    if not contents:
-        raise LogError(f"None of {len(paths)} files is a log that can be read.")
-    questions = to_utc(contents, _clock_facts(options))
-    choice = Choice(
-        sounder=options.sounder,
-        least_quality=options.min_quality,
-        draught_m=options.draught,
-        density_kgpm3=options.density,
-    )
-    logs, left_out = chosen_logs(contents, choice, all_named)
-    summary += left_out
-    yield from left_out
-    origin = local_origin(logs)
-    if options.origin:
-        if origin is None:
-            raise LogError("--origin does not apply to logs in metres. Set it in the mission file.")
-        origin = (options.origin[0], options.origin[1])
-    how = Placement(
-        forward_m=options.offset[0],
-        starboard_m=options.offset[1],
-        position_std_m=options.position_std,
-        lag_s=options.lag,
-        start_s=options.start,
-        end_s=options.end,
-    )
-    for log in logs:
-        log.lag_std_s = log.lag_std_s if options.lag_std is None else options.lag_std
-    placed = [position(log, origin, how) for log in logs]
-    kept = without_repetitions(placed)
-    lines = [line for log, found in zip(logs, placed, strict=True) for line in log_lines(log, found)]
-    lines += [f"question: {question}" for question in questions]
-    yield from lines
-    summary += lines
-    vehicles = vehicles_of(kept, options.position_std)
-    run, area = survey_run(vehicles, origin, options.level, max(log.depth_std_m for log in logs))
+    found = gather(options.logs, user_facts(options), _progress())
+    yield from found.lines
+    vehicles = vehicles_of(found.placed, options.position_std)
+    run, area = survey_run(vehicles, found.origin, options.level, found.depth_std_m)
     lines = survey_lines(run, area)
     yield from lines
     if options.dry_run:
         yield "dry run: nothing is written"
         return
     after = next_lines(folder, float(run.parameters["/**"]["level_set"]["level_m"]))
-    write_survey(run, area, folder, [*summary, *lines, *after])
+    write_survey(run, area, folder, [*found.lines, *lines, *after])
     yield from after
 
 
-def _read_options(options: argparse.Namespace) -> ReadOptions:
-    return ReadOptions(
-        accept_checksums=options.accept_checksums,
-        columns=tuple(name.strip() for name in options.columns.split(",")) if options.columns else (),
-        depth_unit_m=UNITS[options.depth_unit] if options.depth_unit else 0.0,
-        day_first=options.day_first,
-        surface_m=options.surface,
-        crs=options.crs,
+def user_facts(options: argparse.Namespace) -> UserFacts:
+    """What the command line says about the logs.
+
+    Raises:
+        LogError: if `--date` is no day.
+    """
+    return UserFacts(
+        read=ReadOptions(
+            accept_checksums=options.accept_checksums,
+            columns=tuple(name.strip() for name in options.columns.split(",")) if options.columns else (),
+            depth_unit_m=UNITS[options.depth_unit] if options.depth_unit else 0.0,
+            day_first=options.day_first,
+            surface_m=options.surface,
+            crs=options.crs,
+        ),
+        choice=Choice(
+            sounder=options.sounder,
+            least_quality=options.min_quality,
+            draught_m=options.draught,
+            density_kgpm3=options.density,
+        ),
+        clock=_clock_facts(options),
+        placement=Placement(
+            forward_m=options.offset[0],
+            starboard_m=options.offset[1],
+            position_std_m=options.position_std,
+            lag_s=options.lag,
+            start_s=options.start,
+            end_s=options.end,
+        ),
+        origin=None if options.origin is None else (options.origin[0], options.origin[1]),
+        lag_std_s=options.lag_std,
     )
 
 

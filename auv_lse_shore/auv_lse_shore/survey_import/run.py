@@ -19,11 +19,10 @@ from auv_lse_record.run_writer import write_mission_file, write_run
 from auv_lse_shore.survey_import.area import SurveyedArea, surveyed_area
 from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
+from auv_lse_shore.survey_import.words import DIVE, PICTURE, SOUNDINGS
 
 Array = NDArray[np.float64]
 
-#: Files of the run folder: soundings, the proposed mission file of a dive, the picture.
-SOUNDINGS, DIVE, PICTURE = "soundings.csv", "dive.yaml", "survey.png"
 #: Most soundings in the table, and length of a leg (m) by which a dive's steps are proposed.
 MOST_SOUNDINGS, LEG_M = 200_000, 23.6
 #: Number of soundings and of starts with which the Gaussian process is learned.

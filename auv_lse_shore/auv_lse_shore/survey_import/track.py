@@ -99,7 +99,7 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
     return float(kept[0, 1]), float(kept[0, 2])
 
 
-def position(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:
+def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placement) -> PlacedLog:
     """Positions a log's depths.
 
     Raises:

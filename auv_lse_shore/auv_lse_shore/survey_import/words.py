@@ -12,10 +12,11 @@ import numpy as np
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.survey_import.area import SurveyedArea
-from auv_lse_shore.survey_import.run import DIVE, PICTURE, SOUNDINGS
 from auv_lse_shore.survey_import.survey_log import SurveyLog
 from auv_lse_shore.survey_import.track import PlacedLog
 
+#: Files of the run folder: soundings, the proposed mission file of a dive, the picture.
+SOUNDINGS, DIVE, PICTURE = "soundings.csv", "dive.yaml", "survey.png"
 #: Size (m2) from which sounded ground apart from the area is worth a line.
 _WORTH_M2 = 2_500.0
 

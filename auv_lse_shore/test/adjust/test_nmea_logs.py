@@ -7,11 +7,12 @@ import pytest
 from adjust.survey_logs import ORIGIN, START_S, depth_m, nmea, sentence, survey
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_record.run_reader import read_run
-from auv_lse_shore.survey_import.__main__ import main
+from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.reading import read_logs
+from auv_lse_shore.survey_import.survey_log import LogError
 
 DAY_S = 86_400.0
 
@@ -23,13 +24,20 @@ def content_of(tmp_path, data, **options) -> LogContent:
     return content
 
 
-def soundings_of(tmp_path, data, *arguments):
-    """The soundings of a log, and how far they are from the known bottom (m)."""
+def gathered(tmp_path, data, *arguments):
+    """What is found in a log: its soundings' rows, and the lines for the user."""
     path = tmp_path / "a.log"
-    path.write_bytes(data if isinstance(data, bytes) else data.encode())
-    assert main([str(path), "--out", str(tmp_path / "run"), "--draught", "0.3", *arguments]) == 0
-    soundings = read_run(tmp_path / "run").vehicles[0].soundings
-    return soundings, soundings.depth_m - depth_m(soundings.north_m, soundings.east_m)
+    if data is not None:
+        path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    options = parser().parse_args([str(path if data is not None else tmp_path), *arguments])
+    return gather(options.logs, user_facts(options))
+
+
+def soundings_of(tmp_path, data, *arguments):
+    """The soundings (n, 4) of a log, and how far they are from the known bottom (m)."""
+    found = gathered(tmp_path, data, "--origin", "46.5", "6.6", "--draught", "0.3", *arguments)
+    rows = found.placed[0].soundings
+    return rows, rows[:, 3] - depth_m(rows[:, 1], rows[:, 2])
 
 
 def gga(stamp_s, lat, lon):
@@ -69,24 +77,26 @@ def test_odd_offsets_of_plotters_do_not_cost_the_depth(tmp_path):
 def test_two_days_in_one_file_keep_their_dates(tmp_path):
     rows = survey()[:100]
     cold = sentence("GPRMC,095959.00,V,,,,,,,060180,,,N")  # a receiver without a fix has a date of its own
-    second = nmea(rows + [DAY_S, 0.0, 0.0, 0.0]).replace("030526", "040526")
+    second = nmea(np.add(rows, [DAY_S, 0.0, 0.0, 0.0])).replace("030526", "040526")
     second = "".join(sentence(line[1:].split("*")[0]) for line in second.splitlines())
     soundings, error = soundings_of(tmp_path, cold + nmea(rows) + cold + second)
     assert len(soundings) == 200
-    assert soundings.stamp_s[[0, 100]] == pytest.approx([START_S, START_S + DAY_S])
+    assert soundings[[0, 100], 0] == pytest.approx([START_S, START_S + DAY_S])
     assert np.abs(error).max() < 0.02
 
 
 def test_depths_between_slow_positions_are_where_the_boat_was(tmp_path):
     rows = survey()[:300]
-    lines = [(gga(*row[:3]) if i % 10 == 0 else "") + sentence(f"SDDBT,,f,{row[3]:.2f},M,,F") for i, row in enumerate(rows)]
-    soundings, _ = soundings_of(tmp_path, "".join(lines))
-    assert len(soundings) == 291  # after the last position, nobody knows
+    lines = [
+        (gga(*row[:3]) if i % 10 == 0 else "") + sentence(f"SDDBT,,f,{row[3]:.2f},M,,F") for i, row in enumerate(rows)
+    ]
+    placed = gathered(tmp_path, "".join(lines), "--origin", "46.5", "6.6").placed[0]
+    assert len(placed.soundings) == 291  # after the last position, nobody knows
     north, east = local_from_geodetic(rows[:291, 1], rows[:291, 2], *ORIGIN)
-    off_m = np.hypot(soundings.north_m - north, soundings.east_m - east)
+    off_m = np.hypot(placed.soundings[:, 1] - north, placed.soundings[:, 2] - east)
     assert np.median(off_m) < 0.1
-    run = read_run(tmp_path / "run").vehicles[0]
-    stated = np.hypot(*run.position_std_at(soundings.stamp_s).T)
+    stds = [np.interp(placed.soundings[:, 0], placed.track[:, 0], placed.track_std_m[:, c]) for c in (0, 1)]
+    stated = np.hypot(*stds)
     # where lanes turn, a straight line misses up to 10 m of the way, and that is stated
     assert off_m.max() < 4.0 * stated.max()
     assert (off_m < 2.0 * stated).mean() > 0.9
@@ -98,7 +108,10 @@ def test_depths_between_slow_positions_are_where_the_boat_was(tmp_path):
         lambda text: text[:40] + b"\0" + text[40:],
         lambda text: text.decode().encode("utf-16"),
         lambda text: text.decode().encode("utf-16-le"),
-        lambda text: b"\xff\xfe\x01 boot\r\n" * 3 + text.replace(b"\r\n", b"\r\n!AIVDM,1,1,,A,13aEOK?P00PD2wVMdLDRhgvL289?,0*26\r\n"),
+        lambda text: (
+            b"\x81\xfe\x01 boot\r\n" * 3
+            + text.replace(b"\r\n", b"\r\n!AIVDM,1,1,,A,13aEOK?P00PD2wVMdLDRhgvL289?,0*26\r\n")
+        ),
         lambda text: text.replace(b"\r\n", b"\r"),
     ],
     ids=["zero", "UTF-16", "UTF-16 without mark", "AIS and garbage", "old line ends"],
@@ -115,84 +128,80 @@ def test_positions_of_other_sentences_are_read(tmp_path, kind):
     for line in nmea(survey()[:100]).splitlines():
         f = line[1:].split("*")[0].split(",")
         if f[0] == "GPGGA":
-            rest = f"{','.join(f[2:6])},{f[1]},A,D" if kind == "GLL" else f"{f[1]},{','.join(f[2:6])},AAN,12,0.7,1.0,2.0,,"
+            rest = (
+                f"{','.join(f[2:6])},{f[1]},A,D" if kind == "GLL" else f"{f[1]},{','.join(f[2:6])},AAN,12,0.7,1.0,2.0,,"
+            )
             clock = f"GPZDA,{f[1]},03,05,2026,00,00"
             lines.append(sentence(clock) + sentence(f"GN{kind},{rest}"))
         elif f[0] == "SDDBT":
             lines.append(sentence(",".join(f)))
     soundings, error = soundings_of(tmp_path, "".join(lines))
     assert len(soundings) == 100
-    assert soundings.stamp_s[0] == START_S
+    assert soundings[0, 0] == START_S
     assert np.abs(error).max() < 0.02
 
 
-def test_two_talkers_are_two_sounders(tmp_path, capsys):
+def test_two_talkers_are_two_sounders(tmp_path):
     rows = survey()[:100]
     other = "".join(sentence(f"YDDBT,,f,{1.0 + 0.01 * i:.2f},M,,F") for i in range(2))
     text = nmea(rows).replace("$GPRMC", other + "$GPRMC")
     soundings, error = soundings_of(tmp_path, text, "--sounder", "sddbt")
     assert len(soundings) == 100
     assert np.abs(error).max() < 0.02
-    assert 'of YDDBT, 1.0 to 1.0 m (--sounder "YDDBT" takes them instead)' in capsys.readouterr().out
-    assert main([str(tmp_path / "a.log"), "--sounder", "XXDBT", "--dry-run"]) == 2
-    assert "no log has it; it can be SDDBT, YDDBT" in capsys.readouterr().err
+    (line, *_) = gathered(tmp_path, text, "--sounder", "SDDBT").lines
+    assert 'of YDDBT, 1.0 to 1.0 m (--sounder "YDDBT" takes them instead)' in line
+    with pytest.raises(LogError, match="no log has it; it can be SDDBT, YDDBT"):
+        gathered(tmp_path, text, "--sounder", "XXDBT")
 
 
-def test_wrong_checksums_are_refused_with_their_count_and_can_be_accepted(tmp_path, capsys):
+def test_wrong_checksums_are_refused_with_their_count_and_can_be_accepted(tmp_path):
     text = "\r\n".join(line.split("*")[0] + "*00" for line in nmea(survey()[:100]).splitlines())
-    (tmp_path / "a.log").write_text(text)
-    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 2
-    assert "100 DBT sentences with a wrong checksum (--accept-checksums uses them)" in capsys.readouterr().err
+    with pytest.raises(LogError, match=r"9\d DBT sentences with a wrong checksum \(--accept-checksums uses them\)"):
+        gathered(tmp_path, text)
     soundings, error = soundings_of(tmp_path, text, "--accept-checksums")
     assert len(soundings) == 100
     assert np.abs(error).max() < 0.02
 
 
-def test_all_depths_end_at_the_surface_and_an_unknown_draught_is_asked_for(tmp_path, capsys):
+def test_all_depths_end_at_the_surface_and_an_unknown_draught_is_asked_for(tmp_path):
     rows = survey()[:60]
     found = {}
-    for name, text, draught in (
+    for name, body, draught in (
         ("DPT", "SDDPT,{0:.2f},0.3", ()),
         ("DBS", "SDDBS,,f,{1:.2f},M,,F", ()),
         ("DBT", "SDDBT,,f,{0:.2f},M,,F", ("--draught", "0.3")),
         ("DBK", "SDDBK,,f,{2:.2f},M,,F", ("--draught", "0.8")),
     ):
-        path = tmp_path / f"{name}.log"
-        path.write_text("".join(gga(*r[:3]) + sentence(text.format(r[3], r[3] + 0.3, r[3] - 0.5)) for r in rows))
-        assert main([str(path), "--out", str(tmp_path / name), *draught]) == 0
-        found[name] = read_run(tmp_path / name).vehicles[0].soundings.depth_m
-        assert "unknown" not in capsys.readouterr().out
+        text = "".join(gga(*r[:3]) + sentence(body.format(r[3], r[3] + 0.3, r[3] - 0.5)) for r in rows)
+        logs = gathered(tmp_path, text, *draught)
+        found[name] = logs.placed[0].soundings[:, 3]
+        assert not any("below the" in line and "unknown" in line for line in logs.lines)
     for name, depths in found.items():
         assert depths == pytest.approx(found["DBT"], abs=0.011), name
-    assert main([str(tmp_path / "DBK.log"), "--dry-run"]) == 0
-    assert "depths are below the keel, whose depth is unknown" in capsys.readouterr().out
+    assert any("depths are below the keel, whose depth is unknown" in line for line in gathered(tmp_path, text).lines)
 
 
-def test_a_log_without_dates_asks_for_them(tmp_path, capsys):
+def test_a_log_without_dates_asks_for_them(tmp_path):
     text = "".join(line for line in nmea(survey()[:60]).splitlines(keepends=True) if "RMC" not in line)
-    (tmp_path / "a.log").write_text(text)
-    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 0
-    assert "times of day and no date: --date 2026-06-14 gives it" in capsys.readouterr().out
+    assert "times of day and no date: --date 2026-06-14 gives it" in gathered(tmp_path, text).lines[-1]
     soundings, _ = soundings_of(tmp_path, text, "--date", "2026-05-03")
-    assert soundings.stamp_s[0] == START_S
+    assert soundings[0, 0] == START_S
 
 
-def test_a_lost_count_of_weeks_is_found_and_corrected(tmp_path, capsys):
+def test_a_lost_count_of_weeks_is_found_and_corrected(tmp_path):
     text = nmea(survey()[:60]).replace("030526", "170906")  # 1,024 weeks earlier
     text = "".join(sentence(line[1:].split("*")[0]) for line in text.splitlines())
-    (tmp_path / "a.log").write_text(text)
-    assert main([str(tmp_path / "a.log"), "--dry-run"]) == 0
-    assert "If it is of 2026-05-03, its GPS receiver lost 1,024 weeks: --date 2026-05-03" in capsys.readouterr().out
-    soundings, _ = soundings_of(tmp_path, text, "--date", "2026-05-03")
-    assert soundings.stamp_s[0] == START_S
-    assert "lost 1,024 weeks" not in capsys.readouterr().out
+    said = gathered(tmp_path, text).lines[-1]
+    assert "If it is of 2026-05-03, its GPS receiver lost 1,024 weeks: --date 2026-05-03" in said
+    corrected = gathered(tmp_path, text, "--date", "2026-05-03")
+    assert corrected.placed[0].soundings[0, 0] == START_S
+    assert not any("1,024 weeks" in line for line in corrected.lines)
 
 
-def test_the_same_sounding_in_two_files_counts_once(tmp_path, capsys):
+def test_the_same_sounding_in_two_files_counts_once(tmp_path):
     rows = survey()
     (tmp_path / "day.log").write_text(nmea(rows))
     (tmp_path / "noon.log").write_text(nmea(rows[200:400]))
-    assert main([str(tmp_path), "--out", str(tmp_path / "run")]) == 0
-    assert "left out: 200 soundings that another file has, too" in capsys.readouterr().out
-    (boat,) = read_run(tmp_path / "run").vehicles
-    assert len(boat.soundings) == len(rows)
+    found = gathered(tmp_path, None)
+    assert "- left out: 200 soundings that another file has, too" in found.lines
+    assert sum(len(log.soundings) for log in found.placed) == len(rows)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.times import days, of_day_s
 from auv_lse_shore.survey_import.survey_log import LogError
 
@@ -138,7 +138,7 @@ def is_complete(columns: dict[str, Column]) -> bool:
     return has_position and any(role in columns for role in ("depth", "elevation", "z"))
 
 
-def columns_for(path: Path, dialect: Dialect, names: Sequence[str]) -> dict[str, Column]:
+def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -> dict[str, Column]:
     """The columns of a table, by `names` if the user gives them, else by its header.
 
     Raises:
@@ -152,7 +152,7 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str]) -> dict[str,
         raise LogError(f"--columns: {unknown[0]} means nothing here; write lat, lon, depth, time, or - to skip one.")
     if is_complete(columns):
         return columns
-    guess = proposal(dialect)
+    guess = proposal(dialect, rows_across(text, dialect))
     if not dialect.header and not names and guess == _DEEPER:
         return named_columns(guess)
     if is_complete(named_columns(guess)):
@@ -166,10 +166,10 @@ def columns_for(path: Path, dialect: Dialect, names: Sequence[str]) -> dict[str,
     raise LogError(f"{path} {what}. {cure}.")
 
 
-def proposal(dialect: Dialect) -> list[str]:
+def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
     """Names for `--columns` from what the columns of a table without a header look like; "-" for unknown ones."""
     width = dialect.width
-    texts = [[row[i] for row in dialect.sample if len(row) == width] for i in range(width)]
+    texts = [[row[i] for row in rows if len(row) == width] for i in range(width)]
     values = [numbers_of(column, dialect.decimal_comma) for column in texts]
     names = ["-"] * width
     for i, column in enumerate(texts):
@@ -215,7 +215,7 @@ def _pair(a: Array, b: Array) -> tuple[str, str] | None:
     if not len(a) or not len(b):
         return None
     spans = float(np.ptp(a)), float(np.ptp(b))
-    are_fine = all((np.round(values, 3) != values).mean() > 0.5 for values in (a, b))
+    are_fine = any((np.round(values, 3) != values).mean() > 0.5 for values in (a, b))
     if max(spans) < 5.0 and are_fine:
         if np.abs(a).max() <= 90.0 and np.abs(b).max() <= 180.0:
             return "lat", "lon"

@@ -135,6 +135,18 @@ def _with_header(delimiter: str, rows: list[list[str]]) -> Dialect:
     )
 
 
+def rows_across(text: str, dialect: Dialect, most: int = 2000) -> list[list[str]]:
+    """Rows of values from the whole table: its beginning may be without positions."""
+    step = max(len(text) // most, 1)
+    starts = sorted({text.find("\n", at) + 1 for at in range(0, len(text), step)} - {0})
+    lines = [text[start : start + _LONGEST].split("\n", 1)[0] for start in starts]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    try:
+        return [[cell.strip() for cell in row] for row in fields_of(lines, dialect.delimiter)]
+    except csv.Error:
+        return dialect.sample
+
+
 def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[list[list[str]]]:
     """The texts of the wanted columns, some thousand rows at once; missing fields are empty."""
     rows = fields_of(lines_of(text), dialect.delimiter)

@@ -30,7 +30,8 @@ def seconds(values: Array) -> Array:
     known = np.abs(values[np.isfinite(values)])
     largest = float(np.median(known)) if len(known) else 0.0
     factor = next(factor for least, factor in _UNITS if largest >= least)
-    return values * factor
+    with np.errstate(over="ignore"):
+        return values * factor
 
 
 def of_day_s(texts: Sequence[str]) -> Array:

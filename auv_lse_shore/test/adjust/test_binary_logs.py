@@ -1,0 +1,200 @@
+"""Logs of other instruments: Lowrance, Humminbird, WIBL, GPX, crowdsourced GeoJSON, ArduPilot's with several sounders."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from adjust.survey_logs import START_S, Dataflash, depth_m, nmea, survey
+
+from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.survey_log import LogError
+
+ROWS = survey()[:120]
+POLAR_M, HUMMINBIRD_M = 6_356_752.3142, 6_378_388.0
+
+
+def lowrance(rows, version=2):
+    """SL2 or SL3: a primary channel with depths in feet, and a side scan of the same pings."""
+    data = struct.pack("<4H", version, 0, 3200, 0)
+    for stamp, lat, lon, depth in rows:
+        x = round(POLAR_M * np.radians(lon))
+        y = round(POLAR_M * np.log(np.tan(np.radians(45.0 + lat / 2.0))))
+        for channel in (0, 5):
+            length, echoes = (144, 20) if version == 2 else (168, 20)
+            frame = bytearray(length + echoes)
+            feet, ms = depth / 0.3048 + channel, round(1000 * (stamp - START_S))
+            if version == 2:
+                places = ((28, "H", length + echoes), (32, "H", channel), (60, "I", int(START_S)), (64, "f", feet),
+                          (108, "i", x), (112, "i", y), (132, "H", 0x10), (140, "I", ms))  # fmt: skip
+            else:
+                places = ((8, "H", length + echoes), (12, "H", channel), (40, "I", int(START_S)), (48, "f", feet),
+                          (92, "i", x), (96, "i", y), (116, "H", 0x10), (124, "I", ms))  # fmt: skip
+            struct.pack_into("<I", frame, 0, len(data))
+            for at, kind, value in places:
+                struct.pack_into(f"<{kind}", frame, at, value)
+            data += bytes(frame)
+    return data
+
+
+def humminbird(rows, folder):
+    """A .DAT file with its folder of one .SON file; depths are decimetres."""
+    dat = bytearray(64)
+    struct.pack_into(">I", dat, 20, int(START_S))
+    dat[32:42] = b"R00001.SON"
+    (folder / "R00001").mkdir()
+    sound = b""
+    for stamp, lat, lon, depth in rows:
+        x = round(HUMMINBIRD_M * np.radians(lon))
+        geocentric = np.arctan(np.tan(np.radians(lat)) / 1.0067642927)
+        y = round(HUMMINBIRD_M * np.log(np.tan(np.pi / 4 + geocentric / 2)))
+        values = ((0x80, 1), (0x81, round(1000 * (stamp - START_S))), (0x82, x), (0x83, y), (0x87, round(10 * depth)))
+        sound += b"\xc0\xde\xab\x21" + b"".join(struct.pack(">Bi", tag, value) for tag, value in values)
+        sound += struct.pack(">BB", 0x50, 1) + struct.pack(">BI", 0xA0, 8) + b"\x21" + b"\0" * 8
+    (folder / "R00001" / "B001.SON").write_bytes(sound)
+    return bytes(dat)
+
+
+def wibl(rows):
+    """A WIBL log: its version, positions as NMEA sentences, depths as NMEA 2000 packets."""
+    data = struct.pack("<II", 0, 22) + struct.pack("<HH9H", 1, 3, *range(9))
+    days = int(START_S // 86_400)
+    lines = [line for line in nmea(rows).splitlines() if "DBT" not in line]
+    for i, (stamp, _, _, depth) in enumerate(rows):
+        elapsed = round(1000 * (stamp - START_S))
+        for line in lines[2 * i : 2 * i + 2]:
+            body = struct.pack("<I", elapsed) + line.encode() + b"\r\n"
+            data += struct.pack("<II", 10, len(body)) + body
+        body = struct.pack("<HdIddd", days, stamp % 86_400.0, elapsed, depth, 0.0, 100.0)
+        data += struct.pack("<II", 3, len(body)) + body
+    return data
+
+
+def moment(stamp_s):
+    return f"{datetime.fromtimestamp(stamp_s, UTC):%Y-%m-%dT%H:%M:%S}Z"
+
+
+def gpx(rows):
+    points = "".join(
+        f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}"><time>{moment(t)}</time><extensions><gpxtpx:TrackPointExtension>'
+        f"<gpxtpx:depth>{depth:.3f}</gpxtpx:depth></gpxtpx:TrackPointExtension></extensions></trkpt>"
+        for t, lat, lon, depth in rows
+    )
+    return (
+        '<?xml version="1.0"?><gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" '
+        'xmlns:gpxtpx="http://www.garmin.com/xmlschemas/TrackPointExtension/v2">'
+        f"<trk><trkseg>{points}</trkseg></trk></gpx>"
+    ).encode()
+
+
+def crowdsourced(rows):
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [lon, lat]},
+            "properties": {"depth": depth, "time": moment(t)[:-1] + ".000000"},
+        }
+        for t, lat, lon, depth in rows
+    ]
+    return json.dumps(
+        {"type": "FeatureCollection", "properties": {"convention": "CSB 2.0"}, "features": features}
+    ).encode()
+
+
+LOGS = {
+    "a.sl2": lowrance,
+    "a.sl3": lambda rows: lowrance(rows, 3),
+    "a.wibl": wibl,
+    "a.gpx": gpx,
+    "a.geojson": crowdsourced,
+    "a.nmea.gz": lambda rows: gzip.compress(nmea(rows).encode()),
+}
+
+
+def gathered(path, *arguments):
+    options = parser().parse_args([str(path), "--origin", "46.5", "6.6", "--draught", "0.3", *arguments])
+    return gather(options.logs, user_facts(options))
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_each_format_gives_the_known_depths(tmp_path, name):
+    path = tmp_path / f"{name}.log"  # what counts is the content
+    path.write_bytes(LOGS[name](ROWS))
+    (log,) = gathered(path).placed
+    assert len(log.soundings) == len(ROWS)
+    assert log.soundings[0, 0] == pytest.approx(START_S, abs=0.5)
+    # 7 cm: Lowrance's positions have whole metres, on ground of 5 cm per metre and a hump
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.07)
+
+
+def test_humminbirds_pings_are_read_from_the_folder_beside_it(tmp_path):
+    path = tmp_path / "R00001.DAT"
+    path.write_bytes(humminbird(ROWS, tmp_path))
+    (log,) = gathered(path).placed
+    assert len(log.soundings) == len(ROWS)
+    # 12 cm: depths have decimetres, positions whole metres
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.12)
+    (tmp_path / "R00001" / "B001.SON").unlink()
+    with pytest.raises(LogError, match="without its pings. Copy the folder"):
+        gathered(path)
+
+
+def test_two_sounders_of_one_boat_are_not_mixed(tmp_path):
+    path = tmp_path / "a.bin"
+    log = Dataflash()
+    for i, (stamp, lat, lon, depth) in enumerate(ROWS):
+        us = 5_000_000 + round(1e6 * (stamp - START_S))
+        log.add("POS", us, round(lat * 1e7), round(lon * 1e7), 372.0, 0.0, 0.0)
+        log.add("RFND", us, 0, round(100 * depth), 4, 25)
+        log.add("RFND", us + 20_000, 1, 45 + i % 2, 4, 25)
+    path.write_bytes(log.data)
+    found = gathered(path)
+    (placed,) = found.placed
+    assert placed.soundings[:, 3] == pytest.approx(depth_m(*placed.soundings[:, 1:3].T), abs=0.02)
+    assert '120 depths of RFND 1, 0.5 to 0.5 m (--sounder "RFND 1" takes them instead)' in found.lines[0]
+    (other,) = gathered(path, "--sounder", "RFND 1").placed
+    assert other.soundings[:, 3].max() < 1.0
+
+
+def pings(rows, quality):
+    """A telemetry log whose sonar states a quality with each ping; at a low one its depth is wrong."""
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    mav, data = dialect.MAVLink(None, srcSystem=1, srcComponent=1), b""
+    for i, (stamp, lat, lon, depth) in enumerate(rows):
+        ms, good = round(1000 * (stamp - START_S)), quality(i)
+        centimetres = round(100 * depth) if good in (0, 100) else 3900
+        for message in (
+            dialect.MAVLink_global_position_int_message(ms, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0),
+            dialect.MAVLink_distance_sensor_message(ms, 20, 5000, centimetres, 2, 1, 25, 0, signal_quality=good),
+        ):
+            data += struct.pack(">Q", round(stamp * 1e6)) + message.pack(mav)
+    return data
+
+
+def test_pings_of_low_quality_are_left_out(tmp_path):
+    path = tmp_path / "a.tlog"
+    path.write_bytes(pings(ROWS, lambda i: 100 if i % 3 else 9))
+    found = gathered(path)
+    (log,) = found.placed
+    assert len(log.soundings) == 80
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.02)
+    assert "- left out: 40 depths with a quality below 40 %" in found.lines
+    path.write_bytes(pings(ROWS, lambda i: 0))  # this log states none
+    assert len(gathered(path).placed[0].soundings) == 120
+    path.write_bytes(pings(ROWS, lambda i: 9))
+    with pytest.raises(LogError, match="all 120 depths of DISTANCE_SENSOR 1 have a quality below 40 %"):
+        gathered(path)
+
+
+@pytest.mark.parametrize("name", ["a.sl2", "a.sl3", "a.wibl", "a.gpx", "a.geojson"])
+def test_a_log_that_is_cut_off_is_read_up_to_its_end(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(LOGS[name](ROWS)[: -len(LOGS[name](ROWS)) // 3])
+    (log,) = gathered(path).placed
+    assert 60 < len(log.soundings) < 100

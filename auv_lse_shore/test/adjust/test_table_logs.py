@@ -1,0 +1,183 @@
+"""Tables of soundings as sounders, apps and spreadsheets write them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from adjust.survey_logs import START_S, depth_m, survey
+
+from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.survey_log import LogError
+
+ROWS = survey()[:120]
+
+
+def gathered(tmp_path, data, *arguments):
+    path = tmp_path / "table.txt"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    options = parser().parse_args([str(path), "--origin", "46.5", "6.6", *arguments])
+    return gather(options.logs, user_facts(options))
+
+
+def checked(found, count=120, starts=START_S):
+    """Whether all soundings have the known depths; draughts are not in these tables."""
+    rows = np.concatenate([log.soundings for log in found.placed])
+    assert len(rows) == count
+    assert rows[:, 3] == pytest.approx(depth_m(rows[:, 1], rows[:, 2]) - 0.3, abs=0.02)
+    if starts is not None:
+        assert rows[0, 0] == pytest.approx(starts, abs=0.01)
+
+
+def utc(stamp_s, form="%Y-%m-%dT%H:%M:%S"):
+    return str(np.datetime64(int(stamp_s), "s").astype("O").strftime(form))
+
+
+def lines(header, row):
+    return "\n".join([*([header] if header else []), *(row(*r) for r in ROWS)]) + "\n"
+
+
+TABLES = {
+    "plain": lines("time_utc,lat,lon,depth", lambda t, a, o, d: f"{utc(t)}Z,{a:.8f},{o:.8f},{d:.3f}"),
+    "feet": lines("Latitude,Longitude,Depth (ft),UTC", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / 0.3048:.3f},{utc(t)}"),
+    "unit row": lines(
+        "lat;lon;depth;utc\ndeg;deg;fathom;-", lambda t, a, o, d: f"{a:.8f};{o:.8f};{d / 1.8288:.4f};{utc(t)}"
+    ),
+    "German": lines(
+        "Breite;Länge;Tiefe;Datum;Uhrzeit",
+        lambda t, a, o, d: f"{a:.8f};{o:.8f};{d:.3f};{utc(t, '%d.%m.%Y')};{utc(t, '%H:%M:%S')}".replace(".", ",", 3),
+    ).encode("cp1252"),
+    "decimal commas, UTF-16": lines(
+        "Latitude\tLongitude\tDepth_m\tTimestamp",
+        lambda t, a, o, d: f"{a:.8f}\t{o:.8f}\t{d:.3f}\t{t:.0f}".replace(".", ","),
+    ).encode("utf-16"),
+    "comments and mark": "\ufeff# made by an app\n// v2\nsep=,\n"
+    + lines("GPSLat,GPSLon,WaterDepth[m],Epoch", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{t:.0f}"),
+    "American clock": lines(
+        "Date,Time,Lat,Long,DepthFt",
+        lambda t, a, o, d: f"{utc(t, '%m/%d/%Y')},{utc(t, '%I:%M:%S %p')},{a:.8f},{o:.8f},{d / 0.3048:.3f}",
+    ),
+    "Deeper": lines("", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{1000 * t:.0f}"),
+    "blanks": lines("lon lat depth_m time_s", lambda t, a, o, d: f" {o:.8f}   {a:.8f} {d:.3f} {t:.1f}"),
+    "elevations x y z": lines("y,x,z,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{-d:.3f},{utc(t)}"),
+    "minutes": lines(
+        "Latitude,Longitude,Depth,Timestamp",
+        lambda t, a, o, d: f"N 46 {60 * (a - 46):.6f},6 {60 * (o - 6):.6f} E,{d:.3f},{utc(t)}",
+    ),
+    "date with seconds of the day": lines(
+        "line,date,utc_s,lat,lon,depth_m",
+        lambda t, a, o, d: f"L1 EW,{utc(t, '%Y%m%d')},{t % 86400:.0f},{a:.8f},{o:.8f},{d:.3f}",
+    ),
+    "sonar software": lines(
+        "record_num,beam,lat,lon,inst_dep_m,dep_m,time_s,date,time",
+        lambda t, a, o, d: (
+            f"{t - START_S:.0f},1,{a:.8f},{o:.8f},0,{d:.3f},{t - START_S:.2f},{utc(t, '%Y-%m-%d')},{utc(t, '%H:%M:%S')}"
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_read_as_it_is(tmp_path, name):
+    more = ["--day-first"] if name == "German" else []
+    checked(gathered(tmp_path, TABLES[name], *more))
+
+
+def test_a_table_without_a_header_proposes_its_columns(tmp_path):
+    data = lines("", lambda t, a, o, d: f"{utc(t, '%m/%d/%Y')},{utc(t, '%H:%M:%S')},0.80,{a:.6f},{o:.6f},{d:.2f},12")
+    with pytest.raises(LogError, match=r"no header.*--columns date,time,-,lat,lon,depth,-"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--columns", "date,time,-,lat,lon,depth,-", "--no-day-first"))
+    with pytest.raises(LogError, match="fish means nothing here"):
+        gathered(tmp_path, data, "--columns", "fish,time,-,lat,lon,depth,-")
+
+
+def test_positions_at_zero_are_no_positions(tmp_path):
+    zero = [f"0.0,0.0,{3 + i % 7},{1000 * (START_S - 500 + i):.0f}" for i in range(400)]
+    found = gathered(tmp_path, "\n".join(zero) + "\n" + TABLES["Deeper"])
+    checked(found)
+    assert "- left out: 400 positions at 0, 0" in found.lines
+
+
+def test_low_confidence_is_left_out_and_zero_is_unknown_only_if_nothing_else_is_there(tmp_path):
+    def table(quality):
+        return lines(
+            "lat,lon,depth,time_utc,confidence (%)", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)},{quality(t)}"
+        )
+
+    found = gathered(tmp_path, table(lambda t: 95 if t % 2 else 5))
+    checked(found, len(ROWS) // 2, None)
+    assert f"- left out: {len(ROWS) // 2} depths with a quality below 40 %" in found.lines
+    checked(gathered(tmp_path, table(lambda t: 0)))
+    checked(gathered(tmp_path, table(lambda t: 95 if t % 2 else 5), "--min-quality", "0"))
+    checked(gathered(tmp_path, table(lambda t: 95 if t % 2 else 0)), len(ROWS) // 2, None)
+
+
+def test_positions_that_a_logger_repeats_are_old(tmp_path):
+    rows = [(t, *ROWS[i - i % 10, 1:3], d) for i, (t, _, _, d) in enumerate(ROWS)]
+    text = "\n".join(["time_s,lat,lon,depth_m", *(f"{t:.1f},{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in rows)])
+    (log,) = gathered(tmp_path, text).placed
+    north, east = local_from_geodetic(ROWS[: len(log.soundings), 1], ROWS[: len(log.soundings), 2], 46.5, 6.6)
+    off_m = np.hypot(log.soundings[:, 1] - north, log.soundings[:, 2] - east)
+    assert len(log.soundings) > 100
+    assert np.median(off_m) < 0.1  # 9 m, if the old positions were used
+
+
+def test_elevations_ask_for_the_surface(tmp_path):
+    data = lines("lat,lon,elevation,time_utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{82.5 - d:.3f},{utc(t)}")
+    with pytest.raises(LogError, match="give that of the water surface with --surface M"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--surface", "82.5"))
+
+
+def test_projected_metres_ask_for_their_system(tmp_path):
+    from pyproj import Transformer
+
+    east, north = Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True).transform(ROWS[:, 2], ROWS[:, 1])
+    body = "\n".join(f"{e:.3f},{n:.3f},{d:.3f},{t:.0f}" for e, n, (t, _, _, d) in zip(east, north, ROWS, strict=True))
+    with pytest.raises(LogError, match=r"projected .* such as --crs EPSG:32632"):
+        gathered(tmp_path, "easting,northing,depth,epoch\n" + body)
+    checked(gathered(tmp_path, "easting,northing,depth,epoch\n" + body, "--crs", "EPSG:32632"))
+
+
+def test_local_times_are_asked_about(tmp_path):
+    data = lines("lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t + 7200)}")
+    found = gathered(tmp_path, data)
+    assert "times have no zone and are taken as UTC: --utc-offset" in found.lines[-1]
+    checked(gathered(tmp_path, data, "--utc-offset", "2"))
+
+
+def test_absurd_values_are_left_out_and_counted(tmp_path):
+    text = TABLES["plain"].replace("\n", f"\n{utc(START_S)}Z,46.5,6.6,99999\n{utc(START_S)}Z,1e308,6.6,5\n", 1)
+    text += "1e300,46.5,6.6,5.0\n" + f"{utc(START_S)}Z,46.5\n"
+    found = gathered(tmp_path, text)
+    checked(found)
+    said = "\n".join(found.lines)
+    assert "1 depths with a value that marks missing data" in said
+    assert "1 positions that are not on earth" in said
+
+
+def test_huge_times_are_left_out_not_crashed_on(tmp_path):
+    for huge in ("1e30", "1e300", "9" * 400):
+        body = "\n".join(f"{huge},{a:.8f},{o:.8f},{d:.3f}" for _, a, o, d in ROWS)
+        with pytest.raises(
+            LogError, match=r"(240 positions and depths with an impossible time|120 rows without a time)"
+        ):
+            gathered(tmp_path, "time_s,lat,lon,depth_m\n" + body)
+
+
+def test_rows_of_a_clock_that_stood_still_keep_their_own_positions(tmp_path):
+    stamps = np.where(np.arange(len(ROWS)) < 60, ROWS[:, 0], ROWS[60, 0])
+    text = "\n".join(
+        [
+            "time_s,lat,lon,depth_m",
+            *(f"{s:.0f},{a:.8f},{o:.8f},{d:.3f}" for s, (_, a, o, d) in zip(stamps, ROWS, strict=True)),
+        ]
+    )
+    text += "\n" + "\n".join(f"{t + 61:.0f},{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in survey()[:20] - [0, 0, 0, 0])
+    found = gathered(tmp_path, text)
+    assert sum(len(log.soundings) for log in found.placed) == len(ROWS) + 20
+    for log in found.placed:
+        rows = log.soundings
+        assert rows[:, 3] == pytest.approx(depth_m(rows[:, 1], rows[:, 2]) - 0.3, abs=0.02)
