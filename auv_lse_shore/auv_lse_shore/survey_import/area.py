@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 MARGIN_M = 25.0
 #: Ground is sounded if lanes lie on both sides within this distance (m), in any case and at most.
 LEAST_REACH_M, LARGEST_REACH_M = 25.0, 150.0
+#: Vehicles start this far (m) inside, to have room to turn, and from each other.
+ROOM_M, APART_M = 50.0, 20.0
 #: Share of the length scale over which soundings tell the depth.
 REACH = 0.5
 #: The most positions from which the area is drawn, and corners that it has.
@@ -37,6 +40,28 @@ class SurveyedArea:
     no_go: dict[str, Array] = field(default_factory=dict)
     area_m2: float = 0.0
     others: tuple[float, ...] = ()
+
+    def starts(self, first_m: Array, count: int) -> list[tuple[float, float]]:
+        """Places north, east (m) to start from: inside with room to turn, apart, and near `first_m`."""
+        from shapely import Point, Polygon
+        from shapely.ops import unary_union
+
+        free = Polygon(self.polygon).difference(unary_union([Polygon(corners) for corners in self.no_go.values()]))
+        room_m = ROOM_M
+        while (inside := free.buffer(-room_m)).is_empty:
+            room_m *= 0.7
+        low, high = self.polygon.min(axis=0), self.polygon.max(axis=0)
+        axes = [np.linspace(a, b, 60) for a, b in zip(low, high, strict=True)]
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        places = np.vstack([places, np.array(inside.representative_point().coords)])
+        chosen: list[tuple[float, float]] = []
+        for at in np.argsort(np.hypot(*(places - first_m).T), kind="stable").tolist():
+            place = (float(places[at, 0]), float(places[at, 1]))
+            if all(math.dist(place, other) >= APART_M for other in chosen) and inside.covers(Point(place)):
+                chosen.append(place)
+                if len(chosen) == count:
+                    break
+        return chosen
 
     def section(self, origin: tuple[float, float] | None) -> dict[str, Any]:
         """Section `area` of a mission file."""

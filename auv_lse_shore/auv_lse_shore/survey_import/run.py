@@ -122,7 +122,7 @@ def write_survey(run: RunData, area: SurveyedArea, folder: Path, summary: Sequen
             write_run(run, part)
             (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
             _write_soundings(run, part / SOUNDINGS)
-            write_mission_file(part / DIVE, dive_parameters(run))
+            write_mission_file(part / DIVE, dive_parameters(run, area, folder.resolve() / SOUNDINGS))
             draw_survey(run, area, part / PICTURE)
     except BaseException:
         if is_new and folder.is_dir() and not any(folder.iterdir()):
@@ -130,25 +130,30 @@ def write_survey(run: RunData, area: SurveyedArea, folder: Path, summary: Sequen
         raise
 
 
-def dive_parameters(run: RunData) -> dict[str, dict[str, Any]]:
-    """The mission file of a dive in the surveyed area, with the soundings as prior mean."""
+def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[str, dict[str, Any]]:
+    """The mission file of a dive in the surveyed area, with the soundings as prior mean.
+
+    Args:
+        run: The survey.
+        area: Its area. Vehicles start inside of it, as near to its first sounding as they can turn.
+        soundings: The table of its soundings.
+    """
     own = run.parameters["/**"]
-    area = {**own["area"]}
-    span_m = math.sqrt(_polygon_m2(np.array(area["polygon_m"]).reshape(-1, 2)))
-    steps = int(np.clip(round(4.0 * span_m / LEG_M), 10, 200))
+    steps = int(np.clip(round(4.0 * math.sqrt(area.area_m2) / LEG_M), 10, 200))
     prior = {name: own["gp"][name] for name in ("kernel", "signal_std_m", "length_scale_m", "noise_std_m")}
     shared = {
         "mission": {"vehicles": 2, "steps": steps},
         "level_set": dict(own["level_set"]),
-        "area": area,
-        "gp": {**prior, "mean_depth_m": own["gp"]["mean_depth_m"], "mean": "survey", "survey_file": SOUNDINGS},
+        "area": dict(own["area"]),
+        "gp": {**prior, "mean_depth_m": own["gp"]["mean_depth_m"], "mean": "survey", "survey_file": str(soundings)},
     }
-    return {"/**": shared}
-
-
-def _polygon_m2(corners: Array) -> float:
-    x, y = corners.T
-    return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+    points = run.vehicles[0].soundings.points_m
+    shallow_m = float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0))
+    parameters: dict[str, dict[str, Any]] = {"/**": shared}
+    for number, (north_m, east_m) in enumerate(area.starts(points[0, :2], 2), 1):
+        start = {"start_north_m": round(north_m, 1), "start_east_m": round(east_m, 1)}
+        parameters[f"/auv{number}/**"] = {"vehicle": {**start, "depth_m": round(shallow_m * (1 + number) / 2.0, 1)}}
+    return parameters
 
 
 def _write_soundings(run: RunData, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Logs of other instruments: Lowrance, Humminbird, WIBL, GPX, crowdsourced GeoJSON, ArduPilot's with several sounders."""
+"""Lowrance, Humminbird, WIBL, GPX and crowdsourced GeoJSON logs, and ArduPilot's with several sounders."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_humminbirds_pings_are_read_from_the_folder_beside_it(tmp_path):
     # 12 cm: depths have decimetres, positions whole metres
     assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.12)
     (tmp_path / "R00001" / "B001.SON").unlink()
-    with pytest.raises(LogError, match="without its pings. Copy the folder"):
+    with pytest.raises(LogError, match=r"without its pings\. Copy the folder"):
         gathered(path)
 
 

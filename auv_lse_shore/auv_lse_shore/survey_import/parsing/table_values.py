@@ -160,7 +160,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
         time_s=np.where(timeless, 0.0, time_s),
         positions=positions,
         is_position=is_position,
-        depth_m=np.where(timeless, np.nan, depth_m),
+        depth_m=np.where(timeless | wrong, np.nan, depth_m),
         quality=quality,
         sounders=sounders,
         is_geodetic=is_geodetic,
