@@ -23,7 +23,7 @@ def test_a_format_is_one_file(tmp_path):
     lines = [f"T{t:.1f} P{lat:.8f},{lon:.8f} D{depth:.2f}" for t, lat, lon, depth in survey()[:100]]
     (tmp_path / "a.txt").write_text("\n".join([*lines, "T17"]) + "\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(copy.parent), *sys.path])}
-    command = [sys.executable, "-m", "auv_lse_shore.survey_import"]
+    command = [sys.executable, "-m", "auv_lse_run", "import"]
 
     def said(*arguments):
         done = subprocess.run([*command, *arguments], capture_output=True, text=True, cwd=tmp_path, env=environment)

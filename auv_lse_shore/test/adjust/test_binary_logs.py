@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from adjust.survey_logs import START_S, Dataflash, depth_m, nmea, survey
 
-from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
 

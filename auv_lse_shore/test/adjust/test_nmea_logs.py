@@ -7,7 +7,7 @@ import pytest
 from adjust.survey_logs import ORIGIN, START_S, depth_m, nmea, sentence, survey
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions

@@ -7,7 +7,7 @@ import pytest
 from adjust.survey_logs import START_S, depth_m, survey
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
-from auv_lse_shore.survey_import.__main__ import parser, user_facts
+from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
 

@@ -48,7 +48,7 @@ def _missing(export: Export, vehicles: list[VehicleRun]) -> str:
     if export.survey.provider is None:
         return "--provider NAME EMAIL is not given"
     if any(v.soundings.stamp_s.min() < FIRST_UTC_S for v in vehicles):
-        return "times are not UTC: this is a simulation"
+        return "times are not UTC: a simulation has none, and an imported log without a date needs import --date"
     return ""
 
 
