@@ -93,8 +93,10 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
         raise missing(error, "operating areas") from error
     reach_m = float(np.clip(REACH * length_scale_m, LEAST_REACH_M, LARGEST_REACH_M))
     cell_m = reach_m / 6.0
-    while len(positions := _thinned(locations_m, cell_m)) > _POSITIONS:
+    positions = locations_m[one_of_each_cell(locations_m, cell_m)]
+    while len(positions) > _POSITIONS:
         cell_m *= 1.3
+        positions = positions[one_of_each_cell(positions, cell_m)]
     reach_m = max(reach_m, 2.0 * cell_m)
     around = MultiPoint(positions).buffer(reach_m + 0.5 * cell_m, quad_segs=4)
     ground = around.buffer(min(MARGIN_M - reach_m, 0.0) - 0.5 * cell_m, quad_segs=4)
@@ -117,10 +119,12 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
     )
 
 
-def _thinned(locations_m: Array, cell_m: float) -> Array:
-    """One position of each cell."""
-    cells = np.floor(locations_m / cell_m).astype(np.int64)
-    return locations_m[np.unique(cells, axis=0, return_index=True)[1]]
+def one_of_each_cell(positions_m: Array, cell_m: float) -> NDArray[np.int64]:
+    """Numbers of the first position in each square cell that has any."""
+    cells = np.floor(positions_m / cell_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    first: NDArray[np.int64] = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_index=True)[1]
+    return first
 
 
 def _flat(corners: Array) -> list[float]:

@@ -16,7 +16,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.likelihood import fit
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.run_writer import write_mission_file, write_run
-from auv_lse_shore.survey_import.area import SurveyedArea, surveyed_area
+from auv_lse_shore.survey_import.area import SurveyedArea, one_of_each_cell, surveyed_area
 from auv_lse_shore.survey_import.picture import draw_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.words import DIVE, PICTURE, SOUNDINGS
@@ -96,8 +96,10 @@ def _sizes(points: Array, area_m2: float, length_scale_m: float) -> dict[str, fl
     """Cells and spacing of centers of section `gp` that suit the survey's size."""
     fine_m = max(length_scale_m / 6.0, 1.0)
     spacing_m = min(GpConfig().min_spacing_m, fine_m)
-    while len(np.unique(np.floor(points[:, :2] / spacing_m), axis=0)) > MAX_CENTERS:
+    centers = points[one_of_each_cell(points[:, :2], spacing_m), :2]
+    while len(centers) > MAX_CENTERS:
         spacing_m *= 1.25
+        centers = centers[one_of_each_cell(centers, spacing_m)]
     cell_m = max(min(GpConfig().map_resolution_m, fine_m), math.sqrt(area_m2 / MAX_CELLS))
     return {"min_spacing_m": round(spacing_m, 1), "map_resolution_m": round(cell_m, 1)}
 
@@ -162,8 +164,7 @@ def _write_soundings(run: RunData, path: Path) -> None:
     cell_m = 0.5
     chosen = points
     while len(chosen) > MOST_SOUNDINGS:
-        cells = np.floor(points[:, :2] / cell_m).astype(np.int64)
-        chosen = points[np.unique(cells, axis=0, return_index=True)[1]]
+        chosen = chosen[one_of_each_cell(chosen[:, :2], cell_m)]
         cell_m *= 1.5
     names, formats = "north_m,east_m,depth_m", "%.3f,%.3f,%.3f"
     if run.origin is not None:

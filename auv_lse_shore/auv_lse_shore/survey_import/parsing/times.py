@@ -120,7 +120,9 @@ def _iso(texts: Sequence[str]) -> Array | None:
     if not texts or len(texts[0]) < 19 or texts[0][4:5] != "-" or texts[0][10] not in "T ":
         return None
     is_utc = texts[0].endswith("Z")
-    if any(text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or text[19:].count("-") for text in texts):
+    if any(
+        text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or set(text[19:-1]) & set("-Z") for text in texts
+    ):
         return None
     try:
         stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")

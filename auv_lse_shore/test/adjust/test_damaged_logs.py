@@ -1,0 +1,88 @@
+"""Damaged files of every format end in soundings or in one sentence, soon and in bounded memory.
+
+`AUV_LSE_DAMAGED=2000` in the environment tries so many files instead of a few.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+
+import numpy as np
+import pytest
+from adjust.survey_logs import dataflash, nmea, survey, telemetry
+from adjust.test_binary_logs import LOGS, humminbird
+from adjust.test_table_logs import TABLES
+
+from auv_lse_mavlink.flight_logs import FlightLogError
+from auv_lse_shore.survey_import.command import parser, user_facts
+from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.survey_log import LogError
+
+ROWS = survey()[:80]
+FILES = int(os.environ.get("AUV_LSE_DAMAGED", "120"))
+#: Bounds of one file: seconds, and bytes of the whole process beyond what it had before.
+MOST_S, MOST_BYTES = 20.0, 1_000_000_000
+
+
+def originals(folder):
+    logs = {name: make(ROWS) for name, make in LOGS.items()}
+    logs |= {f"{name}.csv": text if isinstance(text, bytes) else text.encode() for name, text in TABLES.items()}
+    logs |= {"a.nmea": nmea(ROWS).encode(), "a.bin": dataflash(ROWS).data, "a.tlog": telemetry(ROWS)}
+    logs["R00001.DAT"] = humminbird(ROWS, folder)
+    logs["B001.SON"] = (folder / "R00001" / "B001.SON").read_bytes()
+    return logs
+
+
+def damaged(data, rng):
+    """Bytes with some changed, removed, repeated, exchanged or replaced by extremes."""
+    data = bytearray(data)
+    for _ in range(rng.integers(1, 6)):
+        at, size = int(rng.integers(0, max(len(data), 1))), int(rng.integers(1, 200))
+        kind = rng.integers(0, 7)
+        if kind == 0:
+            data[at : at + 1] = bytes([rng.integers(0, 256)])
+        elif kind == 1:
+            del data[at : at + size]
+        elif kind == 2:
+            data[at:at] = data[at : at + size] * int(rng.integers(1, 20))
+        elif kind == 3:
+            data[at : at + size] = rng.bytes(size)
+        elif kind == 4:
+            data[at : at + 4] = [b"\xff\xff\xff\xff", b"\0\0\0\0", b"\xff\xff\xff\x7f"][rng.integers(0, 3)]
+        elif kind == 5:
+            data[at:at] = [b"9" * 400, b"1e999", b"nan", b"-inf", b'"', b"\r\n\r\n", b",,,,", b"[" * 3000][
+                rng.integers(0, 8)
+            ]
+        else:
+            del data[at:]
+    return bytes(data)
+
+
+def test_damaged_files_end_in_one_sentence(tmp_path):
+    logs, rng = originals(tmp_path), np.random.default_rng(20260614)
+    names = sorted(logs)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    ended = {"read": 0, "refused": 0}
+    for number in range(FILES):
+        name = names[number % len(names)]
+        path = tmp_path / name
+        path.write_bytes(damaged(logs[name], rng))
+        options = parser().parse_args([str(path), "--draught", "0.3"])
+        start = time.process_time()
+        try:
+            found = gather(options.logs, user_facts(options))
+            assert all(np.isfinite(log.soundings).all() for log in found.placed), (number, name)
+            ended["read"] += 1
+        except (LogError, FlightLogError) as error:
+            ended["refused"] += 1
+            if "\n" in str(error):
+                pytest.fail(f"file {number} ({name}): {error!r} has several lines")
+        except Exception as error:
+            (tmp_path / "failed").write_bytes(path.read_bytes())
+            pytest.fail(f"file {number} ({name}): {error!r}; see {tmp_path / 'failed'}")
+        assert time.process_time() - start < MOST_S, (number, name)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - before < MOST_BYTES
+    assert ended["read"] > 0.3 * FILES
+    assert ended["refused"] > 0
