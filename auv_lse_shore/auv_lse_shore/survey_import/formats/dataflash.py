@@ -48,7 +48,10 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             path = Path(folder) / path.stem
             path.write_bytes(file.data)
         for stamp_s, message in dataflash_messages(path, _KINDS, content.left_out, file.progress):
-            _take(content, message, stamp_s)
+            try:
+                _take(content, message, stamp_s)
+            except (IndexError, ValueError, TypeError, AttributeError):  # pymavlink decodes when a field is read
+                content.left_out["messages that are damaged"] += 1
     if any(rows[0, 0] < UTC_FROM_S for rows in content.positions.values()):
         content.clock = Clock.ELAPSED
     return [content]
