@@ -95,7 +95,7 @@ def test_a_list_of_an_empty_domain_names_it_and_what_to_check(
     graph = _Alone(monkeypatch)
     options = tool.parser().parse_args(words)
     with pytest.raises(graph_node.GraphError) as raised:
-        options.run(options, graph)
+        options.call(options, graph)
     assert str(raised.value) == (
         "no other node in ROS domain 85 after 3.2 s. Check that the nodes run, that their ROS_DOMAIN_ID is 85 (nodes "
         "of this machine use 7, 82: --domain N), and that DDS reaches them: "

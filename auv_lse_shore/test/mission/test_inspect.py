@@ -114,7 +114,7 @@ def run(graph: Graph, capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: str, code: int = 0) -> str:
         tool = {"topics": topics, "nodes": nodes, "params": params, "run": mission}[words[0]]
         options = tool.parser().parse_args(words[1:])
-        assert options.run(options, graph) == code
+        assert options.call(options, graph) == code
         printed = capsys.readouterr()
         return printed.out if code == 0 else printed.err
 
