@@ -75,7 +75,9 @@ class Vehicle:
                 words = path.read_bytes().decode(errors="replace").split("\0")
             except OSError:
                 continue
-            if str(self.folder / "vehicles.yaml") in words and "--ros-args" in words:
+            # The nodes read their parameters from the keeper's memory.
+            own = any(word.startswith(f"/proc/{self.process.pid}/fd/") for word in words)
+            if own and "--ros-args" in words:
                 found[Path(words[words.index("--ros-args") - 1]).name] = int(path.parent.name)
         return found
 
