@@ -139,7 +139,8 @@ sys.modules["launch.substitutions"].LaunchConfiguration = lambda name: MagicMock
 runpy.run_path({str(ROOT / "auv_lse_run" / "launch" / "vehicle.launch.py")!r})["_nodes"](None)
 print([call.kwargs["executable"] for call in sys.modules["launch_ros.actions"].Node.call_args_list])
 """
-    done = run(vehicle_workspace, "-c", code)
+    with own_domain(VEHICLE_DOMAINS) as domain:
+        done = run({**vehicle_workspace, "ROS_DOMAIN_ID": str(domain)}, "-c", code)
     assert sorted(yaml.safe_load(done.stdout)) == sorted(NODES), done.stderr
 
 
