@@ -56,7 +56,7 @@ def planner_at_tick_1() -> Ticks:
     ticks = Ticks(("planner",))
     ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     ticks.done("modem", 1, (1, 0, 0, 0))
-    ticks.done("gp", 1, (4, 0, 1))
+    ticks.done("gp", 1, (4, 1, 0))
     ticks.done("safety", 1, (0,))
     return ticks
 
@@ -121,7 +121,7 @@ def test_every_input_of_a_phase_is_announced_by_the_simulator_or_by_another_phas
 
 def test_the_order_of_announced_totals_is_that_of_the_message_definition() -> None:
     assert announces("modem") == ("team/plans", "team/samples", "team/navigation", "team/command")
-    assert announces("gp") == ("kernel_centers", "map/quality", "corrected")
+    assert announces("gp") == ("kernel_centers", "corrected", "map/quality")
     assert announces("planner") == ("plan", "waypoint")
     assert announces("vehicle_link") == ("targets", "waypoint")
     assert waits_for("modem_sent") == ("mission/state", "plan")
