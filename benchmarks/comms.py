@@ -145,8 +145,8 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, p
     heard = np.full((vehicles, vehicles), np.nan)
     ages: list[float] = []
     for t in range(1, seconds + 1):
-        positions = paths.step()
-        positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(positions)}
+        tracks = paths.step()
+        positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(tracks)}
         start = time.process_time()
         arrivals = channel.arrivals(float(t))
         channel_s += time.process_time() - start
@@ -156,7 +156,7 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, p
             if a.ok and team[a.receiver - 1].receive(a.arrival_s, a.source, a.payload) is not None:
                 heard[a.receiver - 1, a.source - 1] = a.sent_s
         payloads = []
-        for bridge, position in zip(team, positions, strict=True):
+        for bridge, position in zip(team, tracks, strict=True):
             stamps = t - 1.0 + np.arange(1, per_second + 1) / per_second
             rows = np.column_stack([stamps, np.tile([*position, 15.0], (per_second, 1))])
             soundings += bridge.add_soundings(rows)

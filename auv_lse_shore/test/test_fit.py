@@ -104,7 +104,7 @@ def test_warns_of_what_the_data_do_not_determine():
     ("positions", "depths", "options", "message"),
     [
         (np.zeros((5, 2)), np.zeros(5), {}, "soundings: got 5; expected at least 10"),
-        (np.zeros((20, 2)), np.arange(20.0), {}, "got one position for all"),
+        (np.zeros((20, 2)), np.arange(20.0), {}, "got one location for all"),
         (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"got the depth 1\.0 m for all"),
         (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "depths on one plane; expected depths"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),

@@ -135,7 +135,7 @@ def give_go(vehicle: int, domain: int) -> None:
     Raises:
         RuntimeError: if it does not accept that.
     """
-    go = Program("auv_lse_run.inspect.run", "go", f"auv{vehicle}", "--domain", str(domain))
+    go = Program("go", f"auv{vehicle}", "--domain", str(domain))
     go.wait(60.0)
     if go.process.returncode:
         raise RuntimeError(f"GO was not accepted: {''.join(go.text)[-1000:]}")

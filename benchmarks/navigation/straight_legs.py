@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.vocabulary.leg import Leg
+from benchmarks.command import end_with, parser_of
 
 Array = NDArray[np.float64]
 
@@ -84,8 +85,9 @@ def compare(actions_rad: Sequence[float], acceptance_m: float) -> list[tuple[int
     return rows
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Prints a table for random legs, quarter turns to one side, and quarter turns to both sides in turn."""
+    parser_of("benchmarks.navigation.straight_legs", __doc__).parse_args(arguments)
     quarter, rng = 0.5 * math.pi, np.random.default_rng(1)
     missions = {
         "random": [math.radians(a) for a in rng.choice(MotionConfig().actions_deg, 40)],
@@ -102,4 +104,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    end_with(main)

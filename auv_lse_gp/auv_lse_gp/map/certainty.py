@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
@@ -159,6 +158,8 @@ def found_within_m(pieces: Sequence[Piece]) -> float:
         return math.nan
     std = np.maximum(np.concatenate(stds), 1e-6)
     steps = np.concatenate([np.hypot(*np.diff(p.line, axis=0).T) for p in pieces if p.kind == FOUND])
+    from scipy.optimize import brentq  # takes 30 ms, and a vehicle without mission.until needs none
+
     within = brentq(lambda d: float(np.average(2.0 * ndtr(d / std) - 1.0, weights=steps)) - 0.95, 0.0, 3.0 * std.max())
     return float(within)
 

@@ -102,8 +102,8 @@ def test_the_campaigns_of_the_project_can_be_flown(path):
     assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
 
 
-def test_in_the_locations_campaign_vehicles_surface_only_if_requested():
-    path = Path(__file__).parents[3] / "config/campaigns/locations.yaml"
+def test_in_the_positions_campaign_vehicles_surface_only_if_requested():
+    path = Path(__file__).parents[3] / "config/campaigns/positions.yaml"
     spec = CampaignSpec.load(path)
     for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():
         settings = Settings.from_patterns(job.patterns, "")

@@ -31,7 +31,7 @@ MISSION = "/**:\n  ros__parameters:\n"
 def at_once() -> Iterator[None]:
     began = time.process_time()
     yield
-    assert time.process_time() - began < 5.0
+    assert time.process_time() - began < 20.0
 
 
 def sparse(path: Path, size: int) -> Path:
@@ -151,7 +151,7 @@ def test_what_is_called_tif_and_is_none_is_not_opened(tmp_path: Path) -> None:
     with rasterio.open(
         secret, "w", "GTiff", width=10, height=10, count=1, dtype="float32", transform=transform
     ) as data:
-        data.write(np.full((10, 10), 12.0, dtype=np.float32), 1)
+        data.write(np.linspace(0.1, 12.0, 100, dtype=np.float32).reshape(10, 10), 1)
     load_ground(secret)
     vrt = tmp_path / "g.tif"
     vrt.write_text(

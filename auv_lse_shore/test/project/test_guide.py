@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # pytest's importlib mode does n
 from guide_pages import GUIDE, PAGES, ROOT, Block, blocks
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.campaign.spec import CampaignSpec
 
 #: Pages whose commands run, in this order: later ones use what earlier ones leave (runs/first, survey.csv).
@@ -120,7 +121,7 @@ def test_each_mission_file_is_valid(block: Block, tmp_path: Path) -> None:
     file.write_text(block.text)
     shutil.copy(ROOT / "config" / "missions" / "lake.geojson", tmp_path)  # as the page copies it
     if "ros__parameters" in block.text:
-        Settings.load(file)
+        Settings.load(file, read_area=read_area)
     else:
         assert CampaignSpec.load(file).jobs()
 
