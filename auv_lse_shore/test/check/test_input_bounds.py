@@ -160,5 +160,5 @@ def test_what_is_called_tif_and_is_none_is_not_opened(tmp_path: Path) -> None:
         f'<SourceFilename relativeToVRT="0">{secret}</SourceFilename><SourceBand>1</SourceBand>'
         "</SimpleSource></VRTRasterBand></VRTDataset>"
     )
-    with pytest.raises(GroundError, match=r"g\.tif: not a readable GeoTIFF"):
+    with pytest.raises(GroundError, match=r"g\.tif: is not a readable raster"):
         load_ground(vrt)

@@ -34,7 +34,6 @@ UNUSED = {
         "numba",  # loaded when the first sounding comes
         "scipy.optimize",
         "scipy.interpolate",
-        "scipy.ndimage",
         "rosbags",
         "auv_lse_comms",
         "auv_lse_planner",
