@@ -6,6 +6,7 @@ memory, and lets Hypothesis take its time.
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -59,3 +60,12 @@ def second_copies_of_state_files_stay_out_of_the_home(tmp_path_factory: pytest.T
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state_home")))
         patch.delenv("STATE_DIRECTORY", raising=False)
         yield
+
+
+@pytest.fixture(autouse=True)
+def no_test_finds_the_dive_of_an_earlier_one(
+    second_copies_of_state_files_stay_out_of_the_home: None,
+) -> None:
+    """A test that kills a vehicle leaves a dive that was not ended; the next one of that name would wait for RESET."""
+    for record in Path(os.environ["XDG_STATE_HOME"]).glob("auv_lse/*"):
+        record.unlink()

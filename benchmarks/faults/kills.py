@@ -178,7 +178,9 @@ def _fly(
 ) -> Flight:
     folder.mkdir(parents=True)
     run = folder / "run"
-    sets = [f"--set={name}={value}" for name, value in more.items()]
+    # second copies of its own: those of an earlier flight that was killed would make these vehicles wait for RESET
+    own_copies = {"safety.state_copies": str(folder / "state_copies")}
+    sets = [f"--set={name}={value}" for name, value in (own_copies | dict(more)).items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
     processes = [Program("sim", *team, "--domain", str(domains[0]))]
     flight = Flight()

@@ -102,6 +102,7 @@ def _vehicle_file(path: Path, out: Path) -> Path:
     own = body["/**"]["ros__parameters"]
     del own["sim"]
     own.setdefault("record", {})["folder"] = ""
+    own.setdefault("safety", {})["state_copies"] = str(path.parent / "state_copies")
     path.write_text(yaml.safe_dump(body))
     return path
 
