@@ -17,6 +17,8 @@ VERBS = (
          "auv_lse_run.inspect.run", ("reset",), NODES),
     Verb("state", "vehicle", "show the state of each vehicle's mission",
          "auv_lse_run.inspect.run", ("state",), NODES),
+    Verb("vehicle-side", "vehicle", "answer auv_lse fleet on a vehicle, over standard input and output",
+         "auv_lse_run.remote.vehicle_side"),
     Verb("security-policy", "vehicle", "print the SROS 2 policy of one vehicle",
          "auv_lse_run.vehicle.security_policy"),
     Verb("nodes", "inspect", "list and describe running nodes, as ros2 node does",

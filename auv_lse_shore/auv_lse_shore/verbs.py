@@ -7,6 +7,8 @@ VERBS = (
          "auv_lse_shore.mission.command", needs=NODES),
     Verb("sim", "mission", "run the simulator of a mission without its vehicles",
          "auv_lse_shore.mission.sim", needs=NODES),
+    Verb("fleet", "mission", "check, load, command, watch and fetch several vehicles from one laptop",
+         "auv_lse_shore.remote.command"),
     Verb("check", "mission", "check mission files", "auv_lse_shore.check.command"),
     Verb("live", "mission", "show a running mission, or a recording, on a page in the browser",
          "auv_lse_shore.live.command"),

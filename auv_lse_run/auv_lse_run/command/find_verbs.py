@@ -9,9 +9,9 @@ from auv_lse_common.support.verb import VERB_GROUP, Verb
 #: The project's packages by their verbs; names the package of a verb that is not installed.
 PACKAGE_OF = {
     **dict.fromkeys(("adjust", "bench", "campaign", "certify", "check", "export", "faults", "fit"), "auv_lse_shore"),
-    **dict.fromkeys(("import", "live", "mission", "replay", "reproduce", "sim"), "auv_lse_shore"),
+    **dict.fromkeys(("fleet", "import", "live", "mission", "replay", "reproduce", "sim"), "auv_lse_shore"),
     **dict.fromkeys(("abort", "go", "hold", "nodes", "params", "reset", "security-policy", "state"), "auv_lse_run"),
-    **dict.fromkeys(("surface", "topics", "vehicle"), "auv_lse_run"),
+    **dict.fromkeys(("surface", "topics", "vehicle", "vehicle-side"), "auv_lse_run"),
     **dict.fromkeys(("key", "modem-check"), "auv_lse_comms"),
     "autopilot-check": "auv_lse_mavlink",
     "recover": "auv_lse_record",

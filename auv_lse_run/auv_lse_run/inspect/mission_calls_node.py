@@ -9,13 +9,26 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry, Path
+
 from auv_lse_common.vocabulary.mission_run import Command
-from auv_lse_msgs.msg import MissionCommand, MissionState
+from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
 from auv_lse_run.inspect.graph_node import Graph
 
 #: Time (s) without an answer after which a command is sent again, and after which the vehicle counts as silent.
 _REPEAT_S, _ANSWER_S = 1.0, 5.0
+
+__all__ = ["STATE_TOPICS", "CommandCalls", "DiagnosticArray", "states", "vehicles"]
+
+#: What shows a vehicle's state from afar: topic and type, by what it is called there.
+STATE_TOPICS = {
+    "mission": ("mission/state", MissionState),
+    "position": ("odometry", Odometry),
+    "autopilot": ("autopilot", AutopilotStatus),
+    "path": ("path", Path),
+}
 
 
 @dataclass(slots=True)

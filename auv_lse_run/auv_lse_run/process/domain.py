@@ -287,7 +287,7 @@ def note_run(domain: int, run: Path, dive: str, vehicle: int = 0) -> None:
         dive: Id of the dive or simulation.
         vehicle: As `lock_file` takes it.
     """
-    lock_file(domain, vehicle).write_text(f"{run}\n{dive}\n")
+    lock_file(domain, vehicle).write_text(f"{run}\n{dive}\n{os.getpid()}\n")
 
 
 def _notes(domain: int, vehicle: int = 0) -> tuple[str, str]:
@@ -307,6 +307,21 @@ def run_on(domain: int) -> Path | None:
 def dive_on(domain: int) -> str | None:
     """The id of the simulation that runs on `domain` now; None if none runs."""
     return _notes(domain)[1] if _is_held(lock_file(domain)) else None
+
+
+def vehicle_on(domain: int, vehicle: int) -> tuple[str, str, int] | None:
+    """Who runs a vehicle's nodes on `domain` now: folder of logs, id of the dive and process id; None if none runs.
+
+    What is not noted, as on a full disk, is "" or 0.
+    """
+    path = lock_file(domain, vehicle)
+    if not _is_held(path):
+        return None
+    try:
+        lines = [*path.read_text().splitlines(), "", "", ""]
+    except OSError:
+        return "", "", 0
+    return lines[0], lines[1], int(lines[2]) if lines[2].isdecimal() else 0
 
 
 def domain_number(text: str) -> int:

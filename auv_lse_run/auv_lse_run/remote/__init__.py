@@ -1,0 +1,1 @@
+"""auv_lse fleet on the vehicle."""

@@ -1,0 +1,211 @@
+"""The orders that a vehicle takes from a laptop: numbered, recorded before they are executed, answered once. No clock.
+
+Theory of operation
+-------------------
+A laptop numbers its orders to a vehicle upwards from 1 and repeats one until it has the answer. `OrderBook.take`
+decides about each delivery:
+
+- An order that was answered is not executed again: its answer is repeated.
+- An order that was recorded and not answered (power failed in between) is executed again, because executing twice is
+  harmless. If a later order was recorded, it is not: an old GO must not follow a HOLD.
+- A number below the highest one is never executed, so what the network delivers late has no effect.
+- An order that reaches the vehicle too long after the vehicle's own hello is stale. It was on its way through a link
+  that hung. The laptop may repeat it in a new session. No clocks are compared.
+- One laptop commands a vehicle. Another may watch, abort, or take over; the first then learns who did.
+
+`cancel` settles an order whose outcome the laptop does not know: it returns the answer, or makes sure that the order
+is never executed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+#: The orders.
+VERBS = ("start", "go", "hold", "surface", "abort", "reset", "stop")
+#: Orders that make a vehicle safer. They are executed even if they cannot be recorded.
+ALWAYS = frozenset({"hold", "surface", "abort", "stop"})
+#: Time (s) after the vehicle's hello in which a session's order is accepted.
+VALID_S = 20.0
+#: Number of orders whose answers are kept.
+MAX_KEPT = 500
+_MAX_NUMBER = 2**31
+_MAX_NAME = 80
+
+#: Outcomes after which an order is settled: it was executed, or never will be.
+ACTED, REFUSED, OVERTAKEN = "acted", "refused", "overtaken"
+CANCELLED, INTERRUPTED = "cancelled", "interrupted"
+FINAL = frozenset({ACTED, REFUSED, OVERTAKEN, CANCELLED, INTERRUPTED})
+#: Outcomes after which the laptop may repeat the order.
+STALE, FOREIGN, UNRECORDED, SILENT = "stale", "foreign", "unrecorded", "silent"
+
+
+class OrderError(ValueError):
+    """An order, or a record of orders, that makes no sense."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An order of a laptop to a vehicle.
+
+    Attributes:
+        laptop: Id of the laptop.
+        number: Counts the laptop's orders to this vehicle, from 1.
+        verb: One of `VERBS`.
+        team: With abort: whether the team mates are aborted, too, by acoustic packet.
+        name: The laptop and its user, for people.
+    """
+
+    laptop: str
+    number: int
+    verb: str
+    team: bool = False
+    name: str = ""
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> Order:
+        """The order of a message.
+
+        Raises:
+            OrderError: naming the wrong value.
+        """
+        order = cls(
+            laptop=values.get("laptop", ""),
+            number=values.get("number", 0),
+            verb=values.get("verb", ""),
+            team=values.get("team", False) is True,
+            name=str(values.get("name", ""))[:_MAX_NAME],
+        )
+        if not isinstance(order.laptop, str) or not 0 < len(order.laptop) <= _MAX_NAME:
+            raise OrderError(f"The order names no laptop: {order.laptop!r}.")
+        if type(order.number) is not int or not 0 < order.number < _MAX_NUMBER:
+            raise OrderError(f"The order has no valid number: {order.number!r}.")
+        if order.verb not in VERBS:
+            raise OrderError(f"{order.verb!r} is no order. Orders are {', '.join(VERBS)}.")
+        return order
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of an order.
+
+    Attributes:
+        outcome: One of the outcomes above.
+        text: What a person should know.
+        at: When, by the vehicle's clock (UTC, ISO 8601); for people only.
+    """
+
+    outcome: str
+    text: str = ""
+    at: str = ""
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the order is settled."""
+        return self.outcome in FINAL
+
+
+class OrderBook:
+    """The orders that one vehicle has recorded.
+
+    Attributes:
+        controller: The laptop that commands this vehicle ({"laptop", "name", "at"}); empty: none yet.
+    """
+
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        """A book from `values`; None: an empty one.
+
+        Raises:
+            OrderError: if the values are those of no book.
+        """
+        values = values or {}
+        try:
+            self.controller: dict[str, str] = {str(k): str(v) for k, v in values.get("controller", {}).items()}
+            self._highest: dict[str, int] = {str(k): int(v) for k, v in values.get("highest", {}).items()}
+            self._records = [(Order(**found["order"]), _answer(found["answer"])) for found in values.get("orders", [])]
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise OrderError(f"the record of orders is damaged ({type(error).__name__}: {error})") from error
+
+    def values(self) -> dict[str, Any]:
+        """The book as JSON can hold it."""
+        orders = [{"order": asdict(o), "answer": None if a is None else asdict(a)} for o, a in self._records]
+        return {"controller": self.controller, "highest": self._highest, "orders": orders}
+
+    def take(self, order: Order, age_s: float, at: str) -> Answer | None:
+        """Decides about a delivered order.
+
+        Args:
+            order: The order.
+            age_s: Time since this session's hello, by the vehicle's steady clock.
+            at: The time for people.
+
+        Returns:
+            The answer without executing it; None: it is recorded, and must be executed and answered.
+        """
+        index = self._index(order.laptop, order.number)
+        known = None if index is None else self._records[index][1]
+        if known is not None:
+            return known
+        if age_s > VALID_S:
+            return Answer(STALE, f"It arrived {age_s:.0f} s after this session began. It will be repeated.", at)
+        refusal = self._foreign(order)
+        if index is None and refusal is not None:
+            return refusal
+        if index is not None and index == len(self._records) - 1 and refusal is None:
+            return None
+        if index is not None:
+            answer = Answer(INTERRUPTED, "The vehicle stopped while executing it, and has had a later order since.", at)
+            self._records[index] = (order, answer)
+            return answer
+        if order.number <= self._highest.get(order.laptop, 0):
+            return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
+        if not self.controller:
+            self.take_over(order.laptop, order.name, at)
+        self._record(order)
+        return None
+
+    def note(self, order: Order, answer: Answer) -> None:
+        """Notes the answer of an executed order."""
+        index = self._index(order.laptop, order.number)
+        if index is None:  # it could not be recorded before it was executed
+            index = self._record(order)
+        self._records[index] = (order, answer)
+
+    def cancel(self, order: Order, at: str) -> Answer:
+        """Settles an order: its answer if it has one; else it is never executed."""
+        index = self._index(order.laptop, order.number)
+        if index is None:
+            if order.number <= self._highest.get(order.laptop, 0):
+                return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
+            index = self._record(order)
+            answer = Answer(CANCELLED, "It never arrived, and is not executed any more.", at)
+        else:
+            known = self._records[index][1]
+            answer = known or Answer(INTERRUPTED, "The vehicle stopped while executing it; see its state.", at)
+        self._records[index] = (order, answer)
+        return answer
+
+    def take_over(self, laptop: str, name: str, at: str) -> None:
+        """Makes a laptop the one that commands this vehicle."""
+        self.controller = {"laptop": laptop, "name": name, "at": at}
+
+    def _foreign(self, order: Order) -> Answer | None:
+        if not self.controller or self.controller["laptop"] == order.laptop or order.verb == "abort":
+            return None
+        by = self.controller
+        return Answer(FOREIGN, f"{by['name']} commands this vehicle since {by['at']}. Take over with --take-over.")
+
+    def _index(self, laptop: str, number: int) -> int | None:
+        numbers = ((k, found) for k, (found, _) in enumerate(self._records))
+        return next((k for k, found in numbers if (found.laptop, found.number) == (laptop, number)), None)
+
+    def _record(self, order: Order) -> int:
+        self._highest[order.laptop] = max(order.number, self._highest.get(order.laptop, 0))
+        self._records = [*self._records[1 - MAX_KEPT :], (order, None)]
+        return len(self._records) - 1
+
+
+def _answer(values: Mapping[str, Any] | None) -> Answer | None:
+    return None if values is None else Answer(**values)

@@ -1,0 +1,80 @@
+"""Files reach a vehicle's folder whole or not at all; recordings leave it only when a verified copy exists."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from auv_lse_run.remote import facts
+from auv_lse_run.remote.session import Session
+from auv_lse_run.remote.vehicle_folder import FolderError, VehicleFolder
+from auv_lse_run.remote.wire import WireError, decoded
+
+
+def digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def test_files_are_installed_together_or_not_at_all(tmp_path: Path) -> None:
+    folder = VehicleFolder(tmp_path)
+    folder.receive("mission.yaml", digest(b"new"), b"new")
+    (tmp_path / "mission.yaml").write_bytes(b"old")
+    with pytest.raises(FolderError, match=r"team\.key was not sent completely"):
+        folder.install({"mission.yaml": digest(b"new"), "team.key": digest(b"key")}, "auv1")
+    assert (tmp_path / "mission.yaml").read_bytes() == b"old"
+    folder.receive("team.key", digest(b"key"), b"key")
+    folder.install({"mission.yaml": digest(b"new"), "team.key": digest(b"key")}, "auv1")
+    assert (tmp_path / "mission.yaml").read_bytes() == b"new"
+    assert (tmp_path / "team.key").stat().st_mode & 0o077 == 0
+    with pytest.raises(FolderError, match="is the folder of auv1, not of auv2"):
+        folder.install({"mission.yaml": digest(b"new")}, "auv2")
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", ".ssh", "dives", "fleet"])
+def test_a_sent_file_stays_in_the_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FolderError):
+        VehicleFolder(tmp_path).receive(name, digest(b"x"), b"x")
+
+
+def test_damaged_bytes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FolderError, match="arrived damaged"):
+        VehicleFolder(tmp_path).receive("mission.yaml", digest(b"x"), b"y")
+
+
+def test_a_recording_is_removed_only_with_the_hash_of_its_copy(tmp_path: Path) -> None:
+    bag = tmp_path / "dives" / "one" / "bag"
+    bag.mkdir(parents=True)
+    (bag / "bag.mcap").write_bytes(b"soundings")
+    (tmp_path / "secret").write_text("")
+    folder = VehicleFolder(tmp_path)
+    assert folder.recordings("") == [{"path": "one/bag/bag.mcap", "size": 9}]
+    assert folder.recordings(str(tmp_path / "dives" / "one")) == [], "its dive runs"
+    with pytest.raises(FolderError, match="was not removed"):
+        folder.remove("one/bag/bag.mcap", digest(b"others"))
+    with pytest.raises(FolderError, match="no recording"):
+        folder.remove("../secret", digest(b""))
+    folder.remove("one/bag/bag.mcap", digest(b"soundings"))
+    assert not (tmp_path / "dives" / "one").exists()
+
+
+def test_nothing_is_installed_into_a_running_dive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("auv_lse_run.remote.session.vehicle_on", lambda domain, vehicle: ("", "dive", 1))
+    answer = Session(tmp_path, 1, 81).answer({"ask": "install", "files": {}})
+    assert "A dive is running" in answer["error"]
+
+
+def test_a_request_that_makes_no_sense_is_answered(tmp_path: Path) -> None:
+    session = Session(tmp_path, 1, 81)
+    assert "does not know" in session.answer({"ask": "dance"})["error"]
+    assert "incomplete" in session.answer({"ask": "install"})["error"]
+    assert "no order" in session.answer({"ask": "order", "laptop": "a", "number": 1, "verb": "fly"})["error"]
+    with pytest.raises(WireError):
+        decoded(b"[1]")
+
+
+def test_findings_are_the_lines_of_a_check_that_matter() -> None:
+    text = "mission.yaml\n  error    depth: too deep\n  warning  slots\nMISSING heartbeat\nok      GPS\n1 missing\n"
+    found = [(finding["level"], finding["text"]) for finding in facts.findings_in("modem", text)]
+    assert found == [("error", "depth: too deep"), ("warning", "slots"), ("error", "heartbeat")]

@@ -1,0 +1,74 @@
+"""Delivers the orders that are due to one vehicle, in one session, again and again until they are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+from auv_lse_run.remote.orders import FOREIGN
+from auv_lse_shore.remote.ledger import Given, Ledger
+from auv_lse_shore.remote.ssh import VehicleError
+
+#: Longest wait (s) for the answer to an order: starting nodes takes some.
+ANSWER_S = 60.0
+
+
+class Asking(Protocol):
+    """A session, as far as orders need it."""
+
+    def ask(self, what: str, wait_s: float, data: bytes = b"", **values: Any) -> dict[str, Any]:
+        """Asks, and returns the answer."""
+
+
+class Ledgers(Protocol):
+    """Where the ledger is kept."""
+
+    def changed(self) -> AbstractContextManager[Ledger]:
+        """A context with the ledger, whose changes are kept."""
+
+
+def deliver(asking: Asking, ledgers: Ledgers, vehicle: str, name: str, clock: Callable[[], float]) -> str:
+    """Delivers what is due to a vehicle in one session.
+
+    Args:
+        asking: The session.
+        ledgers: The ledger.
+        vehicle: "auv2".
+        name: This laptop, for people.
+        clock: The laptop's clock (s).
+
+    Returns:
+        Why something is not settled although the vehicle answers; "" if all is settled.
+
+    Raises:
+        LinkError: if the link is lost; repeat it then.
+    """
+    trouble = ""
+    tried: set[tuple[str, int]] = set()
+    while True:
+        with ledgers.changed() as ledger:
+            ledger.expire(clock())
+            due = next((found for found in ledger.due(vehicle) if (found[0], found[1].number) not in tried), None)
+            if due is None:
+                return trouble
+            what, order = due
+            tried.add((what, order.number))
+            ledger.note_sent(vehicle, order.number)
+            laptop = ledger.laptop
+        trouble = _sent(asking, ledgers, vehicle, what, order, (laptop, name)) or trouble
+
+
+def _sent(asking: Asking, ledgers: Ledgers, vehicle: str, what: str, order: Given, who: tuple[str, str]) -> str:
+    """Sends one order, and notes its answer; returns why it is not settled."""
+    values = {"number": order.number, "verb": order.verb, "team": order.team, "laptop": who[0], "name": who[1]}
+    try:
+        answer = asking.ask(what, ANSWER_S, b"", **values)
+    except VehicleError as error:
+        return str(error)
+    outcome, text = str(answer.get("outcome")), str(answer.get("text", ""))
+    with ledgers.changed() as ledger:
+        ledger.note_answer(vehicle, order.number, outcome, text, str(answer.get("at", "")))
+        if outcome == FOREIGN:  # never executed: it was refused before it was recorded
+            ledger.note_answer(vehicle, order.number, "refused", text)
+        return text if ledger.find(vehicle, order.number).is_open else ""

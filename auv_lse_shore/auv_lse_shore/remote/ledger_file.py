@@ -1,0 +1,71 @@
+"""The file of the laptop's ledger, beside the fleet file: locked while it changes, and kept before anything is sent."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import getpass
+import json
+import os
+import platform
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+from auv_lse_shore.remote.ledger import Ledger, LedgerError
+
+
+def laptop_name() -> str:
+    """This laptop and its user, for people."""
+    return f"{getpass.getuser()}@{platform.node()}"
+
+
+class LedgerFile:
+    """The ledger of a fleet file; several commands may use it at the same time."""
+
+    def __init__(self, fleet_file: Path) -> None:
+        """Reads nothing yet."""
+        self.path = fleet_file.with_suffix(".orders.json")
+
+    @contextlib.contextmanager
+    def changed(self) -> Iterator[Ledger]:
+        """A context with the ledger, whose changes are written at its end.
+
+        Raises:
+            OSError: if it cannot be written.
+            LedgerError: if it is damaged.
+        """
+        lock = os.open(self.path.absolute().parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            ledger = self.read()
+            before = ledger.values()
+            yield ledger
+            if ledger.values() != before or not self.path.exists():
+                self._write(ledger)
+        finally:
+            os.close(lock)
+
+    def read(self) -> Ledger:
+        """The ledger without a lock, which only shows it.
+
+        Raises:
+            LedgerError: if it is damaged.
+        """
+        try:
+            values = json.loads(self.path.read_bytes())
+            return Ledger("", values)
+        except FileNotFoundError:
+            return Ledger(secrets.token_hex(8))
+        except (ValueError, AttributeError) as error:
+            raise LedgerError(
+                f"{self.path} {error}. Move it away; what was pending is then unknown, and vehicles want --take-over."
+            ) from error
+
+    def _write(self, ledger: Ledger) -> None:
+        part = self.path.with_suffix(".part")
+        with part.open("w") as file:
+            json.dump(ledger.values(), file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(self.path)

@@ -1,0 +1,110 @@
+"""auv_lse fleet over real ssh and sshd on this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from auv_lse_run.command.main import main
+from benchmarks.field.side import EXECUTED
+from benchmarks.field.sshd import Computer, Field, free_port, lacks_sshd, side_command
+
+pytestmark = pytest.mark.skipif(bool(lacks_sshd()), reason=lacks_sshd())
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Field, Computer]]:
+    made = Field(tmp_path_factory.mktemp("field"))
+    with made.computer("auv1") as computer:
+        made.trust("auv1", computer.port)
+        yield made, computer
+
+
+def test_an_order_reaches_the_vehicle_in_reach_and_stays_pending_for_the_other(
+    field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, computer = field
+    (computer.folder / EXECUTED).unlink(missing_ok=True)
+    noting = {"port": computer.port, "folder": str(computer.folder), "command": side_command("benchmarks.field.side")}
+    file = str(made.fleet_file({"auv1": noting, "auv2": {"port": free_port()}}, "orders.yaml"))
+    assert main(["fleet", file, "go", "--anyway", "--wait", "0.1"]) == 1
+    text = capsys.readouterr().out
+    assert "auv1: GO acted" in text
+    assert "auv2: GO is pending (Its computer answers, but SSH does not run there" in text
+    assert main(["fleet", file, "pending", "--cancel", "--wait", "0.1"]) == 0
+    assert "auv2: GO is cancelled; it was never sent" in capsys.readouterr().out
+    assert [line.split()[1] for line in (computer.folder / EXECUTED).read_text().splitlines()] == ["go"]
+
+
+def test_check_names_each_reason_why_a_vehicle_does_not_answer(
+    field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made, computer = field
+    at, old = {"port": computer.port, "folder": str(computer.folder)}, tmp_path / "old"
+    old.write_text("#!/bin/sh\necho 'error: auv_lse has no verb vehicle-side. List the verbs' >&2\nexit 2\n")
+    chatty = tmp_path / "chatty"
+    chatty.write_text(f'#!/bin/sh\necho Welcome\nexec {side_command()} "$@"\n')
+    for script in (old, chatty):
+        script.chmod(0o755)
+    entries = {
+        "auv1": {**at, "command": str(chatty)},
+        "auv2": {**at, "host": "localhost"},
+        "auv3": {**at, "command": "no_such_auv_lse"},
+        "auv4": {**at, "command": str(old)},
+        "auv5": {**at, "user": "nobody"},
+        "auv6": {**at, "folder": "/nowhere"},
+    }
+    assert main(["fleet", str(made.fleet_file(entries, "check.yaml")), "check", "--quick"]) == 1
+    text = capsys.readouterr().out
+    lines = {line.partition(":")[0]: line for line in reversed(text.splitlines()) if line.startswith("auv")}
+    assert "it has no mission file" in lines["auv1"]
+    assert "Its host key is not known on this laptop" in lines["auv2"]
+    assert "Set 'command' of auv3" in lines["auv3"]
+    assert "old version" in lines["auv4"]
+    assert "ssh-copy-id" in lines["auv5"]
+    assert "mkdir -p /nowhere" in lines["auv6"]
+
+
+def test_another_host_key_is_refused(field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str]) -> None:
+    made, computer = field
+    file = str(made.fleet_file({"auv1": {"port": computer.port, "folder": str(computer.folder)}}, "changed.yaml"))
+    known = made.known_hosts.read_text()
+    with made.computer("auv9"):
+        made.known_hosts.write_text("")
+        made.trust("auv9", computer.port)
+    assert main(["fleet", file, "check", "--quick"]) == 1
+    made.known_hosts.write_text(known)
+    assert "It shows another host key than before" in capsys.readouterr().out
+
+
+def test_init_writes_a_file_that_can_be_read_and_replaces_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "fleet.yaml"
+    assert main(["fleet", str(file), "init", "auv@auv1.local", "auv2:2222"]) == 0
+    assert main(["fleet", str(file), "init"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["fleet", str(file), "check", "auv3"]) == 2
+    assert "auv3 is not in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("vehicles: {}\n", "'vehicles' is missing"),
+        ("vehicles: {auv1: {host: a, prot: 22}}\n", "'prot' is not known"),
+        ("vehicles: {boat: {host: a}}\n", "no vehicle's name"),
+        ("vehicles: {auv1: {host: a, port: x}}\n", "write a whole number"),
+        ("vehicles: {auv1: {host: -oProxyCommand=x}}\n", "begins with a dash"),
+        ("vehicles: {auv1: {host: a}, auv1: {host: b}}\n", "appears twice"),
+        ("hosts: 1\nvehicles: {auv1: {host: a}}\n", "'hosts' is not known"),
+    ],
+)
+def test_a_wrong_fleet_file_is_refused(
+    text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "fleet.yaml").write_text(text)
+    assert main(["fleet", str(tmp_path / "fleet.yaml"), "check"]) == 2
+    assert words in capsys.readouterr().err
