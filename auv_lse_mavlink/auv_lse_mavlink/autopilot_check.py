@@ -20,7 +20,7 @@ from auv_lse_mavlink.depth_gauge import LEAST_PA
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import DOWN, Target
 from auv_lse_mavlink.messages.datum import Origin
-from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, LinkUp, Problem
+from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, LinkUp, Problem, Zeroed
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.wire import SIGNING_EPOCH_S, SIGNING_PARTS, MavlinkCodec, Message, mavlink
 
@@ -286,9 +286,10 @@ class AutopilotCheck:
         problem = gauge.problem(self._now_s)
         if problem:
             return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]
-        zero = f"depth is zeroed at {gauge.zero_pa / 100.0:.1f} hPa, where the sensor is now, on deck or afloat"
+        sensor_m = self._config.sensor_depth_m if self._config.zero_afloat else 0.0
+        zero = Zeroed(pressure_pa=gauge.zero_pa, sensor_depth_m=sensor_m)
         agrees = f"the autopilot's own depth is {gauge.offset_m:+.2f} m off pressure depth; targets are shifted by it"
-        return [*found, Finding(ok=True, text=f"{zero}; {agrees}")]
+        return [*found, Finding(ok=True if sensor_m else None, text=zero.text), Finding(ok=True, text=agrees)]
 
     def _states(self) -> list[Finding]:
         report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # that one is reported already

@@ -63,6 +63,13 @@ def parser() -> argparse.ArgumentParser:
         metavar=("LAT", "LON"),
         help="set this origin (deg) if the autopilot has none, as without GPS; as area.origin_lat_deg, origin_lon_deg",
     )
+    p.add_argument(
+        "--afloat",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="the vehicle floats, with its pressure sensor this deep (m): link.zero_afloat and link.sensor_depth_m",
+    )
     p.add_argument("--port", type=int, default=0, metavar="N", help="the autopilot's port, n in its SRn_... (0)")
     p.add_argument("--apply", action="store_true", help="set the proposed parameters, after showing them, and verify")
     p.add_argument(
@@ -78,7 +85,9 @@ def parser() -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Checks an autopilot. Returns 0 or 1, as the help says."""
-    config = from_mapping(LinkConfig, {"endpoint": options.endpoint, "pressure": options.pressure}, "command line")
+    values = {"endpoint": options.endpoint, "pressure": options.pressure}
+    values |= {"zero_afloat": options.afloat > 0.0, "sensor_depth_m": options.afloat}
+    config = from_mapping(LinkConfig, values, "command line")
     address = read_address(options.endpoint, _BAUD)
     key = read_key(options.key) if options.key else None
     if options.send_key and key is None:

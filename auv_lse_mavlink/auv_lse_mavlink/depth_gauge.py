@@ -8,8 +8,9 @@ surface, the zero.
 
 *Zero.* While the vehicle is disarmed, or stopped with a GPS fix, the zero is the median of the last pressures. It is
 refused, with a reason, outside `SURFACE_PA`, if pressure is not steady, and if it is higher than the last zero by more
-than `HIGHEST_RISE_PA`: such a vehicle is under water. Until there is a zero, depth counts from standard air pressure,
-which may be metres wrong, and `problem` says so.
+than `HIGHEST_RISE_PA`: such a vehicle is under water. A vehicle that floats has its sensor under water: armed, or with
+`link.zero_afloat`, the pressure at `link.sensor_depth_m` is subtracted. Until there is a zero, depth counts from
+standard air pressure, which may be metres wrong, and `problem` says so.
 
 *Drift.* At the first GPS fix after a dive, the depth that the gauge shows is reported, and not corrected.
 
@@ -30,7 +31,7 @@ from collections.abc import Callable, Iterable
 from statistics import median
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.vocabulary.water import MEAN_LATITUDE_DEG, depth_of
+from auv_lse_common.vocabulary.water import MEAN_LATITUDE_DEG, depth_of, gauge_pressure_pa
 from auv_lse_mavlink.messages.events import Event, Problem, Surfaced, Zeroed
 
 #: Plausible pressures at the surface (Pa): air at sea level to 2,500 m, with a sensor's offset of 200 hPa.
@@ -89,6 +90,8 @@ class DepthGauge:
         self._limit_m, self._stale_s = config.depth_difference_m, config.stale_after_s
         self._report, self._counts = report, counts
         self._is_boat = is_afloat and not self.is_used
+        self._sensor_m, self._zeroes_afloat = config.sensor_depth_m, config.zero_afloat
+        self._floats = False  # whether the sensor is under water while the zero is set
         self._refusal = ""  # why the last zero was refused
         self._may_zero = self._has_fix = self._has_dived = self._is_ready = False
         self._zeroing: deque[float] = deque(maxlen=MOST_SAMPLES)  # pressures (Pa) while the zero may be set
@@ -104,8 +107,9 @@ class DepthGauge:
 
     # ------------------------------------------------------------------ input
 
-    def set_state(self, may_zero: bool, has_fix: bool) -> None:
-        """Takes whether the zero may be set now, and whether GPS has a fix."""
+    def set_state(self, may_zero: bool, has_fix: bool, armed: bool = False) -> None:
+        """Takes whether the zero may be set now, whether GPS has a fix, and whether the vehicle is armed: it floats."""
+        self._floats = armed or self._zeroes_afloat
         if not may_zero:
             self._zeroing.clear()
             self._refusal = ""
@@ -142,7 +146,7 @@ class DepthGauge:
         if self._may_zero:
             self._zeroing.append(pressure_pa)
             if len(self._zeroing) >= ZERO_SAMPLES:
-                self._set_zero(median(self._zeroing))
+                self._set_zero(median(self._zeroing) - self._sensor_pa)
         zero_pa = AIR_PA if math.isnan(self.zero_pa) else self.zero_pa
         self._depth_m = depth_of(pressure_pa - zero_pa, self._density, self._latitude_deg)
         self._has_dived = self._has_dived or self._depth_m > DIVED_M
@@ -230,6 +234,11 @@ class DepthGauge:
 
     # ------------------------------------------------------------------ helpers
 
+    @property
+    def _sensor_pa(self) -> float:
+        """Pressure (Pa) of the water above the sensor while the zero is set."""
+        return gauge_pressure_pa(self._sensor_m, self._density, self._latitude_deg) if self._floats else 0.0
+
     def _set_zero(self, pressure_pa: float) -> None:
         refusal = _refusal(pressure_pa, self._zeroing, self.zero_pa)
         if refusal:
@@ -245,14 +254,14 @@ class DepthGauge:
             self.zero_pa = pressure_pa
             self._differences.clear()
             self._waiting_m = math.nan
-            self._report(Zeroed(pressure_pa=pressure_pa))
+            self._report(Zeroed(pressure_pa=pressure_pa, sensor_depth_m=self._sensor_m if self._floats else 0.0))
 
     def _note_surfacing(self) -> None:
         if not self._has_dived or abs(self._depth_m) > DIVED_M:
             return
         self._surfaced.append(self._depth_m)
         if len(self._surfaced) >= ZERO_SAMPLES:
-            self.drift_m, self._has_dived = median(self._surfaced), False
+            self.drift_m, self._has_dived = median(self._surfaced) - self._sensor_m, False
             self._surfaced.clear()
             self._report(Surfaced(drift_m=self.drift_m))
 

@@ -155,10 +155,10 @@ class VehicleLink:
         self._targets.add(target, self._position)
         self._advance()
 
-    def stop(self, now_s: float, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it continue (None)."""
+    def stop(self, now_s: float, stop: Stop | None, ended: bool = False) -> None:
+        """Stops the vehicle, or lets it continue (None); `ended`: after the mission's end."""
         self._tick(now_s)
-        self._targets.stop(stop)
+        self._targets.stop(stop, ended)
         self._advance()
 
     def send(self, message: Message) -> None:
@@ -293,7 +293,7 @@ class VehicleLink:
         self._attitude, self._position = None, None
         self._raw.interrupt()
         self.gauge.forget()
-        self._targets.resend()
+        self._targets.resend(rebooted)
 
     def _watch_boot(self, boot_ms: int) -> None:
         """Detects a reboot of the autopilot from its time since boot."""
@@ -438,7 +438,8 @@ class VehicleLink:
         if message.get_type() != self._config.pressure:
             return
         has_fix = self._now_s - self._fix_s <= self._config.stale_after_s
-        self.gauge.set_state(not self.status.armed or (has_fix and self._targets.stopped), has_fix)
+        armed = self.status.armed
+        self.gauge.set_state(not armed or (has_fix and self._targets.stopped), has_fix, armed)
         self.gauge.pressure(self._now_s, pressure_pa(message))
         stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
         self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))

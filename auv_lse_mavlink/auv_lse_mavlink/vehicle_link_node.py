@@ -95,7 +95,8 @@ class VehicleLinkNode(DriverNode):
             self._had_ended, self._then = True, None  # nothing moves after the end: its position may be far away now
             self._late.clear()
         try:
-            link.stop(self.now_s(), report.status.stop_after(self._then))
+            ended = report.status.state is RunState.ENDED
+            link.stop(self.now_s(), report.status.stop_after(self._then), ended)
             self._has_state = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
@@ -159,10 +160,7 @@ class VehicleLinkNode(DriverNode):
                 self.diagnose()
             case events.Zeroed():
                 self.journal.write("zero", event.pressure_pa)
-                log.info(
-                    f"depth is zeroed: {event.pressure_pa / 100.0:.1f} hPa where the sensor is now. If the vehicle "
-                    "floats, all depths are too small by the sensor's depth: zero it on deck"
-                )
+                log.info(event.text)
             case events.Surfaced():
                 log.info(f"at the surface the depth gauge shows {event.drift_m:+.2f} m")
             case events.Problem():

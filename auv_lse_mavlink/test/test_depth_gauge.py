@@ -57,6 +57,29 @@ def test_depth_counts_from_the_surface_wherever_the_origin_is():
     assert water.problem == ""
 
 
+@pytest.mark.parametrize(
+    ("armed", "values", "off_m"),
+    [
+        (False, {}, -0.3),  # nobody knows that it floats
+        (False, {"zero_afloat": True, "sensor_depth_m": 0.3}, 0.0),
+        (False, {"sensor_depth_m": 0.3}, -0.3),  # the mission says that it is on deck
+        (True, {"sensor_depth_m": 0.3}, 0.0),  # stopped with a GPS fix: it floats
+    ],
+)
+def test_a_zero_taken_afloat_is_corrected_by_the_sensor_s_depth(armed, values, off_m):
+    water = Water(**values)
+    water.depth_m = 0.3  # of the sensor
+    for _ in range(10):
+        water.now_s += 0.5
+        water.gauge.set_state(True, armed, armed)
+        water.gauge.pressure(water.now_s, AIR_PA + gauge_pressure_pa(0.3, 1000.0, 46.5))
+        water.gauge.own_depth(water.now_s, 0.3)
+    water.dive(4.0).wait(5)
+    assert water.shown_m == pytest.approx(4.0 + off_m, abs=0.01)
+    (zeroed,) = water.of(Zeroed)
+    assert ("set link.zero_afloat" in zeroed.text) == (off_m != 0.0)
+
+
 def test_without_a_zero_depth_counts_from_standard_air_and_the_reason_is_named():
     water = Water().wait(5)
     assert water.shown_m == pytest.approx((AIR_PA - 101_325.0) / 9807.5, abs=1e-3)

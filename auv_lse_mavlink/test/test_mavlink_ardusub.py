@@ -255,6 +255,70 @@ def test_a_vehicle_that_reboots_while_it_rises_goes_on_rising():
     assert sub.position[2] < 0.3
 
 
+def recovering(**values):
+    """An ArduSub on its way to a recovery position after its mission's end."""
+    end = Stop(action=Action.GO_TO, position_m=(200.0, 0.0))
+    sub = under_way(target=dataclasses.replace(FAR, north_m=20.0, then=end), **values)
+    sub.run(40.0)
+    sub.link.stop(sub.now_s, None, ended=True)
+    sub.run(10.0)
+    assert 22.0 < sub.position[0] < 150.0
+    return sub
+
+
+@pytest.mark.parametrize("how", ["reboot", "arming"])
+def test_on_the_way_to_recovery_a_handled_vehicle_surfaces_where_it_is(how):
+    sub = recovering()
+    if how == "reboot":
+        sub.reboot()
+    sub.arm(False).enter(MANUAL)
+    sub.run(5.0)
+    found = list(sub.position)
+    sub.arm().enter(GUIDED)
+    sub.run(30.0)
+    assert sub.position == pytest.approx([*found[:2], 0.0], abs=0.3)
+    assert any("on the vehicle's way after its mission" in text for text in sub.problems())
+    sub.link.stop(sub.now_s, Stop(action=Action.GO_TO, position_m=(200.0, 0.0)))  # the operator's ABORT
+    sub.run(20.0)
+    assert sub.position[0] > found[0] + 10.0
+
+
+@pytest.mark.parametrize("how", ["mode", "link lost"])
+def test_on_the_way_to_recovery_a_pilot_or_a_gap_only_interrupts(how):
+    sub = recovering()
+    if how == "mode":
+        sub.enter(MANUAL)
+        sub.run(5.0)
+        sub.enter(GUIDED)
+    else:
+        sub.silent = True
+        sub.run(10.0)
+        sub.silent = False
+    before = list(sub.position)
+    sub.run(20.0)
+    assert sub.position[0] > before[0] + 10.0
+
+
+@pytest.mark.parametrize("surfacing", ["stop", "for a fix"])
+def test_the_way_to_the_surface_is_vertical_also_after_a_drift(surfacing):
+    target = dataclasses.replace(FAR, north_m=15.0, depth_m=20.0, surface=surfacing != "stop")
+    sub = under_way(depth_m=20.0, target=target)
+    if surfacing == "stop":
+        sub.link.stop(sub.now_s, RISE)
+    sub.run(20.0, until=lambda: sub.position[2] < 18.0)
+    sub.enter(MANUAL)
+    sub.position[1] += 30.0  # it drifts while a pilot has it
+    sub.run(5.0)
+    sub.enter(GUIDED)
+    sub.run(1.0)
+    rising = []
+    while sub.position[2] > 0.5:
+        sub.run(1.0)
+        rising.append(list(sub.position[:2]))
+    assert max(math.dist(rising[0], place) for place in rising) < 0.3
+    assert sub.position[1] > 29.0
+
+
 # ------------------------------------------------------------------ missions
 
 

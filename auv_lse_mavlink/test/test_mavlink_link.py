@@ -763,7 +763,7 @@ def test_a_stop_that_comes_before_the_position_is_known_waits_for_it():
 
 @pytest.mark.parametrize(
     ("then", "position"),
-    [(Action.HOLD, (20.0, 0.0, 4.0)), (Action.SURFACE, (20.0, 0.0, 0.0)), (Action.GO_TO, (-5.0, -6.0, 4.0))],
+    [(Action.HOLD, (20.0, 0.0, 4.0)), (Action.SURFACE, (19.0, 0.0, 0.0)), (Action.GO_TO, (-5.0, -6.0, 4.0))],
 )
 def test_after_the_last_target_the_vehicle_does_what_it_says(then, position):
     pilot = Autopilot().up()

@@ -95,6 +95,8 @@ class Settings(TeamSections):
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
+        has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
+        team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:

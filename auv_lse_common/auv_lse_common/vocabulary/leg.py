@@ -32,8 +32,8 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
     return side * angle, ahead, starboard
 
 
-def straight_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
-    """How far (m) a vehicle strays from its legs if it travels straight to each leg's end.
+def arc_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
+    """How far (m) a vehicle strays from its legs' arcs if it travels straight to each leg's end.
 
     An autopilot that moves sideways, as ArduSub, cuts each arc and corner.
 
@@ -44,6 +44,14 @@ def straight_stray_m(turn_rad: float, radius_m: float, early_m: float) -> float:
     """
     half_rad = 0.5 * turn_rad
     return radius_m * (1.0 - math.cos(half_rad)) + early_m * math.sin(half_rad)
+
+
+def corner_stray_m(turn_rad: float, early_m: float) -> float:
+    """How far (m) such a vehicle strays from the straight lines between the ends of its legs; arguments as above.
+
+    Two of these lines form an angle of at most the legs' largest heading change.
+    """
+    return early_m * math.sin(min(turn_rad, 0.5 * math.pi))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

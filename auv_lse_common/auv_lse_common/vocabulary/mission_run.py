@@ -144,6 +144,12 @@ class RunStatus:
             return ""
         return f"the mission is {self.state.name}: {self.reason}"
 
+    @property
+    def waits_for_people(self) -> bool:
+        """Whether the mission waits for GO, or holds because of a command, so that only people let it go on."""
+        commanded = any(self.reason.startswith(f"{command.name} by ") for command in Command)
+        return not self.limits and (commanded or self.reason == _WAITS)
+
     def stop_after(self, then: Stop | None) -> Stop | None:
         """What a vehicle does instead of travelling, if its newest leg ends with the stop `then`.
 
@@ -152,6 +158,7 @@ class RunStatus:
         return None if self.state is RunState.ENDED and self.stop == then else self.stop
 
 
+_WAITS = "waits for GO"
 _HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 
 
@@ -180,7 +187,7 @@ class MissionRun:
         }
         self._state = RunState.RUNNING if at_once else RunState.WAITING
         self._stop: Stop | None = None if at_once else _HOLD
-        self._reason = "" if at_once else "waits for GO"
+        self._reason = "" if at_once else _WAITS
         self._not_ready = self._paused = ""
         self._travelled = False
         self._team_abort = False

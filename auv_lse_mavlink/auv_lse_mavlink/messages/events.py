@@ -72,9 +72,21 @@ class Pressure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zeroed:
-    """The pressure at the surface is known, or has changed (Pa)."""
+    """The pressure at the surface is known, or has changed (Pa); the sensor was `sensor_depth_m` (m) below it."""
 
     pressure_pa: float
+    sensor_depth_m: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """The event in words for an operator."""
+        at = f"depth is zeroed at {self.pressure_pa / 100.0:.1f} hPa"
+        if self.sensor_depth_m > 0.0:
+            return f"{at}, with the sensor {self.sensor_depth_m:g} m below the surface (link.sensor_depth_m)"
+        return (
+            f"{at}, where the sensor is now. If the vehicle floats, all depths are too small by the sensor's depth: "
+            "zero it on deck, or set link.zero_afloat and link.sensor_depth_m"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,11 @@ A stop replaces all targets until it is lifted: it is a target at the vehicle's 
 at the surface, or a position to go to. Then the current target, or the mission, is sent again.
 
 A vehicle that holds, surfaces or has ended its mission stays where it is: when the autopilot is armed, changes its
-mode, reboots or returns, the target is the vehicle's position at that time, because somebody may have moved it.
+mode, reboots or returns, the target is the vehicle's position at that time, because somebody may have moved it. After
+the mission's end a vehicle may still be under way, to a recovery position or the last leg's end. If its autopilot then
+reboots or is disarmed, people may have it, so it surfaces where it is and goes there only after another command.
+
+The way to the surface and back down is vertical: such a target is the vehicle's position whenever it is sent.
 
 A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
 
@@ -43,9 +47,12 @@ from auv_lse_mavlink.targets.limits import TargetLimits
 from auv_lse_mavlink.targets.obedience import IGNORED_S, Obedience
 from auv_lse_mavlink.targets.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_mavlink.targets.upload import MissionUpload, UploadState
+from auv_lse_mavlink.targets.vertical import VerticalWay
+from auv_lse_mavlink.targets.waypoints import following, shifted
 
 #: MAV_RESULT in words.
 RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_RESULT"].items()}
+_RISE = Stop(action=Action.SURFACE)
 #: A vehicle that stops keeps its target's depth if it is within this (m) of it, else its own.
 STOPPED_M = 1.0
 #: Largest number of waiting targets, and of the items of an uploaded mission.
@@ -83,7 +90,10 @@ class TargetSender:
             False  # whether the vehicle has reached the mission's last target, or a stop's position to go to
         )
         self._stays = False  # whether its target is the position where it is found next
-        self._autopilot_state = (False, -1)  # armed, mode
+        self._mission_ended = self._abandoned = False  # ENDED; and its way since then was abandoned: it surfaces
+        self._here: AutopilotEstimate | None = None  # the vehicle's last position
+        self._vertical = VerticalWay()
+        self._autopilot_state, self._was_armed = (False, -1), False  # armed, mode
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
         self._speed_mps = math.nan  # the last one sent
@@ -111,7 +121,7 @@ class TargetSender:
     @property
     def current(self) -> Target | None:
         """The target to go to now; None: there is none, or the position of a stop is unknown yet."""
-        if self._stop is not None:
+        if self._stop is not None or self._abandoned:
             return self._stopped_at
         if self._stays:
             return None
@@ -188,11 +198,11 @@ class TargetSender:
             self._report(Problem(text=f"more than {MAX_TARGETS} targets wait: dropped the oldest"))
         self._targets.append(target)
         self._counts["targets"] += 1
-        self._has_ended = self._stays = False
+        self._has_ended = self._stays = self._abandoned = False
         if self._is_mission or len(self._targets) == 1:
             self._unsent = True
         if target.then is not None and target.then.action is not Action.HOLD:  # autopilots hold at the last target
-            self._targets.append(_follows(target, target.then))
+            self._targets.append(following(target, target.then))
 
     def _begins_elsewhere(self, target: Target) -> bool:
         """Whether a leg begins away from the last target, so that the vehicle need not reach that."""
@@ -206,16 +216,19 @@ class TargetSender:
         """Whether a stop replaces the targets."""
         return self._stop is not None
 
-    def stop(self, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it continue (None)."""
+    def stop(self, stop: Stop | None, ended: bool = False) -> None:
+        """Stops the vehicle, or lets it continue (None); `ended`: after the mission's end."""
+        self._mission_ended = ended
         if stop == self._stop:
             return
-        self._stop, self._stopped_at = stop, None
+        self._stop, self._stopped_at, self._abandoned = stop, None, False
         self._has_ended = self._has_ended and self._stops_here
         self._unsent = stop is None and bool(self._targets)
 
-    def resend(self) -> None:
+    def resend(self, rebooted: bool = False) -> None:
         """Sends the present targets again: the autopilot was lost, or has rebooted."""
+        if rebooted:
+            self._abandon_way("rebooted")
         self._upload.abandon("link lost, or autopilot rebooted")
         self._watch_upload()
         self._unaccepted_s = math.nan
@@ -231,16 +244,30 @@ class TargetSender:
             mode: Its flight mode.
             obeys: Whether it follows targets in that mode.
         """
+        if self._was_armed and not armed:
+            self._abandon_way("was disarmed")
+        self._was_armed = armed
         self._delivery.once, self._delivery.may_follow = ardupilot, armed and obeys
         if self._delivery.may_follow and (armed, mode) != self._autopilot_state:
             self._renew()
         self._autopilot_state = (armed, mode)
 
+    def _abandon_way(self, cause: str) -> None:
+        """Ends a way after the mission's end, or to the position of a stop: people may have the vehicle by now."""
+        goes_to = self._stop is not None and self._stop.action is Action.GO_TO
+        if self._has_ended or self._abandoned or not (goes_to or (self._mission_ended and self._stop is None)):
+            return
+        if self.current is None:
+            return
+        self._abandoned, self._stopped_at, self._surfacing = True, None, None
+        text = f"the autopilot {cause} on the vehicle's way after its mission: it surfaces where it is"
+        self._report(Problem(text=f"{text} (ABORT, with safety.abort: go_to, sends it to the recovery position)"))
+
     def _renew(self) -> None:
         """Sends target and speed again, or takes the vehicle's position as its target."""
         self._speed_mps, self.refused_speed = math.nan, ""
         self._delivery.forget()
-        if self._stop is not None and (self._has_ended or self._stop.action is not Action.GO_TO):
+        if self._abandoned or (self._stop is not None and (self._has_ended or self._stops_here)):
             self._stopped_at = None
         elif self._stop is None and self._has_ended:
             self._stays = True
@@ -299,9 +326,10 @@ class TargetSender:
 
     def pass_reached(self, now_s: float, position: AutopilotEstimate | None) -> None:
         """Drops reached targets, begins surfacings, and determines the position of a stop."""
-        if self._stop is not None:
+        self._here = position
+        if self._stop is not None or self._abandoned:
             if position is not None:
-                self._stop_at(self._stop, position)
+                self._stop_at(self._stop or _RISE, position)
             return
         if self._stays and position is not None:
             self._targets[0] = dataclasses.replace(
@@ -330,9 +358,9 @@ class TargetSender:
         """Determines the position of a stop."""
         if self._stopped_at is None:
             here = Stop(action=Action.HOLD) if self._has_ended and stop.action is Action.GO_TO else stop
-            self._stopped_at = self._position_of(here, position)
+            self._stopped_at = self._position_of(_RISE if self._abandoned else here, position)
             self._unsent = True
-        if stop.action is Action.GO_TO:
+        if stop.action is Action.GO_TO and not self._abandoned:
             self._has_ended = self._has_ended or self._reached(self._stopped_at, position)
 
     def _surfaced(self, now_s: float, surfacing: Surfacing, position: AutopilotEstimate) -> bool:
@@ -359,8 +387,11 @@ class TargetSender:
         current = self.current
         if current is None:
             return
+        is_vertical = current.at_surface or (self._stop is None and self._surfacing is not None)
+        renewed = self._unsent or self._delivery.is_doubtful
+        current = self._vertical.target(current, self._here, renewed) if is_vertical else current
         if self._is_mission:
-            later = self._stop is None and self._surfacing is None
+            later = self._stop is None and self._surfacing is None and not current.at_surface and not self._abandoned
             self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth)
         else:
             self._send_position_target(now_s, boot_ms, datum, current, own_depth)
@@ -368,7 +399,7 @@ class TargetSender:
     def _send_position_target(
         self, now_s: float, boot_ms: int, datum: Datum, target: Target, own_depth: Callable[[float], float]
     ) -> None:
-        own = _shifted(target, own_depth)
+        own = shifted(target, own_depth)
         north_m, east_m = datum.to_local_ned(target.north_m, target.east_m)
         in_its_frame = dataclasses.replace(own, north_m=north_m, east_m=east_m)
         if not self._delivery.is_due(now_s, in_its_frame, self._unsent):
@@ -406,7 +437,7 @@ class TargetSender:
         ardupilot = self._delivery.once
         ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
-            mission_item(_shifted(end, own_depth), datum, number, self._config.acceptance_m, *self._autopilot)
+            mission_item(shifted(end, own_depth), datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
         ]
         self._upload.start(now_s, items, first=int(ardupilot), restarts=ardupilot)
@@ -440,7 +471,7 @@ class TargetSender:
         here = Target(
             north_m=position.north_m, east_m=position.east_m, depth_m=depth_m, heading_rad=position.heading_rad
         )
-        return _follows(here, stop)
+        return following(here, stop)
 
     def _reached(self, target: Target, position: AutopilotEstimate) -> bool:
         if target.step == self._surfaced_at:  # it may have drifted at the surface, and continues from there
@@ -451,26 +482,3 @@ class TargetSender:
         # near it, or past the line across the leg's end, at most twice the acceptance aside
         acceptance_m = self._config.acceptance_m
         return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
-
-
-def _shifted(target: Target, own_depth: Callable[[float], float]) -> Target:
-    """A target in the autopilot's own depth."""
-    return dataclasses.replace(target, depth_m=own_depth(target.depth_m))
-
-
-def _follows(target: Target, stop: Stop) -> Target:
-    """The target of a stop that follows `target`."""
-    if stop.action is Action.GO_TO:
-        north_m, east_m = stop.position_m
-        heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
-        return dataclasses.replace(
-            target,
-            north_m=north_m,
-            east_m=east_m,
-            heading_rad=heading_rad,
-            step=target.step + 1,
-            then=Stop(action=Action.HOLD),
-        )
-    up = stop.action is Action.SURFACE
-    depth_m = 0.0 if up else target.depth_m
-    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None, at_surface=up)

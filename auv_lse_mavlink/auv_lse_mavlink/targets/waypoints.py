@@ -1,10 +1,13 @@
-"""The targets that lead an autopilot along the planner's waypoints."""
+"""The targets that lead an autopilot along the planner's waypoints and to its stops."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable
 
 from auv_lse_common.topics.records import Waypoint
+from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_mavlink.messages.conversion import Target
 
 
@@ -42,3 +45,26 @@ def ends_to_reach(waypoint: Waypoint, north_m: float, east_m: float) -> list[Tar
         north_m=leg.north_m, east_m=leg.east_m, depth_m=waypoint.depth_m, heading_rad=leg.heading_rad, step=leg.step - 1
     )
     return [start, end]
+
+
+def shifted(target: Target, own_depth: Callable[[float], float]) -> Target:
+    """A target in the autopilot's own depth."""
+    return dataclasses.replace(target, depth_m=own_depth(target.depth_m))
+
+
+def following(target: Target, stop: Stop) -> Target:
+    """The target of a stop that follows `target`."""
+    if stop.action is Action.GO_TO:
+        north_m, east_m = stop.position_m
+        heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
+        return dataclasses.replace(
+            target,
+            north_m=north_m,
+            east_m=east_m,
+            heading_rad=heading_rad,
+            step=target.step + 1,
+            then=Stop(action=Action.HOLD),
+        )
+    up = stop.action is Action.SURFACE
+    depth_m = 0.0 if up else target.depth_m
+    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None, at_surface=up)

@@ -3,7 +3,8 @@
 The clearance is the distance to the nearest forbidden location, negative inside forbidden ground. It is kept on a
 raster and read by bilinear interpolation. Theory of operation:
 
-- A leg is *free* if the clearance along its sampled track is at least half a sample spacing.
+- A leg is *free* if the clearance along its sampled track is at least half a sample spacing. With
+  `motion.straight_legs` the same holds for the straight line from its start to its end, which autopilots travel.
 - A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free. The vehicle can then
   stay there forever by repeating one turn, so it is never trapped. By default the loop is the circle of the 90 degree
   turns.
@@ -44,8 +45,9 @@ class Space(NamedTuple):
     Attributes:
         raster: Clearance (m) at the nodes, shape (N, E).
         north0, east0, cell: North and east of the first node, and spacing of the nodes (m).
-        tracks: Body-frame tracks of the actions, shape (A, T, 2).
+        tracks: Body-frame locations of the actions that must be free, shape (A, C, 2): first those of the track.
         spacing: Spacing of the track's locations (m).
+        longest: Length of the longest leg (m).
         loops: Center (ahead, starboard) and reach of the turning loops, shape (2, 3).
         turns: Heading change of each action (rad), shape (A,).
         steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
@@ -57,6 +59,7 @@ class Space(NamedTuple):
     cell: float
     tracks: Array
     spacing: float
+    longest: float
     loops: Array
     turns: Array
     steps: Array
@@ -133,7 +136,7 @@ def safe_reach(space):
 
     Clearance is 1-Lipschitz; its bilinear interpolation is sqrt(2)-Lipschitz.
     """
-    leg = space.spacing * (space.tracks.shape[1] - 1)  # the longest
+    leg = space.longest
     reach = 1.5 * leg + 0.5 * space.spacing
     for side in range(2):
         center = math.hypot(space.loops[side, 0], space.loops[side, 1])
@@ -302,8 +305,9 @@ class FreeSpace:
             self.north0_m,
             self.east0_m,
             self.cell_m,
-            m.tracks_m,
+            m.checked_m,
             m.spacing_m,
+            float(m.lengths_m.max()),
             m.loops_m,
             m.turns_rad,
             m.steps_m,

@@ -69,6 +69,8 @@ class MotionTable:
         lengths_m: Arc plus straight of each action, shape (A,).
         tracks_m: Track of each action in the body's frame (ahead, starboard), shape (A, T, 2), at equal arc lengths of
             at most `TRACK_SPACING_M`.
+        checked_m: The locations of each action that must be free, shape (A, C, 2), at most `spacing_m` apart: its
+            track and, with `motion.straight_legs`, the straight line back from the leg's end to its start.
         loops_m: Tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3). Repeating
             `loop_actions` keeps the vehicle inside this circle.
         loop_actions: The actions of the loops, shape (2,).
@@ -94,6 +96,10 @@ class MotionTable:
         fractions = np.linspace(0.0, 1.0, count)
         self.tracks_m: Array = np.stack([self.points(a, fractions * self.lengths_m[a]) for a in range(turns.size)])
         self.spacing_m = float(self.lengths_m.max()) / (count - 1)
+        self.checked_m: Array = self.tracks_m
+        if config.straight_legs:
+            back = np.linspace(1.0, 0.0, count)[None, :, None] * self.steps_m[:, None, :]
+            self.checked_m = np.ascontiguousarray(np.concatenate([self.tracks_m, back], axis=1))
         self.straight_on = int(np.argmin(size))
         self.loops_m, self.loop_actions = self._loops()
 

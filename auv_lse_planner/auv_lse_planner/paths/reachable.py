@@ -144,7 +144,7 @@ def expand(space, states, origin, bin_m, roomy_m, seen):
         bin_m: Size of a bin.
         roomy_m: Clearance from which all actions are feasible (`safe_reach`).
     """
-    kinds, headings, middle = space.turns.shape[0], seen.shape[2], space.tracks.shape[1] // 2
+    kinds, headings, middle = space.turns.shape[0], seen.shape[2], int(0.5 * space.longest / space.spacing + 0.5)
     found = np.empty((states.shape[0] * kinds, 5))
     count = 0
     for s in range(states.shape[0]):

@@ -42,6 +42,45 @@ def test_random_walks_of_feasible_actions_never_get_stuck_or_leave_the_area(poly
     assert walked > 300
 
 
+def straight_lines(motion, state, action):
+    end = motion.end_state(state, action)[1:]
+    return state[1:] + np.linspace(0.0, 1.0, 60)[:, None] * (end - state[1:])
+
+
+def test_with_straight_legs_the_line_to_each_leg_s_end_is_free_too():
+    """An autopilot cuts the arc of a quarter turn by 4 m: here across the corner of an island."""
+    config = MotionConfig(straight_legs=True)
+    area, motion, space, _ = world(WITH_ISLAND, config, no_go=ISLAND)
+    _, _, arcs_only, _ = world(WITH_ISLAND, MotionConfig(), no_go=ISLAND)
+    rng, refused = np.random.default_rng(4), 0
+    for _ in range(1000):
+        state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform((66, 116), (100, 150))])
+        actions = space.feasible(state)
+        for action in actions:
+            lines = straight_lines(motion, state, action)
+            assert border_distance(area, lines).min() >= area.margin_m - 0.5
+            assert area.contains(lines).all()
+        for action in set(arcs_only.feasible(state)) - set(actions):
+            refused += 1
+            assert border_distance(area, straight_lines(motion, state, action)).min() < area.margin_m + 1.5
+    assert refused >= 5
+
+
+def test_with_straight_legs_random_walks_never_get_stuck():
+    _, motion, space, _ = world(WITH_ISLAND, MotionConfig(straight_legs=True), no_go=ISLAND)
+    rng, walked = np.random.default_rng(5), 0
+    for _ in range(30):
+        state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(20, 380, 2)])
+        if not is_safe(space, state):
+            continue
+        for _ in range(30):
+            actions = space.feasible(state)
+            assert len(actions), f"stuck in {state}"
+            state = motion.end_state(state, int(rng.choice(actions)))
+            walked += 1
+    assert walked > 200
+
+
 def test_pockets_are_not_entered():
     # A corridor 24 m wide inside the margin: the vehicle fits, its turning circle (30 m) does not.
     _, motion, space, _ = world(

@@ -43,6 +43,7 @@ class MissionProgress:
             reward needs all soundings, so only the report has it.
         reward: `MAP_REWARD`: each vehicle estimates the whole team's reward; `PATH_REWARD`: the paper's, a sum over
             the vehicles; "": the method maximizes neither.
+        held: The vehicles that wait or hold, and why; "" if none does.
         until: The quality at which the mission ends.
         qualities: Quality of each vehicle's map judged last: share found, length undiscovered (m), deviation (m).
     """
@@ -61,6 +62,7 @@ class MissionProgress:
     expected: dict[int, float] = field(default_factory=dict)
     bounds: dict[int, float] = field(default_factory=dict)
     reward: str = MAP_REWARD
+    held: str = ""
     until: UntilConfig = field(default_factory=UntilConfig)
     qualities: dict[int, tuple[float, float, float]] = field(default_factory=dict)
 
@@ -112,7 +114,8 @@ class MissionProgress:
         if self.phase == "starting":
             return self._start
         steps = " ".join(str(n) for n in self.steps) or "-"
-        rewards = "".join(f"  {text}" for text in (self._rewards_text, self._quality_text) if text)
+        held = f"held: {self.held}" if self.held else ""
+        rewards = "".join(f"  {text}" for text in (self._rewards_text, self._quality_text, held) if text)
         return (
             f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
             f"received, {self.lost} lost{rewards}  {self.speed:.0f} x real time"
@@ -142,6 +145,8 @@ class MissionProgress:
         foot = [Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")]
         if self._quality_text:
             foot.append(Text(self._quality_text))
+        if self.held:
+            foot.append(Text(f"held: {self.held}", "yellow"))
         return Group(head, table, *foot)
 
 

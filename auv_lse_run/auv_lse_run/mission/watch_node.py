@@ -79,6 +79,7 @@ class MissionWatch:
         p.steps = list(message.steps)
         p.sent, p.received, p.lost = message.packets_sent, message.packets_received, message.packets_lost
         p.speed = message.speed
+        p.held = message.message if self._state == "running" else ""
 
     def _on_bound(self, vehicle: int, message: Bound) -> None:
         if not self._is_own(message):

@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.vocabulary.leg import straight_stray_m
+from auv_lse_common.vocabulary.leg import arc_stray_m, corner_stray_m
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.safety import Safety
 from auv_lse_shore.check.findings import Findings
@@ -151,12 +151,16 @@ def _check_straight_legs(settings: Settings, findings: Findings) -> None:
     if early_m == 0.0:
         return
     turn_rad = max(abs(math.radians(action)) for action in settings.motion.actions_deg)
-    stray_m = straight_stray_m(turn_rad, settings.motion.turn_radius_m, early_m)
+    lines = "straight lines that the planner keeps free"
+    stray_m = corner_stray_m(turn_rad, early_m)
+    if not settings.motion.straight_legs:
+        lines = "planned arcs"
+        stray_m = arc_stray_m(turn_rad, settings.motion.turn_radius_m, early_m)
     if stray_m > settings.area.margin_m:
         findings.warning(
             f"area.margin_m is {settings.area.margin_m:g} m, and an autopilot that travels straight to each leg's end, "
-            f"as ArduSub, strays up to {stray_m:.1f} m from the planned arcs. Raise it, or lower motion.turn_radius_m "
-            "or link.acceptance_m."
+            f"as ArduSub, strays up to {stray_m:.1f} m from the {lines}. Raise it, or lower motion.turn_radius_m or "
+            "link.acceptance_m."
         )
 
 

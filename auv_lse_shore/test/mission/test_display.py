@@ -113,3 +113,10 @@ def test_a_start_is_reported_as_such(terminal: bool) -> None:
 
 def test_clock() -> None:
     assert [clock(s) for s in (0.0, 61.9, 3661.0)] == ["0:00", "1:01", "1:01:01"]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_hold_is_shown_with_its_reason(terminal: bool) -> None:
+    held = "auv1 HOLDING (the autopilot is in mode 9, which is not in link.modes)"
+    progress = MissionProgress(phase="running", vehicles=1, steps_total=5, steps=[4], held=held)
+    assert f"held: {held}" in " ".join(displayed(progress, terminal).split())

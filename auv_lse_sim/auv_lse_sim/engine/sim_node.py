@@ -173,7 +173,7 @@ class SimNode(BaseNode):
         except ValueError as error:
             self.get_logger().error(f"auv{k}: mission/state: {error}")
             return
-        self._sim.take_state(k, report.revision, report.status.state, report.status.stop)
+        self._sim.take_state(k, report.revision, report.status)
         self._advance()
 
     def _on_command(self, message: MissionCommand) -> None:

@@ -27,6 +27,9 @@ from auv_lse_sim.world import VehicleOutput, World
 STALLED_S = 60.0
 #: Up to this simulated time (s) in which all vehicles wait or hold does not count towards the mission's time limit.
 MAX_HELD_S = 6.0 * 3600.0
+#: In lockstep, where nobody may watch, a mission fails when every vehicle has waited or held for this simulated time
+#: (s) without a command.
+LONGEST_HELD_S = 1800.0
 _HELD = (RunState.WAITING, RunState.HOLDING)
 
 
@@ -47,7 +50,7 @@ class Simulation:
         links: The emulated modems and autopilots.
         vehicles: Numbers of the vehicles.
         state: State of the mission.
-        message: Why it waits or has failed; else the vehicles that wait or hold.
+        message: Why it waits or has failed; else the vehicles that wait or hold, and why.
         tick: Number of the last tick; 0 before the first.
         now_s: Its time (s).
         steps: Legs travelled, per vehicle.
@@ -88,6 +91,7 @@ class Simulation:
             [0] * len(self.vehicles) for _ in range(5)
         )
         self.runs = [RunState.RUNNING] * len(self.vehicles)
+        self._statuses: dict[int, RunStatus] = {}  # each vehicle's last reported status
         self.steps_total = settings.mission.steps
         self.sent = self.received = self.lost = 0
         self.problems: list[str] = []
@@ -101,6 +105,7 @@ class Simulation:
         self._begun_legs = [0] * len(self.vehicles)
         self._begun = False
         self._held_s = 0.0  # time in which every vehicle waited or held
+        self._stuck_s = 0.0  # time since when they do, without a command
         self._present: set[tuple[int, str]] = set()
         self._recorded_tick = 0
         self._targets_accepted = [0] * len(self.vehicles)
@@ -169,9 +174,12 @@ class Simulation:
             return {}
         self.tick += 1
         self.now_s = self.tick * self._settings.sim.tick_s
-        holding = [f"auv{k} {run.name}" for k, run in enumerate(self.runs, 1) if run in _HELD]
-        if len(holding) == len(self.runs):
-            self._held_s = min(self._held_s + self._settings.sim.tick_s, MAX_HELD_S)
+        holding = self._holding()
+        over = sum(run in (RunState.ENDED, RunState.ABORTED) for run in self.runs)
+        if self._is_stuck(bool(holding) and len(holding) + over == len(self.runs)):
+            why = f"every vehicle under way has been held for {self._stuck_s:.0f} s, and nothing simulated ends that"
+            self.state, self.message = MissionState.FAILED, f"{why}: {'; '.join(holding)}"
+            return {}
         if self.now_s - self._held_s > self._settings.longest_s:
             slow = [k for k in self.vehicles if not self._finished[k - 1]]
             self.state, self.message = (
@@ -179,7 +187,7 @@ class Simulation:
                 f"time limit: vehicles {slow} have not finished by {self.now_s:.0f} s",
             )
             return {}
-        self.state, self.message = MissionState.RUNNING, ", ".join(holding)
+        self.state, self.message = MissionState.RUNNING, "; ".join(holding)
         self.links.poll(self.now_s)
         outputs = self.world.tick(self.now_s)
         self.lost += len(self.world.lost)
@@ -188,6 +196,23 @@ class Simulation:
         for k in self.links.modems:
             self._gate.announce(self.tick, f"modem of auv{k}", self.tick)
         return outputs
+
+    def _holding(self) -> list[str]:
+        """The vehicles that wait or hold, each with the reason."""
+        found = []
+        for k, run in enumerate(self.runs, 1):
+            if run in _HELD:
+                reason = self._statuses[k].reason if k in self._statuses else ""
+                found.append(f"auv{k} {run.name}" + (f" ({reason})" if reason else ""))
+        return found
+
+    def _is_stuck(self, all_held: bool) -> bool:
+        """Counts a tick in which all vehicles were held, or not; returns whether the mission cannot go on by itself."""
+        if all_held:
+            self._held_s = min(self._held_s + self._settings.sim.tick_s, MAX_HELD_S)
+        awaited = not self._statuses or any(status.waits_for_people for status in self._statuses.values())
+        self._stuck_s = self._stuck_s + self._settings.sim.tick_s if all_held and not awaited else 0.0
+        return self._lockstep and self._stuck_s > LONGEST_HELD_S
 
     def _steps_of(self, k: int) -> int:
         """Steps of vehicle `k`: fewer than planned if its last leg came early (`mission.until`).
@@ -254,11 +279,11 @@ class Simulation:
                 self.problems.append(f"auv{k}: {error}")
         self._gate.count(f"waypoints of auv{k}")
 
-    def take_state(self, k: int, revision: int, run: RunState, stop: Stop | None) -> None:
-        """Takes the mission state of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
-        self.runs[k - 1] = run
+    def take_state(self, k: int, revision: int, status: RunStatus) -> None:
+        """Takes the mission status of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
+        self.runs[k - 1], self._statuses[k] = status.state, status
         if k not in self.links.autopilots:
-            self.world.obey(k, RunStatus(state=run, stop=stop).stop_after(self._thens.get(k)))
+            self.world.obey(k, status.stop_after(self._thens.get(k)))
         self._gate.reach(f"states of auv{k}", revision)
 
     def take_packet(self, k: int, stamp_s: float, payload: bytes) -> None:

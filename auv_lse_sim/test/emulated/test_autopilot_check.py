@@ -82,7 +82,7 @@ def test_the_simulated_autopilot_lacks_nothing_and_flies_three_legs(
     for words in (
         "ok      LOCAL_POSITION_NED: ",
         "ok      SCALED_PRESSURE2: ",
-        "ok      depth is zeroed at 980.0 hPa, where the sensor is now",
+        "note    depth is zeroed at 980.0 hPa, where the sensor is now. If the vehicle floats, all depths",
         "ok      origin known",
         "ok      armed",
         "3 legs flown",
@@ -174,11 +174,9 @@ def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
         sub.listen(1)
         sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 960.0, 0.0, 1000))
         sub.say(mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 8.0, 0.0, 0.0, 0.0))
-    wanted = (
-        "depth is zeroed at 960.0 hPa, where the sensor is now, on deck or afloat; the autopilot's own depth is "
-        "+8.00 m off pressure depth; targets are shifted"
-    )
+    wanted = "the autopilot's own depth is +8.00 m off pressure depth; targets are shifted"
     assert any(text.startswith(wanted) and ok for text, ok in found().items()), found()
+    assert any(text.startswith("depth is zeroed at 960.0 hPa, where") and ok is None for text, ok in found().items())
 
 
 class Firmware(Sub):

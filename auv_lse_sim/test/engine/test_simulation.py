@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.vocabulary.mission_run import Action, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_mavlink.port import AutopilotPort
+from auv_lse_sim.engine import simulation as simulation_module
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.vehicle.target_leg import leg_to
@@ -78,7 +79,7 @@ def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
     for tick in range(1, 6):
         sim.advance()
         handle(sim, tick, finished=tick == 5)
-    sim.take_state(1, 1, RunState.ENDED, None)
+    sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=None))
     sim.take_recorded(4)
     assert sim.finished
     assert not sim.ready(), "the end of the recording would be lost"
@@ -95,12 +96,12 @@ def test_the_mission_ends_when_every_planner_is_finished_and_every_end_is_report
     sim = simulation(vehicles=2)
     sim.advance()
     sim.take_done(1, "planner", 1, (0, 0), True)
-    sim.take_state(1, 1, RunState.ENDED, None)
+    sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=None))
     assert not sim.finished
     sim.take_done(2, "planner", 1, (0, 0), True)
     assert sim.steps == [4, 4]
     assert not sim.finished, "the recording would lack the end of vehicle 2"
-    sim.take_state(2, 1, RunState.ENDED, None)
+    sim.take_state(2, 1, RunStatus(state=RunState.ENDED, stop=None))
     assert sim.finished
     assert sim.advance() == {}
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
@@ -113,7 +114,7 @@ def test_a_mission_that_ends_early_says_why() -> None:
     leg = leg_to(0.0, 0.0, 0.0, (20.0, 0.0), 15.0, step=1)
     sim.take_waypoint(1, leg, then=Stop(action=Action.HOLD))
     sim.take_done(1, "planner", 1, (1, 1), True)
-    sim.take_state(1, 1, RunState.ENDED, None)
+    sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=None))
     assert sim.advance() == {}
     assert sim.steps == [2]
     assert sim.message == "the quality asked for was reached: 80 % found"
@@ -153,7 +154,7 @@ def test_a_tick_waits_for_the_states_that_are_announced_and_the_vehicle_obeys() 
     handle(sim, 4)
     sim.take_done(1, "safety", 4, (1,), False)
     assert not sim.ready()
-    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.SURFACE))
+    sim.take_state(1, 1, RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.SURFACE)))
     assert sim.ready()
     assert sim.runs == [RunState.HOLDING]
 
@@ -163,21 +164,56 @@ def test_a_vehicle_in_state_ended_stops_unless_it_completes_its_last_leg(monkeyp
     monkeypatch.setattr(sim.world, "obey", lambda vehicle, stop: stops.append(stop))
     leg = leg_to(0.0, 0.0, 0.0, (50.0, 0.0), 15.0)
     sim.take_waypoint(1, leg)
-    sim.take_state(1, 1, RunState.ENDED, stop)
+    sim.take_state(1, 1, RunStatus(state=RunState.ENDED, stop=stop))
     sim.take_waypoint(1, replace(leg, step=1), then=stop)
-    sim.take_state(1, 2, RunState.ENDED, stop)
+    sim.take_state(1, 2, RunStatus(state=RunState.ENDED, stop=stop))
     assert stops == [stop, None]
 
 
 def test_the_time_of_a_hold_does_not_count_against_the_mission() -> None:
     sim = simulation(lockstep=False)
-    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.HOLD))
+    sim.take_state(1, 1, RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD)))
     while sim.now_s < 2.0 * sim._settings.longest_s:
         assert sim.advance()
-    sim.take_state(1, 2, RunState.RUNNING, None)
+    sim.take_state(1, 2, RunStatus(state=RunState.RUNNING, stop=None))
     while sim.state is MissionState.RUNNING:
         sim.advance()
     assert sim.state is MissionState.FAILED
+
+
+def held(reason: str, limits: tuple[str, ...] = ()) -> RunStatus:
+    return RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD), reason=reason, limits=limits)
+
+
+def run_held(monkeypatch: pytest.MonkeyPatch, status: RunStatus) -> Simulation:
+    monkeypatch.setattr(simulation_module, "LONGEST_HELD_S", 30.0)
+    sim = simulation()
+    sim.take_state(1, 1, status)
+    while sim.now_s < 60.0 and sim.advance():
+        pass
+    return sim
+
+
+@pytest.mark.parametrize(
+    ("reason", "limits"),
+    [
+        ("the autopilot is in mode 9, which is not in link.modes", ()),
+        ("no usable odometry for 30 s", ("odometry: no usable odometry for 30 s",)),
+    ],
+)
+def test_a_lockstep_mission_that_nothing_lets_go_on_fails_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, reason: str, limits: tuple[str, ...]
+) -> None:
+    sim = run_held(monkeypatch, held(reason, limits))
+    assert sim.state is MissionState.FAILED
+    assert sim.message.startswith("every vehicle under way has been held for 31 s")
+    assert sim.message.endswith(f"auv1 HOLDING ({reason})")
+
+
+@pytest.mark.parametrize("reason", ["HOLD by operator", "waits for GO"])
+def test_a_mission_that_waits_for_people_goes_on_and_shows_it(monkeypatch: pytest.MonkeyPatch, reason: str) -> None:
+    sim = run_held(monkeypatch, held(reason))
+    assert (sim.state, sim.message) == (MissionState.RUNNING, f"auv1 HOLDING ({reason})")
 
 
 def test_a_lockstep_tick_reads_what_the_drivers_sent_before_it() -> None:

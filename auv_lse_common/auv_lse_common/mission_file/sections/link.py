@@ -71,6 +71,18 @@ class LinkConfig:
         above=0.0,
         help="largest change, under water, of pressure depth minus the autopilot's own",
     )
+    sensor_depth_m: float = parameter(
+        0.0,
+        unit="m",
+        low=0.0,
+        high=20.0,
+        help="depth of the pressure sensor below the waterline of the floating vehicle",
+    )
+    zero_afloat: bool = parameter(
+        False,
+        help="whether the vehicle floats while it is disarmed before the mission: its zero of depth is then corrected "
+        "by sensor_depth_m; false: it is on deck",
+    )
     soundings: bool = parameter(
         True, help="publish `sounding` from odometry and altitude; false if another node does, as sim_node"
     )
@@ -110,6 +122,11 @@ class LinkConfig:
             raise ParameterError(
                 f"lost_after_s: got {self.lost_after_s:g}; expected more than heartbeat_period_s = "
                 f"{self.heartbeat_period_s:g} s"
+            )
+        if self.zero_afloat and self.sensor_depth_m == 0.0:
+            raise ParameterError(
+                "zero_afloat: true needs sensor_depth_m, the depth of the pressure sensor below the waterline (m); "
+                "without it all depths are too small by that much. Measure it, or zero the vehicle on deck"
             )
         if self.backoff_max_s < self.backoff_min_s:
             raise ParameterError(

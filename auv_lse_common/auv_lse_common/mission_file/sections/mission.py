@@ -84,6 +84,15 @@ class MotionConfig:
         help="straight after a turn: 'constant' r (theta_max - |a|) makes all legs equally long; 'growing' r "
         "(theta_max + |a|) is the paper's",
     )
+    straight_legs: bool | None = parameter(
+        None,
+        help="keep the straight line from each leg's start to its end free, too: autopilots travel it; left out: true "
+        "if a vehicle has link.kind mavlink",
+    )
+
+    def with_straight_legs(self, has_autopilot: bool) -> MotionConfig:
+        """This configuration with the default of `straight_legs` resolved: true with an autopilot."""
+        return self if self.straight_legs is not None else dataclasses.replace(self, straight_legs=has_autopilot)
 
     def __post_init__(self) -> None:
         """Rejects unusable action sets.

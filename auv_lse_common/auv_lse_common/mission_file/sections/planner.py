@@ -188,12 +188,13 @@ class PlannerSettings:
         has_autopilot = section(LinkConfig, parameters, "link", where).kind == "mavlink"
         if has_autopilot or sim.ideal or sim.navigation.ideal:
             vehicle_config = vehicle_config.without_surfacing()
+        motion = section(MotionConfig, parameters, "motion", where)
         return cls(
             mission=mission,
             level_set=section(LevelSetConfig, parameters, "level_set", where),
             area=section(AreaConfig, parameters, "area", where),
             gp=section(GpConfig, parameters, "gp", where),
-            motion=section(MotionConfig, parameters, "motion", where),
+            motion=motion.with_straight_legs(has_autopilot),
             planner=planner,
             vehicle=vehicle_config,
         )
