@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from auv_lse_common.mission_file.parameters import merge
 from auv_lse_common.vocabulary.naive_ids import FITTED_OF_GROUP
 
 #: Least number of positions on each leg for the map's reward. With one position, the remaining risk is overestimated
@@ -24,7 +25,8 @@ class Family:
     """Properties of a family of methods, whose plans are made in the same way.
 
     Attributes:
-        bound_of: Positions at which reward and bound count the drop of risk: the whole "map", or this vehicle's "path".
+        bound_of: What reward and bound count: the drop of risk over the whole "map" or at the positions of this
+            vehicle's "path", or the length of the "line" located.
         to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
         all_mates: Whether the plans of all team mates count; otherwise only of those with lower numbers (paper).
         positions_per_leg: Least number of positions on each leg at which this vehicle's paths are evaluated.
@@ -58,6 +60,9 @@ FAMILIES: dict[str, Family] = {
     "tour": Family(
         bound_of="map", to_the_end=True, all_mates=True, positions_per_leg=MAP_LOCATIONS_PER_LEG, sends_tours=True
     ),
+    "line": Family(
+        bound_of="line", to_the_end=True, all_mates=True, positions_per_leg=MAP_LOCATIONS_PER_LEG, sends_tours=True
+    ),
     "path": Family(),
     "naive": Family(to_the_end=True),
     "random": Family(),
@@ -74,6 +79,17 @@ _TOUR: dict[str, Any] = {"proposals": "tour", "augmented": False, "naive_paths":
 METHODS: dict[str, MethodEntry] = {
     # One tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
     "tour": MethodEntry(parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4}),
+    # The same search for the length of isobath located.
+    "line": MethodEntry(
+        parameters={
+            **_TOUR,
+            "proposals": "line",
+            "credit": "beyond",
+            "horizon": 10,
+            "exploration": 0.5,
+            "tour_interval": 2,
+        }
+    ),
     # The paper's methods; the third uses the paper's approximate risk integral.
     "augmented": MethodEntry(of_paper=True),
     "plain": MethodEntry(of_paper=True, parameters={**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5}),
@@ -87,8 +103,20 @@ METHODS: dict[str, MethodEntry] = {
     "straddle": MethodEntry(parameters={**_PLAIN, "proposals": "straddle", "horizon": 1}),
 }
 
+#: What a mission can be asked for (`mission.goal`), and the method of each goal.
+METHOD_OF_GOAL: dict[str, str] = {"chart": "tour", "line": "line"}
+
 #: The paper's methods.
 PAPER_METHODS = tuple(name for name, entry in METHODS.items() if entry.of_paper)
+
+
+def with_method(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """A node's nested parameters with the planning method of `mission.goal`, unless they name a method."""
+    planner, mission = parameters.get("planner", {}), parameters.get("mission", {})
+    if not isinstance(planner, Mapping) or not isinstance(mission, Mapping) or "method" in planner:
+        return dict(parameters)
+    method = METHOD_OF_GOAL.get(str(mission.get("goal")))
+    return dict(parameters) if method is None else merge(parameters, {"planner": {"method": method}})
 
 
 def unless_paper_method(given: bool | None, parameters: Mapping[str, Any]) -> bool:

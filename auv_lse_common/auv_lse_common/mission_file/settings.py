@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
+from auv_lse_common.mission_file.methods import with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
 from auv_lse_common.mission_file.sections.mission import MissionConfig
@@ -85,13 +86,13 @@ class Settings(TeamSections):
         """The settings from the result of `read_parameter_file`; other arguments as in `load`."""
         on_top = _by_pattern(overrides or {})
         for_all = parameters_for({k: v for k, v in patterns.items() if k in _ALL_NODES}, "/settings")
-        for_all = _overridden(for_all, on_top, None)
+        for_all = with_method(_overridden(for_all, on_top, None))
         mission = section(MissionConfig, for_all, "mission", where)
         for pattern, values in [*patterns.items(), *on_top]:
             check_pattern(pattern, values, where, mission.vehicles)
         vehicles = []
         for number in range(1, mission.vehicles + 1):
-            own = _overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number)
+            own = with_method(_overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}

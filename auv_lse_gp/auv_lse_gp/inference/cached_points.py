@@ -48,7 +48,7 @@ class CachedPoints:
     def _update(self, end: int) -> None:
         """Recomputes the rows from the first changed one to `end` - 1 by forward substitution."""
         posterior = self.posterior
-        begin = _unchanged_rows(self._rows, posterior.rows[:end])
+        begin = unchanged_rows(self._rows, posterior.rows[:end])
         if end > begin:
             self._white.resize(begin)
             self._white.resize(end)
@@ -99,7 +99,7 @@ class CachedMoments:
         posterior = self.posterior
         rows, residuals = posterior.rows, posterior.whitened_residuals
         n, old = len(rows), len(self._rows)
-        if _unchanged_rows(self._rows, rows) < old or not np.array_equal(self._residuals, residuals[:old]):
+        if unchanged_rows(self._rows, rows) < old or not np.array_equal(self._residuals, residuals[:old]):
             self._reset()
             old = 0
         if n == old:
@@ -137,7 +137,7 @@ class CachedMoments:
         return mean, variance, position_variance
 
 
-def _unchanged_rows(cached: NDArray[np.int64], now: NDArray[np.int64]) -> int:
+def unchanged_rows(cached: NDArray[np.int64], now: NDArray[np.int64]) -> int:
     """Number of identical leading rows."""
     common = min(len(cached), len(now))
     same = cached[:common] == now[:common]

@@ -32,8 +32,9 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.position_margin import PositionMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.reward.anytime import AnytimeReward, Constant, Value, Weighting
+from auv_lse_planner.reward.anytime import NO_PREFERENCE, AnytimeReward, Constant, Value, Weighting
 from auv_lse_planner.reward.fix import gain_of_fix
+from auv_lse_planner.reward.losses import Loss
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.std_inflation import std_inflation
 from auv_lse_planner.search.path_search import SearchProblem
@@ -107,11 +108,19 @@ class PlanningContext:
             (legs[mask][::every], locations[mask][::every]) for (legs, locations), mask in zip(ahead, near, strict=True)
         ]
 
-    def map_reward(self, situation: Situation, rest: Rest | None = None) -> AnytimeReward:
+    def map_reward(
+        self,
+        situation: Situation,
+        rest: Rest | None = None,
+        loss: Loss | None = None,
+        near: tuple[float, float] = NO_PREFERENCE,
+    ) -> AnytimeReward:
         """Reward of paths: the expected drop of the map's risk, given the team mates' plans in time order.
 
         Args:
             rest: What follows the legs that are planned in detail; None: nothing.
+            loss: What is counted in place of the risk.
+            near: `Weighting.near`; it replaces `planner.anytime_weight`.
         """
         planner, steps = situation.planner, self.horizon.end
         mates, end, constant = self.mates_ahead(situation), steps, Constant()
@@ -122,9 +131,9 @@ class PlanningContext:
             mates.append((legs, rest.locations_m[near]))
         return AnytimeReward(
             self.window.fine,
-            self.settings.level_set,
+            self.settings.level_set if loss is None else loss,
             mates,
-            Weighting(end - situation.step, situation.step, steps, planner.anytime_weight),
+            Weighting(end - situation.step, situation.step, steps, 0.0 if near[0] else planner.anytime_weight, near),
             self.window.coarse,
             std_inflation(self.posterior),
             constant,

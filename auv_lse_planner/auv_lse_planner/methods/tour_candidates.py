@@ -356,6 +356,29 @@ class TourCandidates:
             if allowed:
                 break
 
+    # ------------------------------------------------------------------ along given lines
+
+    def along(self, problem: TourProblem, line_m: Array) -> Candidate:
+        """The path along a polyline (n + 1, 2) from the state; after its end it continues straight."""
+        return self._candidate(self._plan_along(problem, line_m, problem.reward.legs), problem.reward)
+
+    def joined(self, problem: TourProblem, head: Candidate, legs: int, path: PlannedPath) -> Candidate:
+        """The first `legs` legs of a candidate, followed by the rest of the last path."""
+        actions = tuple(int(a) for a in head.path.actions[:legs])
+        return self._headed(problem, actions, self._waypoints_ahead(problem, path))
+
+    def bend(self, problem: TourProblem, path: PlannedPath, result: Candidates) -> None:
+        """Bends a path and adds the result."""
+        if problem.reward.legs <= MAX_EXPLICIT_ACTIONS:
+            self._bend_early(problem, path, ITERATIONS, 1, result)
+
+    def _plan_along(self, problem: TourProblem, line_m: Array, legs: int) -> Plan:
+        s, spacing = problem.situation, self._space.motion.leg_length_m
+        actions = self._steering.along(problem.start, line_m, spacing, legs)
+        if not self._space.path_feasible(s.state, actions, DETOUR_LEGS):
+            actions = self._steering.along(problem.start, line_m, spacing, legs, around_shallows=True)
+        return problem.plan(actions)
+
     # ------------------------------------------------------------------ single candidates
 
     def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:

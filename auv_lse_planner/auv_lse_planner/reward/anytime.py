@@ -30,14 +30,18 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
+from auv_lse_planner.reward.losses import Loss, Losses, RiskLoss
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: Approximate number of legs between checkpoints of the exact value.
 CHECKPOINT_LEGS = 4
+#: `Weighting.near` without effect.
+NO_PREFERENCE = (0.0, 1.0)
+#: Further checkpoints if the next legs have more weight.
+NEAR_CHECKPOINTS = (2, 4, 7)
 #: Largest number of checkpoints of the gradient.
 GRADIENT_CHECKPOINTS = 10
 #: The gradient uses every n-th of a mate's positions.
@@ -69,12 +73,21 @@ class Weighting:
     Attributes:
         legs: Legs that this vehicle still has to travel.
         weight: Additional weight of a drop of risk at the mission's start.
+        near: Additional weight of a drop of risk on the next leg, and the legs over which it decays by e.
     """
 
     legs: int
     step: int
     steps: int
     weight: float = 0.0
+    near: tuple[float, float] = NO_PREFERENCE
+
+    @property
+    def of_leg(self) -> Array:
+        """w on each leg, (legs,)."""
+        after = np.arange(1, self.legs + 1)
+        of_leg = 1.0 + self.weight * (1.0 - (self.step + after) / self.steps)
+        return of_leg if not self.near[0] else of_leg + self.near[0] * np.exp(-(after - 1.0) / self.near[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +118,16 @@ class _Schedule:
     @classmethod
     def of(cls, w: Weighting, count: int) -> _Schedule:
         """At most `count` checkpoints."""
-        ends = np.unique(np.rint(np.linspace(0.0, w.legs, min(count, w.legs) + 1)).astype(np.int64))[1:]
-        of_leg = 1.0 + w.weight * (1.0 - (w.step + np.arange(1, w.legs + 1)) / w.steps)
-        sums = np.concatenate([[0.0], np.cumsum(of_leg)])[np.concatenate([[0], ends])]
-        return cls(ends, np.diff(sums) / np.diff(ends, prepend=0))
+        ends = np.rint(np.linspace(0.0, w.legs, min(count, w.legs) + 1)).astype(np.int64)[1:]
+        if w.near[0]:
+            ends = np.concatenate([ends, np.minimum(NEAR_CHECKPOINTS, w.legs)])
+        return cls(np.unique(ends), np.zeros(0)).weighted_by(w)
+
+    def weighted_by(self, w: Weighting) -> _Schedule:
+        """The same checkpoints with other weights."""
+        ends = self.checkpoints
+        sums = np.concatenate([[0.0], np.cumsum(w.of_leg)])[np.concatenate([[0], ends])]
+        return _Schedule(ends, np.diff(sums) / np.diff(ends, prepend=0))
 
     def after(self, legs: Array) -> Ints:
         """Number of the first checkpoint that includes measurements made after `legs` legs (P,)."""
@@ -138,7 +157,7 @@ class AnytimeReward:
     def __init__(
         self,
         fine: CachedPoints,
-        level_set: LevelSetConfig,
+        loss: LevelSetConfig | Loss,
         mates: Sequence[tuple[Array, Array]],
         weighting: Weighting,
         coarse: CachedPoints | None = None,
@@ -149,7 +168,7 @@ class AnytimeReward:
 
         Args:
             fine: The map's locations, kept up to date with the posterior.
-            level_set: Level and costs; the expected risk is always the exact one.
+            loss: What is counted; level and costs stand for the Bayes risk.
             mates: For each mate, the times (P,) of its measurements, in legs of this vehicle (may be fractional), and
                 their locations (P, 2).
             coarse: Locations at which the gradient is computed; None: those of `fine`.
@@ -159,9 +178,9 @@ class AnytimeReward:
         self._constant_drop = constant.drop
         self.legs = weighting.legs
         self._fine, self._coarse = fine, coarse or fine
-        self._level_set = replace(LevelSet.of(level_set), method="exact")
+        self._loss: Loss = RiskLoss(loss) if isinstance(loss, LevelSetConfig) else loss
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
-        self._weighting, self._inflation = weighting, inflation
+        self._weighting, self._inflation = weighting, inflation if self._loss.inflates else 1.0
         checkpoints = -(-self.legs // CHECKPOINT_LEGS)
         self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), VALUE_RISK_SHARE, cache_inverse=False)
         self._rough: _Drop | None = None
@@ -169,8 +188,10 @@ class AnytimeReward:
 
     def weighing(self, share: float) -> AnytimeReward:
         """The same reward with a share of the anytime weight; with 0, early and late drops of risk count the same."""
+        near = share * self._weighting.near[0], self._weighting.near[1]
+        weighting = replace(self._weighting, weight=share * self._weighting.weight, near=near)
         other = copy.copy(self)
-        other._weighting = replace(self._weighting, weight=share * self._weighting.weight)
+        other._weighting = weighting
         other._exact = self._exact.weighted_by(other._weighting)
         other._rough = self._coarsely().weighted_by(other._weighting)
         return other
@@ -183,10 +204,10 @@ class AnytimeReward:
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         locations = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._fine.locations_m) / len(points.locations_m)
-        counted = _Counted.of(points, self._level_set, self._inflation, least_share, scale)
+        counted = _Counted.of(points, self._loss, self._inflation, least_share, scale)
         measured = Measured(points.posterior, points.posterior.kernel.scale(locations), cache_inverse)
         groups = schedule.after(legs)
-        return _Drop(points.posterior, self._level_set, counted, schedule, measured, groups, cache_inverse)
+        return _Drop(points.posterior, counted, schedule, measured, groups, cache_inverse)
 
     def value(self, locations_m: Array) -> Value:
         """Value of a path over the whole map.
@@ -248,48 +269,41 @@ class AnytimeReward:
 
 @dataclass(frozen=True, slots=True)
 class _Counted:
-    """The cells of a map whose risk is not negligible.
+    """The cells of a map whose loss is not negligible.
 
     Attributes:
-        cells: The cells; their means' distance from the level is divided by the inflation.
         locations_m: Their locations, (M, 2).
-        risk: Their risk before the first leg, (M,).
-        uninflated: Their means (M,) and their total risk without inflation; None if there is no inflation.
+        losses: Their losses, with inflation.
+        uninflated: Their losses without inflation; None if there is no inflation.
         scale: Weight of a cell.
-        total: Weighted risk of all cells of the map, without inflation.
+        total: Weighted loss of all cells of the map, without inflation.
     """
 
     cells: Cells
     locations_m: Array
-    risk: Array
-    uninflated: tuple[Array, float] | None
+    losses: Losses
+    uninflated: Losses | None
     scale: float
     total: float
 
     @classmethod
-    def of(
-        cls, points: CachedPoints, level_set: LevelSet, inflation: float, least_share: float, scale: float
-    ) -> _Counted:
-        """Selects the cells with more than `least_share` of the largest possible risk."""
+    def of(cls, points: CachedPoints, loss: Loss, inflation: float, least_share: float, scale: float) -> _Counted:
+        """Selects the cells with more than `least_share` of the largest possible loss."""
+        known = losses = loss.of(points, scale)
+        if inflation != 1.0:
+            losses = loss.of(points, scale, inflation)
         now = points.current()
-        after = np.minimum(now.planned_var_m2, now.data_var_m2)
-        std_known, std_left = np.sqrt(now.data_var_m2 - after), np.sqrt(after)
-        known_risk = risk = level_set.expected_risk(now.mean_m, std_known, std_left)
-        mean = now.mean_m
-        if inflation != 1.0:  # the risk depends on (mean - level) / standard deviation alone
-            mean = level_set.level_m + (now.mean_m - level_set.level_m) / inflation
-            risk = level_set.expected_risk(mean, std_known, std_left)
-        kept = np.flatnonzero(risk > least_share * level_set.largest_risk)
+        kept = np.flatnonzero(losses.before > least_share * losses.largest)
         cells = Cells(
             now.scaled[kept],
             np.take(now.white.T, kept, axis=1),
-            mean[kept],
+            now.mean_m[kept],
             now.data_var_m2[kept],
             now.planned_var_m2[kept],
         )
-        total = scale * float(known_risk.sum())
-        uninflated = None if inflation == 1.0 else (now.mean_m[kept], float(known_risk[kept].sum()))
-        return cls(cells, points.locations_m[kept], np.asarray(risk[kept]), uninflated, scale, total)
+        uninflated = None if inflation == 1.0 else known.take(kept)
+        total = scale * float(known.before.sum())
+        return cls(cells, points.locations_m[kept], losses.take(kept), uninflated, scale, total)
 
 
 class _Drop:
@@ -298,7 +312,6 @@ class _Drop:
     def __init__(
         self,
         posterior: Posterior,
-        level_set: LevelSet,
         counted: _Counted,
         schedule: _Schedule,
         mates: Measured,
@@ -313,16 +326,16 @@ class _Drop:
             cache_inverse: Whether to invert the posterior's factor, which is faster for many paths.
         """
         self.schedule, self.risk_before = schedule, counted.total
-        self._posterior, self._level_set, self._cache_inverse = posterior, level_set, cache_inverse
+        self._posterior, self._cache_inverse = posterior, cache_inverse
         self._counted, self._cells, self._scale = counted, counted.cells, counted.scale
-        self._before = float(counted.risk.sum())
+        self._before = float(counted.losses.before.sum())
         self._mates, self._mate_groups = mates, mate_groups
         self._timetables: dict[bytes, Timetable] = {}
 
     def weighted_by(self, weighting: Weighting) -> _Drop:
         """A copy with other weights of the checkpoints."""
         other = copy.copy(self)
-        other.schedule = _Schedule.of(weighting, len(self.schedule.checkpoints))
+        other.schedule = self.schedule.weighted_by(weighting)
         return other
 
     def value(self, locations_m: Array, legs: Array) -> Value:
@@ -330,13 +343,12 @@ class _Drop:
         if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return Value(0.0, 0.0)
         left = self._joint(locations_m, legs).left(np.arange(len(self.schedule.checkpoints)))
-        variance = self._cells.data_var_m2
-        risks = self._level_set.risk_sums(self._cells.mean_m, variance, left)
+        risks = self._counted.losses.sums(left)
         drops = -self._scale * np.diff(risks, prepend=self._before)
         end = float(drops.sum())
         if self._counted.uninflated is not None:
-            mean, before = self._counted.uninflated
-            end = self._scale * (before - float(self._level_set.risk_sums(mean, variance, left[-1:])[0]))
+            known = self._counted.uninflated
+            end = self._scale * (float(known.before.sum()) - float(known.sums(left[-1:])[0]))
         return Value(float(self.schedule.weights @ drops), end)
 
     def weighted(self, locations_m: Array, legs: Array) -> float:
@@ -344,15 +356,15 @@ class _Drop:
         if not len(locations_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return 0.0
         left = self._joint(locations_m, legs).left(self.schedule.counting)
-        return self._weighted(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
+        return self._weighted(self._counted.losses.sums(left))
 
     def weighted_and_gradient(self, locations_m: Array, legs: Array) -> tuple[float, Array]:
         """J, and its gradient with respect to this vehicle's positions (P, 2)."""
         if not len(locations_m) or not len(self.schedule.checkpoints):
             return 0.0, np.zeros_like(locations_m)
-        joint, cells, counting = self._joint(locations_m, legs), self._cells, self.schedule.counting
+        joint, counting = self._joint(locations_m, legs), self.schedule.counting
         left = joint.left(counting)
-        risks, slopes = self._level_set.risk_sums_and_slopes(cells.mean_m, cells.data_var_m2, left)
+        risks, slopes = self._counted.losses.sums_and_slopes(left)
         slopes *= self._scale * self.schedule.share[counting, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
         return self._weighted(risks), joint.gradient(later, counting)
@@ -361,7 +373,7 @@ class _Drop:
         """Risk of the cells near locations (P, 2)."""
         off = self._counted.locations_m[:, None] - locations_m
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
-        return float(self._counted.risk[near].sum())
+        return float(self._counted.losses.before[near].sum())
 
     def _joint(self, locations_m: Array, legs: Array) -> Joint:
         key = legs.tobytes()

@@ -474,7 +474,7 @@ class VehiclePlanner:
 
     def _take_centers(self, evaluates: bool) -> None:
         window = self._context.window
-        if self.planner.family_name != "tour":
+        if not self.planner.family.sends_tours:
             window.release()
         centers, self._new_centers = self._new_centers, None
         if centers is not None:

@@ -77,7 +77,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_value_agrees_with_the_dense_computation(name):
     case = Case(**CASES[name])
-    legs, step, steps, weight = dataclasses.astuple(case.time)
+    legs, step, steps, weight, _ = dataclasses.astuple(case.time)
     ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.CHECKPOINT_LEGS) + 1)).astype(int))[1:]
     drops = -np.diff(case.dense(case.path_m, case.locations_m, ends, case.mates, case.inflation))
     expected, begin = 0.0, 0
@@ -117,7 +117,7 @@ def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
 
 def _dense_rough(case):
     """What `value_and_gradient` gives, by dense solves."""
-    legs, step, steps, weight = dataclasses.astuple(case.time)
+    legs, step, steps, weight, _ = dataclasses.astuple(case.time)
     count = min(anytime.GRADIENT_CHECKPOINTS, -(-legs // anytime.CHECKPOINT_LEGS))
     ends = np.unique(np.rint(np.linspace(0, legs, count + 1)).astype(int))[1:]
     mean, before, after = dense_posterior(case.config, case.known, case.planned_m, case.coarse_m)

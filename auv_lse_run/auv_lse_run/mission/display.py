@@ -19,7 +19,10 @@ from auv_lse_common.mission_file.settings import Settings
 _LINE_PERIOD_S = 5.0
 
 #: Values of `MissionProgress.reward`.
-MAP_REWARD, PATH_REWARD = "map", "path"
+MAP_REWARD, PATH_REWARD, LINE_REWARD = "map", "path", "line"
+#: Whose reward each vehicle estimates for the whole team, and what the rewards count.
+OF_TEAM = (MAP_REWARD, LINE_REWARD)
+COUNTED = {MAP_REWARD: "drop of Bayes risk", PATH_REWARD: "drop of Bayes risk", LINE_REWARD: "m of isobath located"}
 
 
 @dataclass(slots=True)
@@ -41,8 +44,8 @@ class MissionProgress:
         expected: Expected reward at the mission's end, {vehicle: value}.
         bounds: Largest lower bound so far, of planners with a path reward, {vehicle: value}. The bound of the map's
             reward needs all soundings, so only the report has it.
-        reward: `MAP_REWARD`: each vehicle estimates the whole team's reward; `PATH_REWARD`: the paper's, a sum over
-            the vehicles; "": the method maximizes neither.
+        reward: `MAP_REWARD`, `LINE_REWARD`: each vehicle estimates the whole team's reward; `PATH_REWARD`: the
+            paper's, a sum over the vehicles; "": the method maximizes neither.
         held: The vehicles that wait or hold, and why; "" if none does.
         until: The quality at which the mission ends.
         qualities: Quality of each vehicle's map judged last: share found, length undiscovered (m), deviation (m).
@@ -98,11 +101,11 @@ class MissionProgress:
         if not self.reward:
             return ()
         counted = (("so far", self.rewards), ("expected", self.expected))
-        return counted if self.reward == MAP_REWARD else (*counted, ("bound", self.bounds))
+        return counted if self.reward in OF_TEAM else (*counted, ("bound", self.bounds))
 
     def _of_team(self, values: dict[int, float]) -> float:
         """The team's value: the mean of the vehicles' map rewards, or the sum of their path rewards."""
-        return sum(values.values()) / (len(values) if self.reward == MAP_REWARD else 1)
+        return sum(values.values()) / (len(values) if self.reward in OF_TEAM else 1)
 
     @property
     def _start(self) -> str:
@@ -141,7 +144,7 @@ class MissionProgress:
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
-        rewards = f"   {self._rewards_text} (drop of Bayes risk)" if self._rewards_text else ""
+        rewards = f"   {self._rewards_text} ({COUNTED[self.reward]})" if self._rewards_text else ""
         foot = [Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{rewards}")]
         if self._quality_text:
             foot.append(Text(self._quality_text))
@@ -161,9 +164,9 @@ def progress_of(settings: Settings) -> MissionProgress:
 
 
 def reward_shown(planner: PlannerConfig) -> str:
-    """The reward to show: of the map, of the path (the paper's methods), or "" for the other methods."""
-    if planner.family.bound_of == "map":
-        return MAP_REWARD
+    """The reward to show: of the map, the line, the path (the paper's methods), or "" for the other methods."""
+    if planner.family.bound_of in OF_TEAM:
+        return planner.family.bound_of
     return PATH_REWARD if planner.entry.of_paper else ""
 
 

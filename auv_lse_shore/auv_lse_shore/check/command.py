@@ -96,7 +96,8 @@ def check(
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
         team, legs = counted(settings.mission.vehicles, "vehicle"), counted(settings.mission.steps, "leg")
-        findings.note(f"mission: {team}, {legs} each, method {', '.join(methods)}")
+        goal = f"goal {settings.mission.goal}"
+        findings.note(f"mission: {goal}, {team}, {legs} each, method {', '.join(methods)}")
         _check_until(settings.mission.until, findings)
     number = None if vehicle is None else vehicle_number(vehicle)
     check_files(settings, number, findings)

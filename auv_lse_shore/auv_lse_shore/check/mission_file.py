@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
+from auv_lse_common.mission_file.methods import with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
 from auv_lse_common.mission_file.sections.mission import MissionConfig
@@ -124,7 +125,7 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
     findings.refused = {(name, owner) for name, owner in findings.refused if owner is None or owner <= mission.vehicles}
     vehicles = []
     for number in range(1, mission.vehicles + 1):
-        own = with_depth(parameters_for(patterns, f"/auv{number}/settings"), number)
+        own = with_depth(with_method(parameters_for(patterns, f"/auv{number}/settings")), number)
         sections = _sections(VEHICLE_SECTIONS, own, where, number, reported, findings)
         if findings.usable("planner", vehicle=number):  # refused steps have their default, which is always possible
             try:

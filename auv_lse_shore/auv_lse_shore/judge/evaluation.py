@@ -236,7 +236,7 @@ def _summary(e: Evaluation) -> Summary:
         found |= merit.against_truth([e.team, *e.local], e.ideal, first, ground, e.scored, e.truth)
     found |= {"vehicles": len(run.vehicles), "steps": run.steps, "seed": first.mission.seed}
     found["unreachable_m2"] = e.area.unreachable_m2
-    found["method"] = first.planner.method
+    found |= {"method": first.planner.method, "goal": first.mission.goal}
     found["quality_asked"] = first.mission.until.text or None
     found["quality_reached"] = run.steps < e.planned_steps and all(
         bool(v.decisions) and v.decisions[-1].plan.quality_reached for v in run.vehicles

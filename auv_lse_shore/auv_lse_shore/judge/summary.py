@@ -29,6 +29,7 @@ class Summary:
     vehicles: int = figure("", "number of vehicles (K)")
     steps: int = figure("", "legs travelled by the vehicle with most of them")
     method: str = figure("", "planner.method of the mission")
+    goal: str = figure("", "mission.goal: chart or line")
     seed: int = figure("", "mission.seed")
     quality_asked: str | None = figure("", "mission.until in words")
     quality_reached: bool = figure("", "whether it ended with that quality")

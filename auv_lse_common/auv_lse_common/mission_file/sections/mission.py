@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from auv_lse_common.mission_file.methods import METHOD_OF_GOAL
 from auv_lse_common.mission_file.parameters import parameter
 from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
@@ -55,8 +56,14 @@ class UntilConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionConfig:
-    """Size and seed of the mission, and the quality at which it ends."""
+    """Goal, size and seed of the mission, and the quality at which it ends."""
 
+    goal: str = parameter(
+        "chart",
+        choices=tuple(METHOD_OF_GOAL),
+        help="what is wanted: 'chart', every location on the right side of the level, or 'line', as much of the "
+        "isobath located as the legs allow; sets planner.method unless that is given",
+    )
     steps: int = parameter(100, low=1, high=65535, help="legs of each vehicle (paper: l)")
     seed: int = parameter(1, low=0, help="seed of every random stream of the mission")
     vehicles: int = parameter(3, low=1, high=20, help="number of vehicles (paper: K), numbered from 1")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry
+from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry, with_method
 from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -26,6 +26,8 @@ else:
 
 #: Largest number of positions of a path that can be evaluated together; their covariance takes 0.5 GB.
 MAX_LOCATIONS = 8000
+#: Most legs of a vehicle that the method `line` plans; its account knows no stages.
+MAX_LINE_LEGS = 200
 
 
 def from_method(paper: Any, **options: Any) -> Any:
@@ -46,7 +48,8 @@ class PlannerConfig:
     method: str = parameter(
         "tour",
         choices=tuple(METHODS),
-        help="planning method; sets every planner parameter that is left out (docs/design/planner.md)",
+        help="planning method; sets every planner parameter that is left out (docs/design/planner.md); with "
+        "mission.goal line the default is line",
     )
     credit: FromMethod[str] = from_method(
         "whole",
@@ -146,6 +149,11 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
         ParameterError: naming the largest number of steps that the method can plan.
     """
     complete = planner.complete()
+    if complete.family.bound_of == "line" and mission.steps > MAX_LINE_LEGS:
+        raise ParameterError(
+            f"{where}: mission.steps is {mission.steps}, but planner.method {planner.method!r} plans at most "
+            f"{MAX_LINE_LEGS} legs. Split the mission, or set planner.method to tour or plain."
+        )
     each = max(complete.family.positions_per_leg, complete.samples_per_leg)
     positions = mission.steps * each
     if positions > MAX_LOCATIONS and (complete.augmented or complete.family.to_the_end):
@@ -178,6 +186,7 @@ class PlannerSettings:
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
         """
+        parameters = with_method(parameters)
         if vehicle is not None:
             parameters = with_depth(parameters, vehicle)
         mission = section(MissionConfig, parameters, "mission", where)

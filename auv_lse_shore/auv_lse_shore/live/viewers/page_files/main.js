@@ -29,9 +29,9 @@ const LOADING_MS = 500; // time between two drawings while many events arrive: d
 // ---------------------------------------------------------------------- what is drawn
 
 function rewardCurves() {
-  const share = store.facts.reward_of === "map" ? 1 / store.facts.vehicles.length : 1; // the map's risk belongs to the whole team
+  const share = store.facts.reward_of !== "path" ? 1 / store.facts.vehicles.length : 1; // the map's risk belongs to the whole team
   const of = (value) => teamSum(store, value).map(({ t, value: sum }) => ({ t, value: sum * share }));
-  const ofMap = store.facts.reward_of === "map", { ink, accent } = themeColors(), soFar = of((b) => b.reward);
+  const ofMap = store.facts.reward_of !== "path", { ink, accent } = themeColors(), soFar = of((b) => b.reward);
   // the lower bound of the map's reward needs the soundings of all vehicles: only the report has it
   const ahead = of((b) => (ofMap ? b.reward !== null && b.jbar !== null ? b.reward + b.jbar : null : b.bound_max));
   const isKnown = ahead.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods know it
@@ -60,9 +60,11 @@ function draw() {
   slots.draw(t);
   const kinds = reward.draw(t, end), risks = risk.draw(t, end);
   const words = (values, digits) => values.map(({ name, value }) => `${name} ${number(value, digits)}`).join(", ");
-  const ofMap = store.facts.reward_of === "map";
-  const counted = ofMap ? "Drop of the map’s total risk, averaged over the vehicles" : "Sum over the vehicles";
-  setText($("reward-name"), ofMap ? "Map reward" : "Path reward");
+  const [name, counted] = {
+    map: ["Map reward", "Drop of the map’s total risk, averaged over the vehicles"],
+    line: ["Line reward", "Metres of isobath located, averaged over the vehicles"],
+  }[store.facts.reward_of] ?? ["Path reward", "Sum over the vehicles"];
+  setText($("reward-name"), name);
   setText($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
   setText($("risk-words"), `Now: ${risks.length > 8 ? range(risks) : words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);

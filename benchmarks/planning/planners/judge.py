@@ -1,0 +1,113 @@
+"""One judge for all planners: what the map of all soundings shows of the true isobath, while a mission goes on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.level_set.lines import near, resample
+from auv_lse_gp.map.certainty import FOUND, classify, lines_of
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_shore.judge.isobath import compare, length_m, trace
+
+Array = NDArray[np.float64]
+
+#: Cell (m) of the judged map, larger where an area would have more than `MAX_CELLS`.
+CELL_M, MAX_CELLS = 5.0, 16_000
+#: Number of times at which a mission is judged, the last one its end.
+TIMES = 12
+#: A piece that is called found and lies farther than this (m) from every true isobath is a false claim.
+FALSE_M = 20.0
+#: Shares of the isobath to which the distance is measured.
+SHARES = (0.5, 0.8, 0.95)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """What a mission found.
+
+    Attributes:
+        found: Share of the true isobath found after each twelfth of the mission.
+        risk: Risk of the map at the end, by the prior's scale, cost per location.
+        true_loss: Cost of the map's wrong calls at the end, per location.
+        false_share: Share of the line called found that is more than 20 m from every true isobath.
+        error_m: Mean distance of the line called found from the true isobath.
+        true_m: Length of the true isobath.
+        found_m: Length called found.
+    """
+
+    found: tuple[float, ...]
+    risk: float
+    true_loss: float
+    false_share: float
+    error_m: float
+    true_m: float
+    found_m: float
+
+    def distance(self, share: float) -> float:
+        """Part of the mission after which a share of the isobath is found, interpolated; 1 if it never is."""
+        curve = np.concatenate([[0.0], self.found])
+        reached = np.flatnonzero(curve >= share)
+        if not len(reached):
+            return 1.0
+        after = int(reached[0])
+        low, high = curve[after - 1], curve[after]
+        return float((after - 1 + (share - low) / max(high - low, 1e-9)) / (len(curve) - 1)) if after else 0.0
+
+
+def judge(settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, float, float, float]]) -> Judgement:
+    """Judges a mission over true ground by its soundings: time (s), north, east, depth (m), in order of time."""
+    area, level = OperatingArea(settings.area), LevelSet.of(settings.level_set)
+    south, north, west, east = area.extent_m
+    cell_m = max(CELL_M, float(np.sqrt((north - south) * (east - west) / MAX_CELLS)))
+    depth_map = DepthMap(dataclasses.replace(settings.gp, map_resolution_m=cell_m), settings.level_set, area)
+    grid = depth_map.grid
+    at = grid.locations_m
+    truth = np.asarray(ground.depth_m(at[:, 0], at[:, 1]), dtype=float)
+    lines = trace(grid.north_m, grid.east_m, grid.fill(truth), level.level_m)
+    leg_s = MotionTable(settings.motion).leg_length_m / settings.vehicle.speed_mps
+    end_s = settings.mission.steps * leg_s
+    table = np.array(rows)
+    sounded = np.column_stack([table[:, 1:3], np.zeros(len(table))])
+    found: list[float] = []
+    first, pieces = 0, []
+    for number in range(1, TIMES + 1):
+        last = len(table) if number == TIMES else int(np.searchsorted(table[:, 0], end_s * number / TIMES))
+        depth_map.add_soundings(table[first:last])
+        first = last
+        field = depth_map.field()
+        shore_known = depth_map.gp.banks is not None
+        estimate = depth_map.isobath(field).lines
+        pieces = classify(estimate, field, settings.gp.signal_std_m, sounded[:last], shore_known=shore_known)
+        error = compare(lines_of(pieces, FOUND), lines)
+        found.append(error.found if np.isfinite(error.found) else 1.0)
+    known = np.isfinite(truth)
+    mean, std, prior_std = (x[grid.inside] for x in (field.mean_m, field.std_m, field.prior_std_m))
+    called, safe = level.safe(mean, std)[known], truth[known] >= level.level_m
+    costs = np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != safe)
+    found_lines = lines_of(pieces, FOUND)
+    return Judgement(
+        found=tuple(found),
+        risk=float(level.risk(mean, prior_std)[known].mean()),
+        true_loss=float(costs.mean()),
+        false_share=_false_share(found_lines, lines),
+        error_m=compare(found_lines, lines).estimate_mean_m,
+        true_m=length_m(lines),
+        found_m=length_m(found_lines),
+    )
+
+
+def _false_share(found: Sequence[Array], truth: Sequence[Array]) -> float:
+    """Share of lines that lies more than `FALSE_M` from every true one; 0 without lines."""
+    points = resample(found)
+    if not len(points):
+        return 0.0
+    return float(1.0 - near(truth, FALSE_M)(points).mean())
