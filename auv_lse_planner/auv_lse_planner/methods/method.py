@@ -126,9 +126,9 @@ class PlanningContext:
         mates, end, constant = self.mates_ahead(situation), steps, Constant()
         if rest is not None:
             end, constant = rest.begin, Constant(self.window.elsewhere_risk, rest.drop)
-            near = self.window.near(rest.locations_m)
-            legs = (rest.begin - situation.step + 1.0 + np.flatnonzero(near)).astype(np.float64)
-            mates.append((legs, rest.locations_m[near]))
+            kept = self.window.near(rest.locations_m)
+            legs = (rest.begin - situation.step + 1.0 + np.flatnonzero(kept)).astype(np.float64)
+            mates.append((legs, rest.locations_m[kept]))
         return AnytimeReward(
             self.window.fine,
             self.settings.level_set if loss is None else loss,
