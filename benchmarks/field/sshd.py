@@ -31,6 +31,8 @@ KbdInteractiveAuthentication no
 MaxStartups 100
 MaxSessions 100
 """
+#: Domains of vehicles whose files give none: no test or mission on this machine uses them.
+_FIRST_DOMAIN = 221
 
 
 class FieldError(RuntimeError):
@@ -148,8 +150,8 @@ class Field:
         """
         path = self.folder / name
         entries = {
-            vehicle: {"host": "127.0.0.1", "user": getpass.getuser(), "command": side_command(), **values}
-            for vehicle, values in vehicles.items()
+            vehicle: {"host": "127.0.0.1", "user": getpass.getuser(), "command": side_command(), "domain": k, **values}
+            for k, (vehicle, values) in enumerate(vehicles.items(), _FIRST_DOMAIN)
         }
         path.write_text(yaml.safe_dump({"ssh_config": str(self.ssh_config), "vehicles": entries}, width=10_000))
         return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import importlib.util
 
 from auv_lse_common.support.installed_copy import copy_of
@@ -34,7 +35,16 @@ _STACK = {
 def is_installed(package: str) -> bool:
     """Whether a package can be imported; a folder of its name in the working directory does not count."""
     spec = importlib.util.find_spec(package)
-    return spec is not None and spec.origin is not None
+    return spec is not None and (spec.origin is not None or _has_distribution(package))
+
+
+def _has_distribution(package: str) -> bool:
+    """Whether a package without a file of its own, such as rosbags, was installed by that name."""
+    try:
+        importlib.metadata.distribution(package)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 class MissingPackageError(ImportError):

@@ -55,7 +55,7 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     end_s = time.monotonic() + _START_S
     while time.monotonic() < end_s:
         if (running := vehicle_on(domain, number)) is not None:
-            return ACTED, f"its nodes start (dive {running[1]}, {out.name})"
+            return ACTED, f"its nodes start, in {out.name}"
         if process.poll() is not None:
             lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
             return REFUSED, f"its nodes did not start: {lines[-1] if lines else f'exit code {process.returncode}'}"

@@ -16,6 +16,8 @@ _GIVEN = (Command.GO, Command.HOLD, Command.SURFACE, Command.ABORT, Command.RESE
 _COMMANDS = {command.name.lower(): command for command in _GIVEN}
 #: Time (s) to find the vehicle's service.
 _FIND_S = 5.0
+#: Time (s) for the first state and position: the mission's state comes every second.
+_FIRST_S = 3.0
 #: Time (s) for which a node's report of ill health is shown.
 _HEALTH_S = 15.0
 
@@ -78,6 +80,9 @@ class MissionLink:
         graph = self._joined()
         if not self._newest:
             self._listen(graph)
+            end_s = time.monotonic() + _FIRST_S
+            while time.monotonic() < end_s and not all(self._newest[name].value for name in ("mission", "position")):
+                graph.spin(0.05)
         graph.spin(0.05)
         now_s = time.monotonic()
         found: dict[str, Any] = dict.fromkeys(_READERS)

@@ -147,7 +147,7 @@ def ask(session: Session, number: int, verb: str, laptop: str = "one") -> dict[s
 
 
 def test_an_order_that_breaks_is_answered(tmp_path: Path) -> None:
-    answer = ask(Session(tmp_path, 1, 81, Noting()), 1, "reset")
+    answer = ask(Session(tmp_path, 1, 230, Noting()), 1, "reset")
     assert (answer["outcome"], answer["text"]) == (REFUSED, "RuntimeError: ROS broke")
 
 
@@ -157,7 +157,7 @@ def test_without_storage_only_what_makes_safer_is_executed(tmp_path: Path, monke
 
     monkeypatch.setattr(OrderStore, "write", full)
     actor = Noting()
-    session = Session(tmp_path, 1, 81, actor)
+    session = Session(tmp_path, 1, 230, actor)
     assert ask(session, 1, "go")["outcome"] == UNRECORDED
     for number, verb in enumerate(("hold", "surface", "abort", "stop"), 2):
         answer = ask(session, number, verb)
@@ -170,7 +170,7 @@ def test_a_damaged_record_stops_go_and_not_abort(tmp_path: Path) -> None:
     (tmp_path / "fleet").mkdir()
     (tmp_path / "fleet" / "orders.json").write_text('{"orders": [{}]}')
     actor = Noting()
-    session = Session(tmp_path, 1, 81, actor)
+    session = Session(tmp_path, 1, 230, actor)
     assert ask(session, 1, "go")["outcome"] == UNRECORDED
     assert ask(session, 2, "abort")["outcome"] == ACTED
     assert actor.executed == ["abort"]
@@ -180,13 +180,13 @@ def test_an_abort_does_not_wait_for_an_order_that_hangs(tmp_path: Path, monkeypa
     monkeypatch.setattr(sessions, "_ABORT_WAIT_S", 0.1)
     actor, began_s = Noting(), time.monotonic()
     with OrderStore(tmp_path).opened(1.0):
-        assert ask(Session(tmp_path, 1, 81, actor), 1, "abort")["outcome"] == ACTED
+        assert ask(Session(tmp_path, 1, 230, actor), 1, "abort")["outcome"] == ACTED
     assert actor.executed == ["abort"]
     assert time.monotonic() - began_s < 1.0
 
 
 def test_a_torn_file_of_orders_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session(tmp_path, 1, 81, Noting())
+    session = Session(tmp_path, 1, 230, Noting())
     ask(session, 1, "go")
 
     def torn(descriptor: int) -> None:

@@ -61,12 +61,12 @@ def test_a_recording_is_removed_only_with_the_hash_of_its_copy(tmp_path: Path) -
 
 def test_nothing_is_installed_into_a_running_dive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("auv_lse_run.remote.session.vehicle_on", lambda domain, vehicle: ("", "dive", 1))
-    answer = Session(tmp_path, 1, 81).answer({"ask": "install", "files": {}})
+    answer = Session(tmp_path, 1, 230).answer({"ask": "install", "files": {}})
     assert "A dive is running" in answer["error"]
 
 
 def test_a_request_that_makes_no_sense_is_answered(tmp_path: Path) -> None:
-    session = Session(tmp_path, 1, 81)
+    session = Session(tmp_path, 1, 230)
     assert "does not know" in session.answer({"ask": "dance"})["error"]
     assert "incomplete" in session.answer({"ask": "install"})["error"]
     assert "no order" in session.answer({"ask": "order", "laptop": "a", "number": 1, "verb": "fly"})["error"]

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
-from auv_lse_shore.remote import checking, ordering
+from auv_lse_shore.remote import checking, fetching, ordering, sending
 from auv_lse_shore.remote.fleet_file import FleetFileError, fleet_text, read_fleet
 from auv_lse_shore.remote.ledger import LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile
@@ -51,6 +51,10 @@ def parser() -> argparse.ArgumentParser:
     c.set_defaults(call=_init)
     c = _verb(verbs, "check", "check vehicles: link, versions, clocks, disk, battery, devices, files", _check)
     c.add_argument("--quick", action="store_true", help="do not let the vehicles check their devices")
+    c = verbs.add_parser("send", help="send mission file, prior and key to vehicles: all get the same, or none")
+    c.add_argument("mission", type=Path, metavar="MISSION.yaml", help="the vehicles' mission file")
+    _vehicles(c, _send)
+    c.add_argument("--wait", type=float, default=20.0, metavar="S", help="how long to repeat it (default: 20 s)")
     for name, text in _ORDERS.items():
         c = _verb(verbs, name, text, _order)
         c.add_argument("--wait", type=float, default=20.0, metavar="S", help="how long to repeat it (default: 20 s)")
@@ -66,14 +70,30 @@ def parser() -> argparse.ArgumentParser:
     c = _verb(verbs, "pending", "deliver orders that are pending, and settle unknown outcomes", _pending)
     c.add_argument("--cancel", action="store_true", help="cancel them instead")
     c.add_argument("--wait", type=float, default=20.0, metavar="S", help="how long to try (default: 20 s)")
+    _add_fetch(verbs)
     return p
+
+
+def _add_fetch(verbs: Any) -> None:
+    c = _verb(verbs, "fetch", "copy the newest dives, verify them, and make map, report and certificate", _fetch)
+    c.add_argument("--out", type=Path, default=Path("fetched"), metavar="DIR", help="run folder (default: fetched)")
+    c.add_argument("--all", action="store_true", help="all dives that are on the vehicles, not only the newest")
+    c.add_argument("--delete", action="store_true", help="remove files on the vehicle once their copy is verified")
+    c.add_argument("--copy-only", action="store_true", help="make no map, report and certificate")
+    c.add_argument(
+        "--wait", type=float, default=600.0, metavar="S", help="longest time without a byte (default: 600 s)"
+    )
 
 
 def _verb(verbs: Any, name: str, text: str, call: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
     c: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+    _vehicles(c, call)
+    return c
+
+
+def _vehicles(c: argparse.ArgumentParser, call: Callable[[argparse.Namespace], int]) -> None:
     c.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="vehicles, as auv2 (default: all)")
     c.set_defaults(call=call)
-    return c
 
 
 def run(options: argparse.Namespace) -> int:
@@ -120,3 +140,20 @@ def _order(options: argparse.Namespace) -> int:
 def _pending(options: argparse.Namespace) -> int:
     fleet = read_fleet(options.file)
     return ordering.settled(fleet, fleet.chosen(options.vehicles), options.cancel, options.wait)
+
+
+def _send(options: argparse.Namespace) -> int:
+    fleet = read_fleet(options.file)
+    return sending.send(fleet, fleet.chosen(options.vehicles), options.mission, options.wait)
+
+
+def _fetch(options: argparse.Namespace) -> int:
+    fleet = read_fleet(options.file)
+    vehicles = fleet.chosen(options.vehicles)
+    found = fetching.fetch(fleet, vehicles, options.out, options.wait, options.delete, options.all)
+    for name, fetched in found.items():
+        print(fetching.summary(name, fetched), flush=True)
+    runs = [run for fetched in found.values() for run in fetched.runs]
+    if any(fetched.trouble for fetched in found.values()):
+        return 1
+    return 0 if options.copy_only or options.all or not runs else min(fetching.results(runs, options.out), 1)

@@ -73,6 +73,7 @@ def judged(
     clocks = {name: report.clock for name, report in reports.items() if report.clock is not None}
     found += [Problem(name, level, text) for name, (level, text) in wrong_clocks(clocks, guard_s).items()]
     order = {name: k for k, name in enumerate(reports)}
+    found = _merged(found, list(there))
     return sorted(found, key=lambda p: (order.get(p.vehicle, len(order)), LEVELS.index(p.level), p.text))
 
 
@@ -137,7 +138,7 @@ def _running(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, 
         ("error", f"a limit has tripped: {text}. Remove the cause, then: reset") for text in mission.get("limits", ())
     ]
     found += [("warning", text) for text in mission.get("warnings", ())]
-    found += [("warning", text) for text in state.get("health", ())]
+    found += [("warning", text) for text in state.get("health", ()) if f"the mission is {mission.get('state')}" not in text]
     return found
 
 
@@ -207,6 +208,16 @@ def _identities(there: Mapping[str, Mapping[str, Any]]) -> list[Problem]:
             )
             found.append(Problem(name, "error", text))
     return found
+
+
+def _merged(found: list[Problem], names: list[str]) -> list[Problem]:
+    """A problem that all vehicles have in the same words is one of the fleet."""
+    by: dict[tuple[str, str], set[str]] = {}
+    for problem in found:
+        by.setdefault((problem.level, problem.text), set()).add(problem.vehicle)
+    everywhere = {key for key, vehicles in by.items() if len(names) > 1 and vehicles >= set(names)}
+    kept = [problem for problem in found if (problem.level, problem.text) not in everywhere]
+    return kept + [Problem("fleet", level, text) for level, text in sorted(everywhere)]
 
 
 def _most(values: Any) -> str:

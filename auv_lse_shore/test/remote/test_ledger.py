@@ -72,7 +72,7 @@ class BadLink:
         return answer
 
     def _session(self) -> Session:
-        return Session(self._folder, 1, 81, self._actor)  # the vehicle forgets all but its files
+        return Session(self._folder, 1, 230, self._actor)  # the vehicle forgets all but its files
 
 
 def test_every_order_acts_once_and_in_order_over_a_link_that_loses_a_third(
@@ -106,7 +106,7 @@ def test_a_go_that_an_abort_replaces_is_not_executed_wherever_it_was(tmp_path: P
         ledger.give("auv1", "reset", 0.0)
         ledger.give("auv1", "abort", 0.0)
         assert [ledger.find("auv1", n).status for n in (1, 2, 3)] == [UNKNOWN, DROPPED, PENDING]
-    session = Session(tmp_path, 1, 81, actor)
+    session = Session(tmp_path, 1, 230, actor)
     link = BadLink(tmp_path, actor, 1, 0.0)
     assert deliver(link, kept, "auv1", "boat", lambda: 0.0) == ""
     session.answer({"ask": "order", "laptop": "one", "number": 1, "verb": "go"})  # it arrives now

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import random
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.command.main import main
+from benchmarks.field.relay import Relay
 from benchmarks.field.side import EXECUTED
-from benchmarks.field.sshd import Computer, Field, free_port, lacks_sshd, side_command
+from benchmarks.field.sshd import ROOT, Computer, Field, free_port, lacks_sshd, side_command
 
 pytestmark = pytest.mark.skipif(bool(lacks_sshd()), reason=lacks_sshd())
 
@@ -108,3 +112,83 @@ def test_a_wrong_fleet_file_is_refused(
     (tmp_path / "fleet.yaml").write_text(text)
     assert main(["fleet", str(tmp_path / "fleet.yaml"), "check"]) == 2
     assert words in capsys.readouterr().err
+
+
+MISSION = """\
+/**:
+  ros__parameters:
+    mission: {vehicles: 2}
+    packet: {tag: true, key_file: team.key, session: lake}
+    area: {file: lake.geojson}
+"""
+
+
+def write_mission(folder: Path) -> Path:
+    shutil.copy(ROOT / "config" / "missions" / "lake.geojson", folder)
+    (folder / "team.key").write_text("ab" * 32)
+    (folder / "team.key").chmod(0o600)
+    file = folder / "vehicles.yaml"
+    file.write_text(MISSION)
+    return file
+
+
+def test_send_gives_the_same_files_to_all_or_to_none(
+    field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made, computer = field
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder in folders:
+        folder.mkdir()
+    at = [{"port": computer.port, "folder": str(folder)} for folder in folders]
+    mission = str(write_mission(tmp_path))
+    file = str(made.fleet_file({"auv1": at[0], "auv2": {"port": free_port()}}, "send.yaml"))
+    assert main(["fleet", file, "send", mission, "--wait", "0.1"]) == 1
+    assert "Nothing was changed" in capsys.readouterr().err
+    assert not (folders[0] / "mission.yaml").exists()
+    file = str(made.fleet_file({"auv1": at[0], "auv2": at[1]}, "send.yaml"))
+    assert main(["fleet", file, "send", mission]) == 0
+    texts = {(folder / "mission.yaml").read_text() for folder in folders}
+    assert len(texts) == 1
+    sent = Settings.load(folders[0] / "mission.yaml")  # without a reader of area files
+    assert len(sent.area.polygon_m) >= 6
+    assert (folders[1] / "team.key").read_text() == "ab" * 32
+    assert main(["fleet", file, "check", "--quick", "auv1"]) == 0, capsys.readouterr().out
+    (folders[1] / "mission.yaml").write_text("/**:\n  ros__parameters:\n    mission: {vehicles: 2, steps: 7}\n")
+    (folders[0] / "team.key").unlink()
+    assert main(["fleet", file, "check", "--quick"]) == 1
+    text = capsys.readouterr().out
+    assert "auv1: the file of packet.key_file is missing there" in text
+    assert "auv2: its mission file" in text
+    swapped = str(made.fleet_file({"auv1": at[1], "auv2": at[1]}, "send.yaml"))
+    assert main(["fleet", swapped, "check", "--quick"]) == 1
+    text = capsys.readouterr().out
+    assert "auv1: its folder is that of auv2" in text
+    assert "auv1 and auv2 are one folder on one computer" in text
+
+
+def test_fetch_continues_after_cuts_verifies_and_deletes_only_then(
+    field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made, computer = field
+    bag = tmp_path / "vehicle" / "dives" / "2026-07-01-auv1" / "bag"
+    bag.mkdir(parents=True)
+    data = random.Random(1).randbytes(2_000_000)
+    (bag / "bag.mcap").write_bytes(data)
+    (bag.parent / "logs").mkdir()
+    (bag.parent / "logs" / "a.log").write_text("")
+    with Relay(computer.port, seed=5, cut_rate=1.0) as relay:
+        relay.cut_within = 1_500_000
+        made.trust("auv1", relay.port)
+        file = str(made.fleet_file({"auv1": {"port": relay.port, "folder": str(tmp_path / "vehicle")}}, "fetch.yaml"))
+        arguments = ["fleet", file, "fetch", "--copy-only", "--wait", "20", "--out", str(tmp_path / "out")]
+        assert main(arguments) == 0, capsys.readouterr()
+        copied = tmp_path / "out" / "auv1" / "2026-07-01-auv1"
+        assert (copied / "bag" / "bag.mcap").read_bytes() == data
+        assert (copied / "logs" / "a.log").read_text() == ""
+        assert "continued" in capsys.readouterr().out
+        assert relay.counts["cut"] >= 2
+        (copied / "bag" / "bag.mcap").write_bytes(b"damaged here")
+        relay.cut_rate = 0.0
+        assert main([*arguments, "--delete"]) == 0
+    assert (copied / "bag" / "bag.mcap").read_bytes() == data
+    assert not (tmp_path / "vehicle" / "dives" / "2026-07-01-auv1").exists()
