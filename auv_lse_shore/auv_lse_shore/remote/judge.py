@@ -138,7 +138,9 @@ def _running(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, 
         ("error", f"a limit has tripped: {text}. Remove the cause, then: reset") for text in mission.get("limits", ())
     ]
     found += [("warning", text) for text in mission.get("warnings", ())]
-    found += [("warning", text) for text in state.get("health", ()) if f"the mission is {mission.get('state')}" not in text]
+    found += [
+        ("warning", text) for text in state.get("health", ()) if f"the mission is {mission.get('state')}" not in text
+    ]
     return found
 
 
