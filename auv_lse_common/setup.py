@@ -4,7 +4,7 @@ from tempfile import TemporaryDirectory
 from setuptools import find_packages, setup
 
 package, version = "auv_lse_common", "0.2.0"
-#: pip makes a library: with its dependencies, and without the nodes, which need ROS.
+#: pip makes a library: with its dependencies, and without executables of nodes, which ROS finds elsewhere.
 is_library = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 build = TemporaryDirectory()
 

@@ -7,9 +7,13 @@ from setuptools import find_packages, setup
 
 package, version = "auv_lse_comms", "0.2.0"
 checkout = Path(__file__).resolve().parent.parent
-#: pip makes a library: with its dependencies, and without the nodes, which need ROS.
+#: pip makes a library: with its dependencies, and without executables of nodes, which ROS finds elsewhere.
 is_library = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 build = TemporaryDirectory()
+nodes = [
+    "modem_node = auv_lse_comms.modem_node:main",
+    "micromodem_node = auv_lse_comms.micromodem.micromodem_node:main",
+]
 
 
 def sibling(name):
@@ -45,11 +49,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "auv_lse.verbs": ["auv_lse_comms = auv_lse_comms.verbs:VERBS"],
-        "console_scripts": []
-        if is_library
-        else [
-            "modem_node = auv_lse_comms.modem_node:main",
-            "micromodem_node = auv_lse_comms.micromodem.micromodem_node:main",
-        ],
+        "auv_lse.nodes": nodes,  # what auv_lse starts
+        "console_scripts": [] if is_library else nodes,  # what `ros2 run` starts
     },
 )

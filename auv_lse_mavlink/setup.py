@@ -7,9 +7,10 @@ from setuptools import find_packages, setup
 
 package, version = "auv_lse_mavlink", "0.2.0"
 checkout = Path(__file__).resolve().parent.parent
-#: pip makes a library: with its dependencies, and without the nodes, which need ROS.
+#: pip makes a library: with its dependencies, and without executables of nodes, which ROS finds elsewhere.
 is_library = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 build = TemporaryDirectory()
+nodes = ["vehicle_link_node = auv_lse_mavlink.vehicle_link_node:main"]
 
 
 def sibling(name):
@@ -45,6 +46,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "auv_lse.verbs": ["auv_lse_mavlink = auv_lse_mavlink.verbs:VERBS"],
-        "console_scripts": [] if is_library else ["vehicle_link_node = auv_lse_mavlink.vehicle_link_node:main"],
+        "auv_lse.nodes": nodes,  # what auv_lse starts
+        "console_scripts": [] if is_library else nodes,  # what `ros2 run` starts
     },
 )

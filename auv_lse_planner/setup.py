@@ -7,9 +7,13 @@ from setuptools import find_packages, setup
 
 package, version = "auv_lse_planner", "0.2.0"
 checkout = Path(__file__).resolve().parent.parent
-#: pip makes a library: with its dependencies, and without the nodes, which need ROS.
+#: pip makes a library: with its dependencies, and without executables of nodes, which ROS finds elsewhere.
 is_library = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 build = TemporaryDirectory()
+nodes = [
+    "planner_node = auv_lse_planner.planner_node:main",
+    "safety_node = auv_lse_planner.safety_node:main",
+]
 
 
 def sibling(name):
@@ -43,12 +47,8 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Augmented receding horizon planning with Monte Carlo tree search for a team of AUVs; planner_node",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": [
-            "planner_node = auv_lse_planner.planner_node:main",
-            "safety_node = auv_lse_planner.safety_node:main",
-        ],
+    entry_points={
+        "auv_lse.nodes": nodes,  # what auv_lse starts
+        "console_scripts": [] if is_library else nodes,  # what `ros2 run` starts
     },
 )

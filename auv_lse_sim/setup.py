@@ -8,9 +8,10 @@ from setuptools import find_packages, setup
 
 package, version = "auv_lse_sim", "0.2.0"
 checkout = Path(__file__).resolve().parent.parent
-#: pip makes a library: with its dependencies, and without the nodes, which need ROS.
+#: pip makes a library: with its dependencies, and without executables of nodes, which ROS finds elsewhere.
 is_library = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 build = TemporaryDirectory()
+nodes = ["sim_node = auv_lse_sim.engine.sim_node:main"]
 
 
 def sibling(name):
@@ -56,9 +57,8 @@ setup(
     maintainer_email="maintainers@auv-lse.org",
     description="Simulated lake, vehicles, instruments and acoustic channel; sim_node and the fleet engine",
     license="Apache-2.0",
-    entry_points={}
-    if is_library
-    else {
-        "console_scripts": ["sim_node = auv_lse_sim.engine.sim_node:main"],
+    entry_points={
+        "auv_lse.nodes": nodes,  # what auv_lse starts
+        "console_scripts": [] if is_library else nodes,  # what `ros2 run` starts
     },
 )

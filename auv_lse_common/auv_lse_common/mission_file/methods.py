@@ -2,7 +2,7 @@
 
 `METHODS` lists the values of `planner.method`, each with its default parameters where they differ from those of the
 paper's augmented method (`sections.planner.from_method`). `FAMILIES` holds the properties that other packages need.
-`auv_lse_planner.methods.families` has a class for each family. docs/design/adding-a-method.md shows how to add one.
+`auv_lse_planner.methods.families` has a class for each family. docs/extending/adding-a-method.md shows how to add one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The topics of a mission in one table: name, type, delivery, readers, writer, lockstep phases, encoding.
 
 Nodes, recorder, replay, live page, lockstep and the reference of topics derive from it. To add a topic or a reader, add
-a row or an entry here (docs/design/adding-a-topic.md).
+a row or an entry here (docs/extending/adding-a-topic.md).
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.free_memory import return_code_pages, return_free_memory
+from auv_lse_common.support.missing_packages import is_installed
 from auv_lse_run.process.processes import LaunchError, Process, die_with_parent, end, open_log
 
 #: Space (bytes) in the server's command line for that of a node.
@@ -150,7 +151,7 @@ class ForkServer:
         number = len(self._started)
         request = {
             "number": number,
-            "entries": [entry.value for entry in _entries_of(process)],
+            "entries": [entry.value for entry in entries_of(process)],
             "command": list(command),
             "log": str(log),
             "append": append,
@@ -231,7 +232,7 @@ def load_early(processes: Iterable[Process], environment: Mapping[str, str]) -> 
 
 
 def _modules_of(processes: Iterable[Process]) -> list[str]:
-    return sorted({entry.module for p in processes for entry in _entries_of(p)})
+    return sorted({entry.module for p in processes for entry in entries_of(p)})
 
 
 def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subprocess.Popen[bytes]:
@@ -246,35 +247,31 @@ def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subp
     )
 
 
-def can_fork(process: Process) -> bool:
-    """Whether a fork server can start a process: its executables are entry points of Python packages."""
-    try:
-        _entries_of(process)
-    except LaunchError:
-        return False
-    return True
-
-
 @functools.cache
-def _executables() -> EntryPoints:
-    """The executables of all installed packages; cached, because it reads a file of each package."""
-    return entry_points(group="console_scripts")
+def _nodes() -> EntryPoints:
+    """The nodes of all installed packages; cached, because it reads a file of each package."""
+    return entry_points(group="auv_lse.nodes")
 
 
-def _entries_of(process: Process) -> list[EntryPoint]:
-    """The entry points behind the executables of a process's nodes.
+def entries_of(process: Process) -> list[EntryPoint]:
+    """The entry points of a process's nodes.
 
     Raises:
-        LaunchError: if no installed package has one.
+        LaunchError: if no installed package has one; names the package.
     """
     return [_entry_of(package, name) for package, name in ((process.package, process.executable), *process.beside)]
 
 
-def _entry_of(package: str, executable: str) -> EntryPoint:
-    for entry in _executables().select(name=executable):
+def _entry_of(package: str, node: str) -> EntryPoint:
+    for entry in _nodes().select(name=node):
         if entry.module.split(".")[0] == package:
             return entry
-    raise LaunchError(f"{package} has no executable {executable}; build the workspace: scripts/setup")
+    if is_installed(package):
+        raise LaunchError(f"{package} has no node {node}. In a checkout run scripts/setup --force")
+    raise LaunchError(
+        f"{node} needs the package {package}, which is not installed. Install it with pip or colcon; in a checkout run "
+        "scripts/setup --force"
+    )
 
 
 # ---------------------------------------------------------------------- the server's side

@@ -31,14 +31,13 @@ from pathlib import Path
 
 from auv_lse_common.node.heartbeat import SOCKET_VARIABLE, Heartbeats
 from auv_lse_run.process.death import cause
-from auv_lse_run.process.fork_server import ForkedProcess, ForkServer, can_fork
+from auv_lse_run.process.fork_server import ForkedProcess, ForkServer, entries_of
 from auv_lse_run.process.processes import (
     LAST_STOP_S,
     LaunchError,
     Process,
     Running,
     end,
-    executable_path,
     last_lines,
     log_problem,
     start,
@@ -89,8 +88,9 @@ def node_task(process: Process, parameter_file: Path, *arguments: str) -> Task:
     Raises:
         LaunchError: if it is not installed.
     """
-    path = "+".join((str(executable_path(process)), *(name for _, name in process.beside)))
-    command = [path, "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *arguments]
+    entries_of(process)
+    name = "+".join((f"{process.package}/{process.executable}", *(name for _, name in process.beside)))
+    command = [name, "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *arguments]
     return Task(name=process.name, command=lambda start_number: command, last=process.last, node=process)
 
 
@@ -148,7 +148,7 @@ class ProcessKeeper:
         self._environment = dict(environment)
         if self._heartbeats is not None:
             self._environment[SOCKET_VARIABLE] = self._heartbeats.address
-        self._forked = [task.node for task in tasks if task.node is not None and can_fork(task.node)]
+        self._forked = [task.node for task in tasks if task.node is not None]
         self._server: ForkServer | None = None
         self._first_tick_s = self._loading_s = self._ticked_s = math.nan
         self._loading_reported = False

@@ -55,26 +55,6 @@ class Process:
 RECORDER = Process(package="auv_lse_record", executable="recorder_node", namespace="/", last=True)
 
 
-def executable_path(process: Process) -> Path:
-    """The installed entry point of a process, as `ros2 run` finds it.
-
-    Raises:
-        LaunchError: if the package or the executable is not installed.
-    """
-    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-
-    try:
-        path = Path(get_package_prefix(process.package)) / "lib" / process.package / process.executable
-    except PackageNotFoundError as error:
-        raise LaunchError(
-            f"package {process.package} is not installed; link it into ros_ws/src, then build the workspace: "
-            "scripts/setup"
-        ) from error
-    if not path.is_file():
-        raise LaunchError(f"{path} is missing; rebuild the workspace: scripts/setup --force")
-    return path
-
-
 def start(
     command: Sequence[str], log: Path, environment: Mapping[str, str], *, append: bool = False
 ) -> subprocess.Popen[bytes]:

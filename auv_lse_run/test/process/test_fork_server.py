@@ -82,7 +82,7 @@ def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:
 
 def test_missing_process_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
-    with pytest.raises(LaunchError, match="auv_lse_gp has no executable sonar_node"):
+    with pytest.raises(LaunchError, match="auv_lse_gp has no node sonar_node"):
         ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
 
 

@@ -122,7 +122,7 @@ def test_a_vehicle_with_a_driver_of_its_own_needs_no_mavlink(tmp_path: Path) -> 
     dive(without, mission_file(tmp_path, "direct"), NODES[:-1])
     refused = run(without, "-m", "auv_lse_run", "vehicle", "auv1", str(mission_file(tmp_path)))
     assert refused.returncode != 0
-    assert "package auv_lse_mavlink is not installed; link it into ros_ws/src" in refused.stderr
+    assert "vehicle_link_node needs the package auv_lse_mavlink, which is not installed" in refused.stderr
     refused = run(without, "-m", "auv_lse_run", "autopilot-check", "udpin://127.0.0.1:0")
     assert refused.returncode == 2
     assert refused.stderr.startswith("error: auv_lse autopilot-check needs the package auv_lse_mavlink, which is not ")

@@ -1,4 +1,4 @@
-"""The worked example of docs/design/adding-a-log-format.md: one file, added to a copy of the package."""
+"""The worked example of docs/extending/adding-a-log-format.md: one file, added to a copy of the package."""
 
 import os
 import re
@@ -12,7 +12,7 @@ from adjust.survey_logs import survey
 import auv_lse_shore
 from auv_lse_shore.survey_import import formats
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "design" / "adding-a-log-format.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending" / "adding-a-log-format.md"
 
 
 def test_a_format_is_one_file(tmp_path):

@@ -1,4 +1,4 @@
-"""The worked example of docs/design/adding-an-export-format.md: one file, added to a copy of the package."""
+"""The worked example of docs/extending/adding-an-export-format.md: one file, added to a copy of the package."""
 
 import os
 import re
@@ -14,7 +14,7 @@ import auv_lse_shore
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_record.run_writer import write_run
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "design" / "adding-an-export-format.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending" / "adding-an-export-format.md"
 ORIGIN = (46.5, 6.6)
 
 

@@ -22,10 +22,12 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
+from ament_index_python.packages import get_package_prefix
+
 from auv_lse_common.support.confinement import NETWORK_VARIABLES
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
-from auv_lse_run.process.processes import RECORDER, Process, executable_path
+from auv_lse_run.process.processes import RECORDER
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 pytestmark = pytest.mark.ros
@@ -95,7 +97,7 @@ def test_every_executable_started_bare(tmp_path: Path, vehicles_file: Path) -> N
     with own_domain(VEHICLE_DOMAINS) as domain, contextlib.ExitStack() as stack:
         running = {}
         for number, (package, executable) in enumerate(NODES):
-            path = executable_path(Process(package=package, executable=executable, namespace="/"))
+            path = Path(get_package_prefix(package)) / "lib" / package / executable
             log = tmp_path / f"{executable}.log"
             environment = SHELL | {"ROS_DOMAIN_ID": str(domain)} | ({"ROS_LOCALHOST_ONLY": "1"} if number % 2 else {})
             arguments = ["--ros-args", "-r", "__ns:=/auv1", "--params-file", str(vehicles_file)]

@@ -13,7 +13,7 @@ GUIDE = sorted((ROOT / "docs" / "guide").glob("*.md"))
 PAGES = [
     *(
         ROOT / name
-        for name in ("README.md", "CONTRIBUTING.md", "docs/reference/hardware.md", "docs/design/adding-a-driver.md")
+        for name in ("README.md", "CONTRIBUTING.md", "docs/reference/hardware.md", "docs/extending/adding-a-driver.md")
     ),
     *GUIDE,
 ]

@@ -1,4 +1,4 @@
-"""The worked example of docs/design/adding-a-method.md, built in a scratch tree and flown."""
+"""The worked example of docs/extending/adding-a-method.md, built in a scratch tree and flown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "design" / "adding-a-method.md"
+PAGE = ROOT / "docs" / "extending" / "adding-a-method.md"
 PACKAGES = ("auv_lse_common", "auv_lse_planner")
 
 FLIGHT = """

@@ -1,4 +1,4 @@
-"""The worked example of docs/design/adding-a-topic.md: message, value and row, added to a copy of the packages."""
+"""The worked example of docs/extending/adding-a-topic.md: message, value and row, added to a copy of the packages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "design" / "adding-a-topic.md"
+PAGE = ROOT / "docs" / "extending" / "adding-a-topic.md"
 
 #: Records two messages, and looks at recorder, replay and reference page.
 CHECK = """

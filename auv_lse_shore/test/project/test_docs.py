@@ -179,6 +179,7 @@ def words(*patterns, code=True):
         (1_200, ["README.md"]),
         (25_000, ["docs/guide/**/*.md", "docs/reference/**/*.md"]),
         *((2_000, [f"docs/design/{page.name}"]) for page in sorted((ROOT / "docs" / "design").glob("*.md"))),
+        *((2_000, [f"docs/extending/{page.name}"]) for page in sorted((ROOT / "docs" / "extending").glob("*.md"))),
     ],
     ids=str,
 )

@@ -2,7 +2,7 @@
 
 A format has a function `write(export: Export) -> str` that writes its files into `export.folder` and returns a line
 for the terminal. It may have a function `check()` that raises `ExportError` where the format cannot be written. The
-first line of its docstring is shown by `auv_lse export --help`. docs/design/adding-an-export-format.md adds one.
+first line of its docstring is shown by `auv_lse export --help`. docs/extending/adding-an-export-format.md adds one.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A format has a function `recognizes(file: LogFile) -> bool` that judges a file by its content, and a function
 `read(file: LogFile, options: ReadOptions) -> list[LogContent]`, one of each vehicle. The first line of its docstring is
 shown by the help. Formats that begin with a signature are asked first; `ASKED_LAST` is True for those that do not.
-docs/design/adding-a-log-format.md adds one.
+docs/extending/adding-a-log-format.md adds one.
 """
 
 from __future__ import annotations
