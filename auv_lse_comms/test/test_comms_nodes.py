@@ -17,11 +17,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from spinning import LOGS, spun
-from std_msgs.msg import Header
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
-from auv_lse_common.node.dive import DIVE_VARIABLE, tagged_frame
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
@@ -111,7 +110,7 @@ def test_hardware_takes_nothing_that_a_simulation_or_another_dive_has_sent(
         packets = s.bench.create_publisher(ModemTx, "/auv2/modem/tx", EVERY)
         s.until(lambda: packets.get_subscription_count() and s.bench.count_publishers("/auv2/diagnostics"))
         for number, dive in enumerate((SIM, OTHER, own)):
-            packets.publish(ModemTx(header=Header(frame_id=tagged_frame(dive, "map")), payload=bytes([number] * 252)))
+            packets.publish(ModemTx(dive=dive, payload=bytes([number] * 252)))
         s.until(lambda: taken)
         assert taken == [2]
         s.until(lambda: any(OTHER in status.message for report in reports for status in report.status))
@@ -125,7 +124,7 @@ def test_a_node_names_its_dive_in_what_it_publishes(tmp_path: Path, monkeypatch:
     with spun(ModemNode, tmp_path / "p.yaml", "mission: {vehicles: 2, steps: 3}") as s:
         found = s.collect(TdmaStatus, "/auv2/tdma")
         s.until(lambda: found)
-        assert found[0].header.frame_id == f"{DIVE}/map"
+        assert (found[0].dive, found[0].header.frame_id) == (DIVE, "map")
 
 
 def test_a_driver_without_its_device_logs_and_publishes_what_it_waits_for(

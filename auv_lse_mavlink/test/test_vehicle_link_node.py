@@ -20,10 +20,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from pymavlink.dialects.v20 import common as mavlink
 from rcl_interfaces.msg import Log
 from spinning import LOGS, spun
-from std_msgs.msg import Header
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.node.dive import DIVE_VARIABLE, tagged_frame
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.topics.plan_codecs import decode_waypoint
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.records import RunReport
@@ -185,7 +184,7 @@ def test_an_autopilot_gets_no_waypoint_of_a_simulation(tmp_path: Path, monkeypat
         legs = s.bench.create_publisher(Waypoint, "/auv2/waypoint", LATCHED)
         s.until(legs.get_subscription_count)
         for step, dive in enumerate((SIM, "", OTHER, DIVE)):
-            legs.publish(Waypoint(header=Header(frame_id=tagged_frame(dive, "map")), step=step, end_north_m=9.0))
+            legs.publish(Waypoint(dive=dive, step=step, end_north_m=9.0))
             s.until(lambda n=step: sum(sum(c.values()) for c in s.node.strangers._counts.values()) + (n == 3) > n)
         s.until(lambda: s.node._last is not None)
         assert (s.node._waypoints, s.node._last[0]) == (1, 3)

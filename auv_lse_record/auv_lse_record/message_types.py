@@ -60,8 +60,20 @@ def stamp_of(data: bytes) -> float:
 
 def frame_of(data: bytes) -> str:
     """The frame in the header with which a serialized message begins (CDR); "" if it is too short."""
-    size = int.from_bytes(data[12:16], "little" if data[1:2] == b"\1" else "big")
-    return data[16 : 16 + size].rstrip(b"\0").decode(errors="replace")
+    return _text(data, 12)[0]
+
+
+def dive_in(data: bytes) -> str:
+    """The id of the dive in a serialized message of the project, after its header; "" if it is too short."""
+    _, end = _text(data, 12)
+    return _text(data, end)[0]
+
+
+def _text(data: bytes, start: int) -> tuple[str, int]:
+    """A string of a serialized message (CDR), and where the next one begins."""
+    size = int.from_bytes(data[start : start + 4], "little" if data[1:2] == b"\1" else "big")
+    end = start + 4 + size
+    return data[start + 4 : end].rstrip(b"\0").decode(errors="replace"), end + -end % 4
 
 
 def make_message(store: Any, kind: str, fields: Mapping[str, Any]) -> Any:

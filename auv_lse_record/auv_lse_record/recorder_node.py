@@ -7,12 +7,13 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 # isort: split
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
@@ -23,16 +24,16 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionCo
 from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.base_node import BaseNode
-from auv_lse_common.node.dive import dive_of, is_simulation, sender_of, vehicle_of
+from auv_lse_common.node.dive import is_simulation, vehicle_of
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, Found, find_topic, recorded_topics
-from auv_lse_msgs.msg import LockstepDone, LockstepTick
+from auv_lse_msgs.msg import Dive, LockstepDone, LockstepTick
 from auv_lse_record.bag_writer import RecorderError, unused_folder
 from auv_lse_record.extra_topics import ExtraTopics
 from auv_lse_record.guard import GuardedWriter, free_mb
-from auv_lse_record.message_types import frame_of
+from auv_lse_record.message_types import dive_in, frame_of
 from auv_lse_record.ration import Ration
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_record.rosbag2_writer import make_writer
@@ -119,7 +120,7 @@ class RecorderNode(BaseNode):
             reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        subscription = self.create_subscription(message, topic, self._writer_of(topic), qos, raw=True)
+        subscription = self.subscribe_with_sender(message, topic, self._writer_of(topic), qos, raw=True)
         if not best_effort:
             self._reliable[topic] = (subscription, message, latched)
 
@@ -133,14 +134,16 @@ class RecorderNode(BaseNode):
         writers = self.get_publishers_info_by_topic(topic)
         return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
 
-    def _writer_of(self, topic: str) -> Callable[[bytes], None]:
+    def _writer_of(self, topic: str) -> Callable[..., None]:
         clock, found = self.get_clock(), find_topic(topic)
         with_dive = found is not None and found.topic.decode is not None
         rationed, limited = self._ration.concerns(found), found is None and self._extra.concerns(topic)
 
-        def write(data: bytes) -> None:
-            if with_dive and self._is_strangers(found, data):
+        def write(data: bytes, participant: bytes | None = None) -> None:
+            if with_dive and self._is_strangers(found, data, participant):
                 return
+            if found is not None and found.topic.name == "dive":
+                self.senders.introduce(deserialize_message(data, Dive), participant or b"")
             if limited and not self._takes(topic, len(data)):
                 return
             self._written_ns = clock.now().nanoseconds
@@ -160,13 +163,17 @@ class RecorderNode(BaseNode):
             self.get_logger().warning(self._extra.problem)
         return taken
 
-    def _is_strangers(self, found: Found, data: bytes) -> bool:
+    def _is_strangers(self, found: Found, data: bytes, participant: bytes | None) -> bool:
         """Whether a message is another dive's. Team mates in the same domain are recorded, too."""
-        sender = dive_of(frame_of(data))
+        sender: str | None = dive_in(data)
+        if found.topic.is_standard:
+            sender = self.senders.sender_of(frame_of(data), participant, time.monotonic())
+        if sender is None:
+            return False
         vehicle, own_vehicle = f"auv{found.vehicle}", vehicle_of(self.dive)
         if found.vehicle and own_vehicle not in ("", vehicle) and vehicle_of(sender) in ("", vehicle):
             return is_simulation(sender)
-        return self.ignores(found.topic, sender)
+        return self.ignores_dive(found.topic, sender)
 
     def _discover(self) -> None:
         """Records new topics; subscribes with best effort where a driver publishes that way."""
@@ -199,7 +206,7 @@ class RecorderNode(BaseNode):
             self.get_logger().error(self._bag.problem)
 
     def _on_tick(self, message: LockstepTick) -> None:
-        if self.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(message)):
+        if self.ignores(MISSION_TOPICS["/lockstep/tick"], message):
             return
         self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick, dive=self.dive))
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from auv_lse_common.topics.table import Topic, find_topic
 from auv_lse_common.vocabulary.stamps import seconds
+from auv_lse_record.earlier_versions import Translator
 from auv_lse_record.message_types import project_types
 
 #: Latched texts that the recorder writes into every recording: the mission file, the software's version.
@@ -167,6 +168,14 @@ class Recording:
                 yield connection.topic, stamp_ns, bytes(data)
         except Exception as error:  # as above
             raise self._broken(error) from error
+
+    def translated(
+        self, topics: Collection[str], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[tuple[str, int, bytes]]:
+        """Like `raw`, but messages of earlier versions are translated to what this version publishes."""
+        translator = Translator(self._reader.typestore, project_types())
+        for topic, stamp_ns, data in self.raw(topics, start_ns, stop_ns):
+            yield topic, stamp_ns, translator.translated(self.topics[topic].kind, data)
 
     def messages(
         self, topics: Collection[str], wanted: Callable[[str, bytes], bool] | None = None

@@ -7,7 +7,6 @@ from types import TracebackType
 import numpy as np
 import rclpy
 
-from auv_lse_common.node.dive import tagged_frame
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
@@ -27,7 +26,7 @@ class Babbler:
             seed: Seed of the positions and depths in the packets.
         """
         self.sent = 0
-        self._frame = tagged_frame(dive_on(domain) or "", "map")  # as if the modem had heard it
+        self._dive = dive_on(domain) or ""  # as if the modem had heard it
         self._domain, self._mates = domain, mates
         self._rng = np.random.default_rng(seed)
 
@@ -56,6 +55,6 @@ class Babbler:
             payload = encode(Packet(plan, np.column_stack([positions, self._rng.uniform(10.0, 30.0, 15)])))
             message = ModemRx(source=mate, payload=payload, sent_s=now_s - 2.5, arrival_s=now_s - 2.0, travel_s=0.5)
             message.header.stamp.sec, message.header.stamp.nanosec = int(now_s), int(now_s % 1.0 * 1e9)
-            message.header.frame_id = self._frame
+            message.header.frame_id, message.dive = "map", self._dive
             self._heard.publish(message)
             self.sent += 1

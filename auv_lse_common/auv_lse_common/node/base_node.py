@@ -14,12 +14,17 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from auv_lse_common.mission_file.parameters import describe, merge, nest, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import Strangers, own_dive
 from auv_lse_common.node.heartbeat import Heartbeat
-from auv_lse_common.topics.table import Topic
+from auv_lse_common.node.senders import Senders, take_with_sender
+from auv_lse_common.topics.quality import INTRODUCTIONS, writer_quality
+from auv_lse_common.topics.ros_conversions import header, message_class
+from auv_lse_common.topics.table import VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.health import NewProblems
 
 #: A clock that is never set back.
@@ -50,6 +55,7 @@ class BaseNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.dive = own_dive()
         self.strangers, self._new_strangers = Strangers(self.dive), NewProblems()
+        self.senders = Senders(self.dive)
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
         own = {key: _plain(v) for key, v in flat.items()}
@@ -87,7 +93,49 @@ class BaseNode(Node):
         """Number of recorders in this mission: 1 if `record.folder` is set, else 0."""
         return int(bool(self.parameters.get("record", {}).get("folder", "")))
 
-    def ignores(self, topic: Topic, sender: str) -> bool:
+    def introduce(self, vehicle: int) -> Publisher:
+        """Introduces this node to the readers of the messages of standard types that it publishes for a vehicle.
+
+        Returns:
+            The publisher, whose readers must be there before these messages are published.
+        """
+        topic = VEHICLE_TOPICS["dive"]
+        kind, name = message_class(topic.kind), full_name(topic, vehicle)
+        publisher = self.create_publisher(kind, name, writer_quality(topic))
+        publisher.publish(kind(header=header(self.now_s()), dive=self.dive, node=self.get_name()))
+        return publisher
+
+    def get_introduced(self, vehicle: int, then: Callable[[], None] = lambda: None) -> None:
+        """Reads the introductions of the nodes that publish for a vehicle; calls `then` after each."""
+        topic = VEHICLE_TOPICS["dive"]
+
+        def receive(message: Any, participant: bytes = b"") -> None:
+            self.senders.introduce(message, participant)
+            then()
+
+        name, kind = full_name(topic, vehicle), message_class(topic.kind)
+        self.subscribe_with_sender(kind, name, receive, INTRODUCTIONS)
+
+    def subscribe_with_sender(
+        self, kind: type, name: str, receive: Callable[..., None], quality: QoSProfile, *, raw: bool = False
+    ) -> Subscription:
+        """Subscribes to a topic; `receive` takes a message, and, from `StandingExecutor`, its sender's participant."""
+        return take_with_sender(self.create_subscription(kind, name, receive, quality, raw=raw))
+
+    def ignores(self, topic: Topic, message: Any, participant: bytes | None = None) -> bool:
+        """Whether a message must be ignored, because another dive has sent it, or may have.
+
+        Args:
+            topic: The message's topic.
+            message: The message.
+            participant: The participant of the ROS domain that has sent it; None: unknown.
+        """
+        if hasattr(message, "dive"):
+            return self.ignores_dive(topic, message.dive)
+        sender = self.senders.sender_of(message.header.frame_id, participant, time.monotonic())
+        return sender is None or self.ignores_dive(topic, sender)
+
+    def ignores_dive(self, topic: Topic, sender: str) -> bool:
         """Whether a message of a dive must be ignored; reports a dive that was not present before.
 
         Args:

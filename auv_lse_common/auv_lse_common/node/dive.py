@@ -1,12 +1,13 @@
 """The id of a dive or a simulation, with which nodes recognize the messages of their own mission.
 
 An entry point creates the id and passes it to its nodes in their environment: "auv2-1123-184534-3f2a" for a vehicle,
-"sim-1123-184534-3f2a" for a simulation. Nodes prefix the frame in each message header with it, as is usual for the
-frames of several robots: "sim-1123-184534-3f2a/map". Topics that only viewers read keep their frame.
+"sim-1123-184534-3f2a" for a simulation. The project's messages carry it in their field `dive`. Messages of standard
+types are recognized by their sender's participant in the ROS domain (`senders.py`).
 
 A node ignores messages of another dive and reports them. Messages without an id come from operators and from users'
-drivers. Nodes accept them on the topics on which these may publish; a simulation accepts only commands. Nodes started
-by hand have the id "" and ignore every message that has one, so hardware never obeys a simulation.
+drivers. Nodes accept them on the topics on which these may publish, unless a node of their own dive publishes there,
+too; a simulation accepts only commands. Nodes started by hand have the id "" and ignore every message that has one, so
+hardware never obeys a simulation.
 """
 
 from __future__ import annotations
@@ -43,18 +44,8 @@ def own_dive() -> str:
     return os.environ.get(DIVE_VARIABLE, "")
 
 
-def tagged_frame(dive: str, frame: str) -> str:
-    """The name of a frame in a header, with the id of the dive.
-
-    Args:
-        dive: The id; "" leaves the frame unchanged.
-        frame: The frame, such as "map".
-    """
-    return f"{dive}/{frame}" if dive else frame
-
-
 def dive_of(frame_id: str) -> str:
-    """The id of the dive in a header's frame; "" if it has none."""
+    """The id of the dive in a header's frame, where version 0.2 put it: "sim-1123-184534-3f2a/map"; "" if none."""
     prefix, separator, _ = frame_id.partition("/")
     return prefix if separator and _ID.fullmatch(prefix) else ""
 
@@ -64,28 +55,16 @@ def is_simulation(dive: str) -> bool:
     return dive.startswith(f"{SIMULATION}-")
 
 
-def tagged(message: Any, topic: Topic, dive: str) -> Any:
-    """Adds the id to the frame in a message's header, unless only viewers read the topic; returns the message.
-
-    Args:
-        message: A message of the topic; without a header it is unchanged.
-        topic: The topic.
-        dive: The id.
-    """
-    if topic.decode is not None and (header := getattr(message, "header", None)) is not None:
-        header.frame_id = tagged_frame(dive, header.frame_id)
+def tagged(message: Any, dive: str) -> Any:
+    """Enters the id into a message of the project; returns the message, which is unchanged if of a standard type."""
+    if hasattr(message, "dive"):
+        message.dive = dive
     return message
 
 
 def vehicle_of(dive: str) -> str:
     """The vehicle of a dive, "auv2"; "" for a simulation, and without an id."""
     return "" if is_simulation(dive) else dive.partition("-")[0]
-
-
-def sender_of(message: Any) -> str:
-    """The id in a message: in the frame of its header, else in its field `dive`; "" if it has none."""
-    header = getattr(message, "header", None)
-    return getattr(message, "dive", "") if header is None else dive_of(header.frame_id)
 
 
 def is_foreign(topic: Topic, sender: str, own: str) -> bool:
@@ -119,6 +98,7 @@ class Strangers:
     def __init__(self, own: str) -> None:
         """Args: own: the id of the node's dive."""
         self._own = own
+        self._served: set[str] = set()  # topics on which the node's own dive publishes
         self._counts: dict[str, dict[str, int]] = {}
         self._heard_s: dict[str, float] = {}
 
@@ -130,7 +110,10 @@ class Strangers:
             sender: The message's id.
             now_s: A monotonic clock.
         """
-        if not is_foreign(topic, sender, self._own):
+        if sender == self._own != "":
+            self._served.add(topic.name)
+        is_second = not sender and topic.writer != "" and topic.name in self._served
+        if not is_second and not is_foreign(topic, sender, self._own):
             return False
         for name, heard_s in list(self._heard_s.items()):
             if now_s - heard_s > _PRESENT_S:

@@ -153,10 +153,10 @@ def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     stopping = Stopping()
     try:
         refuse_mixture()
+        confine()
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2
-    confine()
     rclpy.init(args=init_arguments(arguments), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     try:

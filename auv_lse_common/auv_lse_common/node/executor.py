@@ -215,13 +215,14 @@ class StandingExecutor(SingleThreadedExecutor):
         if not group.beginning_execution(subscription):
             return False
         try:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            take = getattr(subscription, "take", None)  # with the message's sender (senders.py)
+            taken = take() if take else subscription.handle.take_message(subscription.msg_type, subscription.raw)
             if taken is None:
                 return False
-            if subscription._callback_type is Subscription.CallbackType.MessageOnly:
-                callback(taken[0])
-            else:
+            if take or subscription._callback_type is not Subscription.CallbackType.MessageOnly:
                 callback(*taken)
+            else:
+                callback(taken[0])
         finally:
             group.ending_execution(subscription)
         return True

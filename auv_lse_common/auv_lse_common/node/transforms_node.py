@@ -2,8 +2,10 @@
 
     map -> auvN/odom        jumps at a fix: what dead reckoning has drifted
     auvN/odom -> auvN/base_link   never jumps: dead reckoning since the start
+    auvN/base_link -> auvN/dvl    fixed: x points down, so that RViz draws the altitude's range
 
-Frames are ENU, z up. No node of the stack reads them; they serve RViz and other packages.
+Frames are ENU, z up. No node of the stack reads them; they serve RViz and other packages, and are published only where
+somebody reads them.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from auv_lse_common.topics.codecs import base_frame, odom_frame, sonar_frame
 from auv_lse_common.topics.ros_conversions import stamp
 from auv_lse_common.vocabulary.frames import wrap_pi, yaw_from_heading
 
@@ -31,23 +34,25 @@ class Transform:
         parent, child: Frames.
         xyz_m: Position: x, y, z.
         yaw_rad: Rotation about z, counter-clockwise.
+        pitch_rad: Rotation about y, before that about z; positive: x turns down.
     """
 
     parent: str
     child: str
     xyz_m: tuple[float, float, float]
-    yaw_rad: float
+    yaw_rad: float = 0.0
+    pitch_rad: float = 0.0
 
 
-def transforms(vehicle: int, odometry: Any, raw: Any) -> tuple[Transform, Transform]:
-    """The transforms map -> odom and odom -> base_link of a vehicle.
+def transforms(vehicle: int, odometry: Any, raw: Any) -> tuple[Transform, Transform, Transform]:
+    """The transforms map -> odom, odom -> base_link and base_link -> dvl of a vehicle.
 
     Args:
         vehicle: Its number.
         odometry: Its navigation's estimate, with `heading_rad`, `north_m`, `east_m`.
         raw: Its dead-reckoned position at the same time (`DeadReckoning`).
     """
-    odom = f"auv{vehicle}/odom"
+    odom, base = odom_frame(vehicle), base_frame(vehicle)
     yaw_rad = yaw_from_heading(raw.heading_rad)
     turn_rad = float(wrap_pi(yaw_from_heading(odometry.heading_rad) - yaw_rad))
     cos, sin = math.cos(turn_rad), math.sin(turn_rad)
@@ -57,10 +62,11 @@ def transforms(vehicle: int, odometry: Any, raw: Any) -> tuple[Transform, Transf
         Transform(parent="map", child=odom, xyz_m=(drift_x_m, drift_y_m, 0.0), yaw_rad=turn_rad),
         Transform(
             parent=odom,
-            child=f"auv{vehicle}/base_link",
+            child=base,
             xyz_m=(raw.east_m, raw.north_m, -raw.depth_m),
             yaw_rad=yaw_rad,
         ),
+        Transform(parent=base, child=sonar_frame(vehicle), xyz_m=(0.0, 0.0, 0.0), pitch_rad=math.pi / 2.0),
     )
 
 
@@ -79,8 +85,10 @@ class TransformPublisher:
 
     def publish(self, odometry: Any, raw: Any) -> None:
         """Publishes the transforms; arguments as those of `transforms`. Positions that are not finite are left out."""
+        if self._publisher is None or not self._publisher.get_subscription_count():
+            return
         numbers = (odometry.heading_rad, odometry.north_m, odometry.east_m, raw.north_m, raw.east_m, raw.depth_m)
-        if self._publisher is not None and all(map(math.isfinite, numbers)):
+        if all(map(math.isfinite, numbers)):
             stamped = [_message(raw.stamp_s, each) for each in transforms(self._vehicle, odometry, raw)]
             self._publisher.publish(self._type(transforms=stamped))
 
@@ -93,6 +101,10 @@ def _message(stamp_s: float, transform: Transform) -> Any:
     message.header.stamp = stamp(stamp_s)
     x, y, z = transform.xyz_m
     message.transform.translation.x, message.transform.translation.y, message.transform.translation.z = x, y, z
-    message.transform.rotation.z = math.sin(transform.yaw_rad / 2.0)
-    message.transform.rotation.w = math.cos(transform.yaw_rad / 2.0)
+    half_yaw_rad, half_pitch_rad = transform.yaw_rad / 2.0, transform.pitch_rad / 2.0
+    rotation = message.transform.rotation
+    rotation.x = -math.sin(half_yaw_rad) * math.sin(half_pitch_rad)
+    rotation.y = math.cos(half_yaw_rad) * math.sin(half_pitch_rad)
+    rotation.z = math.sin(half_yaw_rad) * math.cos(half_pitch_rad)
+    rotation.w = math.cos(half_yaw_rad) * math.cos(half_pitch_rad)
     return message

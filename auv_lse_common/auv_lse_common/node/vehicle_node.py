@@ -16,7 +16,7 @@ from rclpy.publisher import Publisher
 
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.node.base_node import BaseNode
-from auv_lse_common.node.dive import sender_of, tagged
+from auv_lse_common.node.dive import tagged
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
@@ -91,6 +91,8 @@ class VehicleNode(BaseNode):
         self._memory_returns = Periodic(_MEMORY_PERIOD_S)
         self._ticks: Ticks | None = None
         self._matched = self._greeted = self._is_ready = False
+        self._introduction: Publisher | None = None
+        self._introducers: set[str] = set()  # nodes that publish messages of standard types for this one
         self._phase_ends: dict[str, Outlet] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
         if self.lockstep:
             topic = MISSION_TOPICS["/lockstep/done"]
@@ -189,9 +191,10 @@ class VehicleNode(BaseNode):
         self._readers[publisher] = readers + recorders
         if recorders and not readers:
             self._only_recorded.append(publisher)
-        return Outlet(
-            publisher, topic, POST, lambda value: tagged(encoded(topic, value, self._vehicle), topic, self.dive)
-        )
+        if topic.is_standard and topic.readers and not self._introduction:
+            self._introduction = self.introduce(self._vehicle)
+            self._readers[self._introduction] = reader_count(VEHICLE_TOPICS["dive"], self._possible_readers())
+        return Outlet(publisher, topic, POST, lambda value: tagged(encoded(topic, value, self._vehicle), self.dive))
 
     def _possible_readers(self) -> list[str]:
         """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
@@ -236,8 +239,8 @@ class VehicleNode(BaseNode):
         if needed:
             self._unheard.add(name)
 
-        def receive(message: Any) -> None:
-            if self.ignores(topic, sender_of(message)):
+        def receive(message: Any, participant: bytes | None = None) -> None:
+            if self.ignores(topic, message, participant):
                 return
             self._unheard.discard(name)
             try:
@@ -256,7 +259,15 @@ class VehicleNode(BaseNode):
             POST.read(topic.name, take)
         else:
             quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
-            self.create_subscription(message_class(topic.kind), topic.name, take, quality)
+            kind = message_class(topic.kind)
+            if not topic.is_standard:
+                self.create_subscription(kind, topic.name, take, quality)
+                return
+            if not self._introducers:
+                self.get_introduced(self._vehicle, self.wake)
+            running = self._possible_readers()
+            self._introducers.add(next((name for name in topic.writer.split("|") if name in running), topic.writer))
+            self.subscribe_with_sender(kind, topic.name, take, quality)
 
     def _check_reader(self, topic: Topic) -> None:
         if not any(self._role in reader.split("|") for reader in topic.readers):
@@ -371,7 +382,7 @@ class VehicleNode(BaseNode):
     def _answer(self) -> None:
         if self._ticks is None or not self.settled():
             return
-        if self._matched and not self._greeted:
+        if self._matched and not self._greeted and self._introducers <= self.senders.nodes:
             self._greeted = True
             self.announce(next(iter(self._handlers)), 0, ())
         for phase, handler in self._handlers.items():
@@ -403,7 +414,7 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_tick(self, message: LockstepTick) -> None:
-        if self.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(message)):
+        if self.ignores(MISSION_TOPICS["/lockstep/tick"], message):
             return
         counted = {row.name: getattr(message, row.tick_count) for row in VEHICLE_TOPICS.values() if row.tick_count}
         totals = {name: counts[self.vehicle - 1] for name, counts in counted.items()}
@@ -411,7 +422,7 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_done(self, topic: Topic, message: LockstepDone) -> None:
-        if self.ignores(topic, sender_of(message)):
+        if self.ignores(topic, message):
             return
         self._ticks.done(message.phase, message.tick, message.totals)
         self.wake()

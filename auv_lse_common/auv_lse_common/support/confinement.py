@@ -2,7 +2,8 @@
 
 Everything that the project starts gets it before its middleware is loaded: missions, vehicles, launch files, nodes
 started by `ros2 run`, viewers, inspection commands and tests. `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone does not
-do this: it limits discovery, while Fast DDS still listens on every address.
+do this: it limits discovery, while Fast DDS still listens on every address. Cyclone DDS binds its receiving sockets to
+every address whatever its profile says (seen with 11.0), so it is refused until the user names a network.
 """
 
 from __future__ import annotations
@@ -19,15 +20,10 @@ NETWORK_VARIABLES = (*RANGE_VARIABLES, *FASTDDS_VARIABLES, "CYCLONEDDS_URI")
 #: range to a profile, which counts by itself.
 _OTHER_RANGES = ("SUBNET", "OFF")
 _FASTDDS_PROFILE = Path(__file__).with_name("fastdds_localhost.xml")
-#: Cyclone DDS: one interface, no multicast, participants found one by one, as many as Fast DDS's profile allows.
-_CYCLONEDDS_PROFILE = (
-    "<CycloneDDS><Domain><General>"
-    '<Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast>'
-    "</General><Discovery>"
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>"
-    '<Peers><Peer Address="127.0.0.1"/></Peers>'
-    "</Discovery></Domain></CycloneDDS>"
-)
+
+
+class ConfinementError(ValueError):
+    """The middleware in use cannot be kept on this computer, and the user names no network."""
 
 
 def confined(domain: int | None = None, environment: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -39,6 +35,9 @@ def confined(domain: int | None = None, environment: Mapping[str, str] | None = 
     Args:
         domain: ROS domain; None: that of `environment`.
         environment: The environment to start from; None: this process's.
+
+    Raises:
+        ConfinementError: with Cyclone DDS, if no network is named.
     """
     result = dict(os.environ if environment is None else environment)
     if domain is not None:
@@ -49,17 +48,22 @@ def confined(domain: int | None = None, environment: Mapping[str, str] | None = 
         profile = next((result[name] for name in FASTDDS_VARIABLES if result.get(name)), "")
         # Fast DDS reads one of the names before release 3, and the other one since.
         return {**dict.fromkeys(FASTDDS_VARIABLES, profile), **result} if profile else result
-    has_profile = any(name in _middleware(result) for name in ("fastrtps", "cyclonedds"))
+    if "cyclonedds" in _middleware(result):
+        raise ConfinementError(
+            f"RMW_IMPLEMENTATION={result['RMW_IMPLEMENTATION']}: Cyclone DDS receives on every network, and no profile "
+            "prevents that. Unset it to use Fast DDS, which stays on this computer, or name a network: "
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET, ROS_STATIC_PEERS or CYCLONEDDS_URI"
+        )
+    has_profile = "fastrtps" in _middleware(result)
     return result | {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT" if has_profile else "LOCALHOST",
         "ROS_LOCALHOST_ONLY": "",  # Fast DDS would add a transport that listens on every address
         **dict.fromkeys(FASTDDS_VARIABLES, str(_FASTDDS_PROFILE)),
-        "CYCLONEDDS_URI": _CYCLONEDDS_PROFILE,
     }
 
 
 def confine(domain: int | None = None) -> None:
-    """Gives this process the environment of `confined`. Call it before `rclpy.init`."""
+    """Gives this process the environment of `confined`, with its errors. Call it before `rclpy.init`."""
     os.environ.update(confined(domain))
 
 
@@ -73,7 +77,7 @@ def names_network(environment: Mapping[str, str]) -> bool:
     if any(environment.get(name) for name in RANGE_VARIABLES[1:]):
         return True
     if "cyclonedds" in _middleware(environment):
-        return environment.get("CYCLONEDDS_URI", "") not in ("", _CYCLONEDDS_PROFILE)
+        return bool(environment.get("CYCLONEDDS_URI"))
     profiles = {environment.get(name, "") for name in FASTDDS_VARIABLES} - {"", str(_FASTDDS_PROFILE)}
     return any(Path(profile).is_file() for profile in profiles)
 
@@ -86,7 +90,7 @@ def watch_variables(domain: int) -> str:
 
 def is_confined(environment: Mapping[str, str]) -> bool:
     """Whether an environment keeps ROS traffic on this computer, as `confined` does without a named network."""
-    return environment.get("CYCLONEDDS_URI") == _CYCLONEDDS_PROFILE and not names_network(environment)
+    return environment.get(FASTDDS_VARIABLES[0]) == str(_FASTDDS_PROFILE) and not names_network(environment)
 
 
 def _middleware(environment: Mapping[str, str]) -> str:

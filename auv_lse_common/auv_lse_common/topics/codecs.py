@@ -91,12 +91,34 @@ def record_decoder(kind: type) -> Decode:
 # Positions of vehicles ------------------------------------------------------------------------------------------------
 
 
+#: Variance (m2) of the height of the water's surface above the ellipsoid.
+_UNKNOWN_HEIGHT_M2 = 1e8
 #: From (heading, north, east) to (x east, y north, yaw = pi/2 - heading), and their rows in a pose's covariance.
 _TO_ENU = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 _ENU_ROWS = np.ix_([0, 1, 5], [0, 1, 5])
 
 
-def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
+def odom_frame(vehicle: int) -> str:
+    """The frame of a vehicle's dead reckoning (REP 105)."""
+    return f"auv{vehicle}/odom"
+
+
+def base_frame(vehicle: int) -> str:
+    """The frame of a vehicle's body (REP 105): x forward, y to port, z up."""
+    return f"auv{vehicle}/base_link"
+
+
+def sonar_frame(vehicle: int) -> str:
+    """The frame of a vehicle's altitude: x points down."""
+    return f"auv{vehicle}/dvl"
+
+
+def encode_dead_reckoning(value: DeadReckoning, vehicle: int) -> Fields:
+    """Odometry in the vehicle's odom frame."""
+    return encode_odometry(value, vehicle, odom_frame(vehicle))
+
+
+def encode_odometry(value: Any, vehicle: int, frame: str = "map") -> Fields:
     """Odometry of a `DeadReckoning` or `Odometry`, or of an object with the same attributes."""
     x, y, z, w = quaternion_from_heading(float(value.heading_rad))
     pose = {
@@ -111,30 +133,25 @@ def encode_odometry(value: Any, vehicle: int, frame: str = "auv") -> Fields:
     speed, yaw_rate = getattr(value, "speed_mps", 0.0), getattr(value, "yaw_rate_radps", 0.0)
     twist = {"linear": {"x": float(speed)}, "angular": {"z": 0.0 - float(yaw_rate)}}
     return {
-        "header": header_fields(value.stamp_s),
-        "child_frame_id": f"{frame}{vehicle}",
+        "header": header_fields(value.stamp_s, frame),
+        "child_frame_id": base_frame(vehicle),
         "pose": placed,
         "twist": {"twist": twist},
     }
 
 
 def encode_geodetic(position: GeodeticPosition, vehicle: int) -> Fields:
-    """NavSatFix; its altitude is NaN, since the height of the water's surface above the ellipsoid is unknown."""
+    """NavSatFix; its altitude is above the water's surface, whose height above the ellipsoid is unknown."""
     (east, north_east), (_, north) = position.covariance
     return {
-        "header": header_fields(position.stamp_s, f"auv{vehicle}"),
+        "header": header_fields(position.stamp_s, base_frame(vehicle)),
         "status": {"status": 0, "service": 0},  # a position, of no particular satellite system
         "latitude": position.lat_deg,
         "longitude": position.lon_deg,
-        "altitude": math.nan,
-        "position_covariance": np.array([east, north_east, 0.0, north_east, north, 0.0, 0.0, 0.0, 0.0]),
+        "altitude": -position.depth_m,  # robot_localization drops a fix whose altitude is NaN
+        "position_covariance": np.array([east, north_east, 0.0, north_east, north, 0.0, 0.0, 0.0, _UNKNOWN_HEIGHT_M2]),
         "position_covariance_type": 1 if east > 0.0 and north > 0.0 else 0,  # approximated, or unknown
     }
-
-
-def encode_truth(value: Any, vehicle: int) -> Fields:
-    """Odometry of the true position of a simulated vehicle."""
-    return encode_odometry(value, vehicle, "truth/auv")
 
 
 def decode_dead_reckoning(message: Any) -> DeadReckoning:
@@ -212,7 +229,7 @@ def decode_sounding(message: Any) -> Sounding:
 def encode_altitude(altitude: Any, vehicle: int) -> Fields:
     """Range; without an echo (NaN) it is +inf (REP 117)."""
     return {
-        "header": header_fields(altitude.stamp_s, f"auv{vehicle}/dvl"),
+        "header": header_fields(altitude.stamp_s, sonar_frame(vehicle)),
         "radiation_type": 0,  # ultrasound
         "field_of_view": 0.07,
         "min_range": float(altitude.min_m),
@@ -233,7 +250,7 @@ def decode_altitude(message: Any) -> Altitude:
 
 def encode_pressure(pressure: Any, vehicle: int) -> Fields:
     """FluidPressure."""
-    header = header_fields(pressure.stamp_s, f"auv{vehicle}/pressure")
+    header = header_fields(pressure.stamp_s, base_frame(vehicle))
     return {"header": header, "fluid_pressure": float(pressure.pressure_pa)}
 
 

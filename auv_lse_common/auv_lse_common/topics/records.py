@@ -61,6 +61,7 @@ class GeodeticPosition:
     stamp_s: float
     lat_deg: float
     lon_deg: float
+    depth_m: float = 0.0
     covariance: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
 
     @classmethod
@@ -76,6 +77,7 @@ class GeodeticPosition:
             stamp_s=position.stamp_s,
             lat_deg=float(lat_deg),
             lon_deg=float(lon_deg),
+            depth_m=float(position.depth_m),
             covariance=((east, north_east), (north_east, north)),
         )
 

@@ -105,6 +105,11 @@ class Topic:
         """Whether it belongs to lockstep itself: not recorded, not part of a vehicle's security policy."""
         return self.kind in (_DONE, _TICK)
 
+    @property
+    def is_standard(self) -> bool:
+        """Whether its messages are of a standard type, without a field for the id of the dive."""
+        return not self.kind.startswith("auv_lse_msgs/")
+
 
 _DONE, _TICK = "auv_lse_msgs/msg/LockstepDone", "auv_lse_msgs/msg/LockstepTick"
 _decode_sent = packet_decoder(Transmission)
@@ -126,7 +131,7 @@ _ROWS = (
         name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the position by dead reckoning, without fixes",
         writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
         tick_count="dead_reckonings", awaited_by=("modem", "gp"),
-        encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
+        encode=codecs.encode_dead_reckoning, decode=codecs.decode_dead_reckoning,
     ),
     Topic(
         name="fix", kind="auv_lse_msgs/msg/Fix", about="a GPS position, taken at the surface",
@@ -259,6 +264,10 @@ _ROWS = (
         encode=encode_record, decode=record_decoder(TdmaReport),
     ),
     Topic(
+        name="dive", kind="auv_lse_msgs/msg/Dive", about="the dive of each node that publishes standard messages",
+        readers=("gp_node", "planner_node", "safety_node", "modem_node"), delivery="latched",
+    ),
+    Topic(
         name="diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray", about="health of each node and device",
         encode=codecs.encode_health, decode=codecs.decode_health,
     ),
@@ -310,7 +319,7 @@ MISSION_TOPICS = {row.name: row for row in _MISSION_ROWS}
 #: True position of a simulated vehicle, on /truth/auvN/odometry.
 TRUTH_TOPIC = Topic(
     name="truth/odometry", kind="nav_msgs/msg/Odometry", about="a simulated vehicle's true position", writer="sim_node",
-    encode=codecs.encode_truth, decode=codecs.decode_odometry,
+    encode=codecs.encode_odometry, decode=codecs.decode_odometry,
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The id of a dive: made once, carried in frames, read back."""
+"""The id of a dive: made once, carried in messages, compared."""
 
 from types import SimpleNamespace
 
@@ -12,9 +12,7 @@ from auv_lse_common.node.dive import (
     is_simulation,
     new_dive,
     own_dive,
-    sender_of,
     tagged,
-    tagged_frame,
     vehicle_of,
 )
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
@@ -22,24 +20,13 @@ from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 DIVE, OTHER, SIM, SIM_2 = (f"{kind}-1123-184534-{k}f2a" for k, kind in enumerate(("auv1", "auv1", "sim", "sim")))
 
 
-def message(sender, frame="map"):
-    return SimpleNamespace(header=SimpleNamespace(frame_id=tagged_frame(sender, frame)))
-
-
 @pytest.mark.parametrize("kind", ["sim", "auv2", "auv255"])
-def test_an_id_survives_in_a_frame(kind):
+def test_an_id_names_its_kind(kind):
     dive = new_dive(kind)
     assert dive.startswith(f"{kind}-")
-    assert dive_of(tagged_frame(dive, "auv2/dvl")) == dive
     assert is_simulation(dive) == (kind == "sim")
     assert vehicle_of(dive) == ("" if kind == "sim" else kind)
-
-
-def test_a_message_names_its_sender():
-    assert sender_of(message(SIM, "auv1/dvl")) == SIM
-    assert sender_of(message("")) == ""
-    assert sender_of(SimpleNamespace(dive=SIM)) == SIM
-    assert sender_of(object()) == ""
+    assert dive_of(f"{dive}/auv2/dvl") == dive, "as version 0.2 wrote frames"
 
 
 def test_ids_of_one_second_differ():
@@ -49,7 +36,6 @@ def test_ids_of_one_second_differ():
 @pytest.mark.parametrize("frame", ["", "map", "auv1/dvl", "sim/map", "sim-1/map", "robot-1123-184534-3f2a/map"])
 def test_other_frames_have_no_id(frame):
     assert dive_of(frame) == ""
-    assert tagged_frame("", frame) == frame
 
 
 def test_the_environment_names_the_dive(monkeypatch):
@@ -74,19 +60,27 @@ def test_messages_without_an_id_come_from_operators_and_own_drivers():
         return {row.name for row in VEHICLE_TOPICS.values() if not is_foreign(row, "", own)}
 
     measured = {"sounding", "odometry", "dead_reckoning", "fix", "navsat", "altitude", "pressure", "autopilot"}
-    assert taken(DIVE) == {"mission/command", "diagnostics", "modem/rx", "modem/sent", "modem/failed"} | measured
-    assert taken(SIM) == {"mission/command", "diagnostics"}
+    anybody = {"mission/command", "dive", "diagnostics"}
+    assert taken(DIVE) == {"modem/rx", "modem/sent", "modem/failed"} | measured | anybody
+    assert taken(SIM) == anybody
     assert not is_foreign(MISSION_TOPICS["/mission/command"], "", SIM)
 
 
-def test_a_frame_is_tagged_where_nodes_read_it():
-    frames = {
-        row.name: tagged(message(""), row, SIM).header.frame_id for row in VEHICLE_TOPICS.values() if not row.lockstep
-    }
-    assert {name for name, frame in frames.items() if frame == "map"} == {"risk_map", "isobath", "path", "navsat"}
-    assert set(frames.values()) == {"map", f"{SIM}/map"}
-    clock = object()
-    assert tagged(clock, MISSION_TOPICS["/clock"], SIM) is clock
+def test_the_projects_messages_carry_the_id():
+    own, clock = SimpleNamespace(dive=""), object()
+    assert tagged(own, SIM).dive == SIM
+    assert tagged(clock, SIM) is clock
+
+
+def test_a_topic_on_which_the_own_dive_publishes_takes_no_message_without_an_id():
+    """A recording that is played in a vehicle's domain looks like a user's driver."""
+    strangers, odometry, command = Strangers(DIVE), VEHICLE_TOPICS["odometry"], VEHICLE_TOPICS["mission/command"]
+    assert not strangers.ignores(odometry, "", 0.0), "a user's driver"
+    for topic in (odometry, command):
+        assert not strangers.ignores(topic, DIVE, 1.0)
+    assert strangers.ignores(odometry, "", 2.0)
+    assert not strangers.ignores(command, "", 2.0), "operators"
+    assert not Strangers("").ignores(odometry, "", 2.0)
 
 
 def test_strangers_are_counted_and_forgotten_after_a_minute():
@@ -97,7 +91,7 @@ def test_strangers_are_counted_and_forgotten_after_a_minute():
     for t in range(3):
         assert strangers.ignores(odometry, OTHER, float(t))
     assert strangers.ignores(waypoint, "", 2.0)
-    assert strangers.ignores(MISSION_TOPICS["/lockstep/tick"], sender_of(SimpleNamespace(dive=SIM)), 2.0)
+    assert strangers.ignores(MISSION_TOPICS["/lockstep/tick"], SIM, 2.0)
     found = strangers.problems(3.0)
     assert set(found) == {OTHER, "", SIM}
     assert found[OTHER].startswith(f"{OTHER} publishes in this ROS domain, too: 3 messages ignored (odometry).")

@@ -8,7 +8,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from auv_lse_common.support.confinement import NETWORK_VARIABLES, confine, confined, is_confined, watch_variables
+from auv_lse_common.support.confinement import (
+    NETWORK_VARIABLES,
+    ConfinementError,
+    confine,
+    confined,
+    is_confined,
+    watch_variables,
+)
 
 BARE = {name: value for name, value in os.environ.items() if name not in NETWORK_VARIABLES}
 OPEN = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
@@ -27,12 +34,10 @@ def test_nothing_named_means_this_computer() -> None:
     assert confined(None, environment) == environment, "a child process gets the same"
 
 
-def test_cyclone_dds_has_the_loopback_interface_alone() -> None:
-    environment = confined(7, BARE | CYCLONE)
-    general = ElementTree.fromstring(environment["CYCLONEDDS_URI"]).find("Domain/General")
-    assert general is not None
-    assert [(i.get("name"), i.get("multicast")) for i in general.iter("NetworkInterface")] == [("lo", "false")]
-    assert general.findtext("AllowMulticast") == "false"
+def test_cyclone_dds_needs_a_network_since_it_listens_on_every_one() -> None:
+    with pytest.raises(ConfinementError, match=r"=rmw_cyclonedds_cpp: .* Unset it to use Fast DDS.* or name a network"):
+        confined(7, BARE | CYCLONE)
+    assert confined(None, BARE | CYCLONE | OPEN) == BARE | CYCLONE | OPEN
     own = BARE | CYCLONE | {"CYCLONEDDS_URI": "file:///etc/cyclone.xml"}
     assert confined(None, own) == own
     assert is_confined(confined(None, own | {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"})), "not Fast DDS's profile"

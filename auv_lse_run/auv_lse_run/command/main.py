@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from auv_lse_common.support.confinement import ConfinementError
 from auv_lse_common.support.installed_copy import copy_of, mixed_versions
 from auv_lse_common.support.missing_packages import MissingPackageError, install_command, is_installed
 from auv_lse_common.support.user_error import error_text
@@ -127,7 +128,7 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
     """
     try:
         return int(module.run(options) or 0)
-    except getattr(module, "ERRORS", ()) as error:
+    except (ConfinementError, *getattr(module, "ERRORS", ())) as error:
         raise CommandError(error_text(error)) from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(getattr(module, "INTERRUPTED", "")) from None

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.node.dive import DIVE_VARIABLE, dive_of
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
@@ -63,7 +63,7 @@ class SimStatusWatch:
 
     def _on_status(self, message: SimStatus) -> None:
         """Takes the end of a mission that this watch has seen waiting or running; ignores earlier missions."""
-        if dive_of(message.header.frame_id) != self._environment.get(DIVE_VARIABLE, ""):
+        if message.dive != self._environment.get(DIVE_VARIABLE, ""):
             return
         self._begun = self._begun or message.state not in _ENDS
         if self._begun:

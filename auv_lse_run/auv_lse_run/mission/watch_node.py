@@ -9,7 +9,7 @@ from functools import partial
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.node.dive import DIVE_VARIABLE, dive_of
+from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import EVERY, LATCHED
@@ -68,7 +68,7 @@ class MissionWatch:
         return self._state, self._message
 
     def _is_own(self, message: SimStatus | Bound | MapQuality) -> bool:
-        return dive_of(message.header.frame_id) == self._environment.get(DIVE_VARIABLE, "")
+        return bool(message.dive == self._environment.get(DIVE_VARIABLE, ""))
 
     def _on_status(self, message: SimStatus) -> None:
         if not self._is_own(message):

@@ -99,9 +99,9 @@ class Player:
         pace = Pace(start_ns, rate, time.monotonic(), paused)
         self.progress = progress = Progress((start_ns - self._recording.start_ns) * 1e-9, rate, paused)
         latched = [topic.name for topic in self._topics if topic.latched and topic.name in self._publishers]
-        for topic, _, data in last_of_each(self._recording.raw(latched, stop_ns=start_ns)):
+        for topic, _, data in last_of_each(self._recording.translated(latched, stop_ns=start_ns)):
             self._publishers[topic].publish(data)
-        for topic, stamp_ns, data in self._recording.raw(self._publishers, start_ns, stop_ns):
+        for topic, stamp_ns, data in self._recording.translated(self._publishers, start_ns, stop_ns):
             self._wait_for(stamp_ns, pace, progress, show)
             self._publishers[topic].publish(data)
             progress.messages += 1

@@ -35,12 +35,6 @@ pytestmark = pytest.mark.ros
 DIVE = "sim-1123-184534-3f2a"
 
 
-def own_header(stamp_s):
-    found = header(stamp_s)
-    found.frame_id = f"{DIVE}/map"
-    return found
-
-
 def wait_for(condition, what):
     until = time.monotonic() + 30.0
     while not condition():
@@ -67,26 +61,26 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
         node = Node("mission", context=context)
         status = node.create_publisher(SimStatus, "/sim/status", LATCHED)
         odometry = node.create_publisher(Odometry, "/auv1/odometry", EVERY)
-        status.publish(SimStatus(header=own_header(0.0), state=SimStatus.WAITING, message="for the nodes"))
+        status.publish(SimStatus(dive=DIVE, header=header(0.0), state=SimStatus.WAITING, message="for the nodes"))
         follower.start()
         try:
             wait_for(lambda: events("status"), "the simulator is heard")
             assert timeline.state["growing"]
             assert odometry.get_subscription_count() == 0, "nobody is counted among the readers before it runs"
-            status.publish(SimStatus(header=own_header(300.0), state=SimStatus.RUNNING, steps=[20, 20]))
+            status.publish(SimStatus(dive=DIVE, header=header(300.0), state=SimStatus.RUNNING, steps=[20, 20]))
             wait_for(odometry.get_subscription_count, "the vehicles are listened to")
             for i in range(10):
-                odometry.publish(Odometry(header=own_header(300.0 + i)))
+                odometry.publish(Odometry(header=header(300.0 + i)))
             wait_for(lambda: [e for e in events("pose") if e["t"] >= 308.0], "odometry is heard")
             wait_for(lambda: events("sent"), "what was said before comes from the recording")
             assert events("mission")[0]["name"] == "a run"
             assert [e["t"] for e in events("pose") if e["vehicle"] == 1 and e["t"] < 200.0]
             name = timeline.since("", 0, 1)[0]
             odometry.publish(Odometry(header=header(5.0)))  # of a stranger, who names no dive
-            odometry.publish(Odometry(header=own_header(310.0)))
+            odometry.publish(Odometry(header=header(310.0)))
             wait_for(lambda: [e for e in events("pose") if e["t"] >= 310.0], "odometry is heard")
             assert timeline.since("", 0, 1)[0] == name, "the same mission"
-            odometry.publish(Odometry(header=own_header(5.0)))
+            odometry.publish(Odometry(header=header(5.0)))
             wait_for(lambda: timeline.since("", 0, 1)[0] != name, "time went back: another mission has begun")
         finally:
             node.destroy_node()

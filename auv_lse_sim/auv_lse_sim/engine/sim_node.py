@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.base_node import BaseNode
-from auv_lse_common.node.dive import sender_of, tagged
+from auv_lse_common.node.dive import tagged
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
 from auv_lse_common.topics.plan_codecs import decode_run, decode_waypoint
@@ -96,7 +96,7 @@ class SimNode(BaseNode):
         quality = EVERY if name == "waypoint" else writer_quality(topic)  # ignores waypoints of an earlier mission
 
         def receive(message: Any) -> None:
-            if not self.ignores(topic, sender_of(message)):
+            if not self.ignores(topic, message):
                 take(k, message)
 
         self.create_subscription(message_class(topic.kind), full_name(topic, k), receive, quality)
@@ -153,7 +153,7 @@ class SimNode(BaseNode):
         self._last_status, self._status_s = (state, message), now_s
         report = status_report(self._sim, state, message, self._speed.value)
         topic = MISSION_TOPICS["/sim/status"]
-        self._status.publish(tagged(encoded(topic, report, 0), topic, self.dive))
+        self._status.publish(tagged(encoded(topic, report, 0), self.dive))
 
     # ------------------------------------------------------------------ incoming messages
 
@@ -178,7 +178,7 @@ class SimNode(BaseNode):
 
     def _on_command(self, message: MissionCommand) -> None:
         """Passes a command on to all vehicles."""
-        if self.ignores(MISSION_TOPICS["/mission/command"], sender_of(message)):
+        if self.ignores(MISSION_TOPICS["/mission/command"], message):
             return
         for k, topics in self._topics.items():
             self._sim.commands[k - 1] += 1
@@ -202,7 +202,7 @@ class SimNode(BaseNode):
         self._advance()
 
     def _on_done(self, message: LockstepDone) -> None:
-        if self.ignores(MISSION_TOPICS["/lockstep/done"], sender_of(message)):
+        if self.ignores(MISSION_TOPICS["/lockstep/done"], message):
             return
         if message.phase == LockstepDone.RECORDER:
             self._sim.take_recorded(message.tick)

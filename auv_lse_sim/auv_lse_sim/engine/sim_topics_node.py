@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 from auv_lse_common.node.base_node import BaseNode
-from auv_lse_common.node.dive import tagged, tagged_frame
+from auv_lse_common.node.dive import tagged
 from auv_lse_common.node.transforms_node import TransformPublisher
 from auv_lse_common.topics.quality import writer_quality
 from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure
@@ -36,26 +36,29 @@ class VehicleTopics:
         if simulation.origin_deg is not None and vehicle not in simulation.links.autopilots:
             names += ("navsat",)
         self._publishers = {name: self._publisher(VEHICLE_TOPICS[name]) for name in names}
+        introduction = VEHICLE_TOPICS["dive"]
+        self.readers[node.introduce(vehicle)] = self._reader_count(introduction)
         self._truth = self._publisher(TRUTH_TOPIC)
         self._transforms = TransformPublisher(node, vehicle)
 
     def _publisher(self, topic: Topic) -> Publisher:
         name = full_name(topic, self._vehicle)
         publisher = self._node.create_publisher(message_class(topic.kind), name, writer_quality(topic))
-        nodes = self._sim.nodes(self._vehicle)
-        self.readers[publisher] = reader_count(topic, nodes) + self._node.recorded * topic.recorded
+        self.readers[publisher] = self._reader_count(topic)
         return publisher
+
+    def _reader_count(self, topic: Topic) -> int:
+        return reader_count(topic, self._sim.nodes(self._vehicle)) + self._node.recorded * topic.recorded
 
     def _publish(self, name: str, value: Any) -> None:
         self._publishers[name].publish(self._message(VEHICLE_TOPICS[name], value))
 
     def _message(self, topic: Topic, value: Any) -> Any:
-        return tagged(encoded(topic, value, self._vehicle), topic, self._node.dive)
+        return tagged(encoded(topic, value, self._vehicle), self._node.dive)
 
     def command(self, message: MissionCommand) -> None:
         """Sends a command to the vehicle's mission."""
-        message.header.frame_id = tagged_frame(self._node.dive, "map")
-        self._publishers["mission/command"].publish(message)
+        self._publishers["mission/command"].publish(tagged(message, self._node.dive))
 
     def publish(self, output: VehicleOutput) -> None:
         """Publishes the last tick's output for the vehicle's nodes, except what emulated hardware delivers."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import re
 import secrets
 import signal
 import time
@@ -86,8 +85,6 @@ class Vehicle:
         """
         assert self.program is not None
         if set(NODES) <= set(self.program.nodes):
-            if match := re.search(rf"dive (auv{self.number}-\S+?)[,;]", "".join(self.program.text)):
-                self.witness.dive = match[1]
             return True
         if self.program.process.poll() is not None:
             raise RuntimeError(f"auv_lse vehicle has not started its nodes: {''.join(self.program.text)[-2000:]}")

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from auv_lse_common.node.dive import tagged_frame
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.stamps import seconds
@@ -66,7 +65,6 @@ class Witness:
     def __init__(self, vehicle: int, domain: int, start_m: tuple[float, float], ledger: Ledger) -> None:
         """Joins nothing yet. Args: start_m: where the vehicle starts, north and east (m)."""
         self.vehicle, self.ledger = vehicle, ledger
-        self.dive = ""
         self.send: Callable[[bytes], None] = lambda payload: None
         self.state: MissionState | None = None
         self.depth_m = 0.0
@@ -173,9 +171,7 @@ class Witness:
         return np.column_stack([message.north_m, message.east_m])
 
     def _header(self, ago_s: float = 0.0) -> Any:
-        found = header(time.time() - ago_s)
-        found.frame_id = tagged_frame(self.dive, "map")
-        return found
+        return header(time.time() - ago_s)
 
     def _move(self) -> None:
         now_s = time.monotonic()

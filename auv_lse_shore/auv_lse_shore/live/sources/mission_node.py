@@ -12,13 +12,13 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.node.dive import sender_of
 from auv_lse_common.node.executor import make_executor
+from auv_lse_common.node.senders import Senders, take_with_sender
 from auv_lse_common.support.ros_logs import init_arguments
-from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_quality
+from auv_lse_common.topics.quality import INTRODUCTIONS, LATCHED, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import message_class
-from auv_lse_common.topics.table import find_topic
-from auv_lse_msgs.msg import SimStatus
+from auv_lse_common.topics.table import VEHICLE_TOPICS, find_topic, full_name
+from auv_lse_msgs.msg import Dive, SimStatus
 from auv_lse_shore.live.sources.command_calls_node import DeskCalls
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.events import topics_of
@@ -58,6 +58,7 @@ class MissionListener:
             desk: The commands to send; None: none are sent.
         """
         self._vehicles, self._domain, self._take, self._dive = vehicles, domain, take, dive
+        self._senders = Senders(dive or "")
         self._desk = desk
         self._calls: DeskCalls | None = None
         self._joined = False
@@ -100,21 +101,30 @@ class MissionListener:
         self.state = message.state
         self._receive("/sim/status", message)
 
-    def _is_strangers(self, message: Any) -> bool:
-        return self._dive is not None and sender_of(message) != self._dive
+    def _is_strangers(self, message: Any, participant: bytes | None = None) -> bool:
+        if self._dive is None:
+            return False
+        if hasattr(message, "dive"):
+            return bool(message.dive != self._dive)
+        sender = self._senders.sender_of(message.header.frame_id, participant, time.monotonic())
+        return sender not in (None, "", self._dive)  # "": it publishes only its health
 
-    def _receive(self, topic: str, message: Any) -> None:
-        if self._is_strangers(message):
+    def _receive(self, topic: str, message: Any, participant: bytes | None = None) -> None:
+        if self._is_strangers(message, participant):
             return
         self.heard_s = time.monotonic()
         self._take(topic, message)
 
     def _join(self) -> None:
         self._joined = True
+        for vehicle in range(1, self._vehicles + 1):
+            name = full_name(VEHICLE_TOPICS["dive"], vehicle)
+            take_with_sender(self._node.create_subscription(Dive, name, self._senders.introduce, INTRODUCTIONS))
         for topic in topics_of(self._vehicles):
             row, vehicle = find_topic(topic) or (None, 0)
             if row is None or not vehicle or row.name in _LEFT_OUT:
                 continue
             # A driver may publish its odometry best effort; the simulator's is reliable.
             quality = reader_quality(row) if self.state is None else writer_quality(row)
-            self._node.create_subscription(message_class(row.kind), topic, partial(self._receive, topic), quality)
+            kind, receive = message_class(row.kind), partial(self._receive, topic)
+            take_with_sender(self._node.create_subscription(kind, topic, receive, quality))

@@ -1,0 +1,128 @@
+"""Finds the dive that sent a message of a standard type, which has no field for its id.
+
+A node that publishes such messages for other nodes introduces itself on the topic `dive`. Its readers note the
+participant of the ROS domain from which the introduction came: all writers of a process share the first 12 bytes of
+their ids. rclpy 7.1 leaves the writer's id out of what it returns with a message, so `take` asks rcl for it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from typing import Any, NamedTuple
+
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from auv_lse_common.node.dive import dive_of
+
+#: Bytes of a writer's id that its participant's other writers share (RTPS: GUID prefix).
+_PARTICIPANT = 12
+#: How long (s) a participant may take to introduce itself; without an introduction it belongs to a user's driver.
+_PATIENCE_S = 1.0
+#: Number of participants that are remembered; the oldest are dropped.
+_REMEMBERED = 256
+
+
+class _Allocator(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ("allocate", "deallocate", "reallocate", "zero_allocate", "state")]
+
+
+class _Bytes(ctypes.Structure):
+    _fields_ = [
+        ("buffer", ctypes.POINTER(ctypes.c_uint8)),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    ]
+
+
+class _MessageInfo(ctypes.Structure):
+    _fields_ = [
+        ("times_and_numbers", ctypes.c_int64 * 4),
+        ("implementation", ctypes.c_char_p),
+        ("writer", ctypes.c_uint8 * 24),  # 16 in Jazzy
+        ("rest", ctypes.c_uint8 * 64),
+    ]
+
+
+@functools.cache
+def _rcl() -> Any:
+    library = ctypes.CDLL("librcl.so")
+    library.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
+    utilities = ctypes.CDLL("librcutils.so")
+    utilities.rcutils_get_default_allocator.restype = _Allocator
+    utilities.rcutils_uint8_array_fini.argtypes = [ctypes.c_void_p]
+    return library.rcl_take_serialized_message, utilities
+
+
+class Taken(NamedTuple):
+    """A message and the participant that has sent it."""
+
+    message: Any
+    participant: bytes
+
+
+def take(subscription: Subscription) -> Taken | None:
+    """The next message of a subscription; bytes, if it is a raw one. None: there is none."""
+    take_bytes, utilities = _rcl()
+    data, info = _Bytes(allocator=utilities.rcutils_get_default_allocator()), _MessageInfo()
+    try:
+        if take_bytes(subscription.handle.pointer, ctypes.addressof(data), ctypes.addressof(info), None):
+            return None
+        message = ctypes.string_at(data.buffer, data.length)
+    finally:
+        utilities.rcutils_uint8_array_fini(ctypes.addressof(data))
+    participant = bytes(info.writer[:_PARTICIPANT])
+    return Taken(message if subscription.raw else deserialize_message(message, subscription.msg_type), participant)
+
+
+def take_with_sender(subscription: Subscription) -> Subscription:
+    """Lets `StandingExecutor` call the subscription's callback with each message and its participant."""
+    subscription.take = functools.partial(take, subscription)
+    return subscription
+
+
+class Senders:
+    """The dives of the participants that have introduced themselves.
+
+    Attributes:
+        nodes: Names of the nodes of this node's dive that have done so.
+    """
+
+    def __init__(self, own: str) -> None:
+        """Args: own: id of the node's dive."""
+        self._own = own
+        self._dives: dict[bytes, str] = {}
+        self._heard_s: dict[bytes, float] = {}
+        self.nodes: set[str] = set()
+
+    def introduce(self, message: Any, participant: bytes = b"") -> None:
+        """Takes a message of the topic `dive`."""
+        if message.dive == self._own:
+            self.nodes.add(message.node)
+        self._dives.pop(participant, None)
+        self._dives[participant] = message.dive
+        if len(self._dives) > _REMEMBERED:
+            del self._dives[next(iter(self._dives))]
+
+    def sender_of(self, frame: str, participant: bytes | None, now_s: float) -> str | None:
+        """The id of the dive that has sent a message of a standard type.
+
+        Args:
+            frame: The frame in its header; in recordings of earlier versions it begins with the id.
+            participant: The participant that has sent it; None: unknown, as with rclpy's own executor, and taken for
+                one of the own dive.
+            now_s: A monotonic clock.
+
+        Returns:
+            The id; "" for a sender without one; None while the participant may still introduce itself.
+        """
+        if (found := dive_of(frame)) or participant is None:
+            return found or self._own
+        if participant in self._dives:
+            return self._dives[participant]
+        heard_s = self._heard_s.setdefault(participant, now_s)
+        if len(self._heard_s) > _REMEMBERED:
+            del self._heard_s[next(iter(self._heard_s))]
+        return None if now_s - heard_s < _PATIENCE_S else ""
