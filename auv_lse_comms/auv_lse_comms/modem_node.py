@@ -17,6 +17,7 @@ from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.topics.records import MissionOrder, PlanReport, Reception, RunReport, Transmission
 from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.health import bridge_health, bridge_problems
@@ -66,12 +67,14 @@ class ModemNode(VehicleNode):
         self._team_samples = self.publisher("team/samples")
         self._team_command = self.publisher("team/command")
         self._team_navigation = self.publisher("team/navigation")
+        self._lines = self.publisher("packets")
+        self._plan: Plan | None = None
         self._status = self.publisher("tdma")
         self.listen("sounding", lambda sounding: self._intake.add_soundings([sounding]))
         self.listen("dead_reckoning", self._intake.set_dead_reckoning)
         self.listen("fix", self._intake.add_fix)
         self.listen("modem/rx", self._on_reception)
-        self.listen("plan", lambda report: self._intake.set_plan(report.plan))
+        self.listen("plan", self._on_plan)
         self.listen("modem/sent", lambda packet: self._bridge.confirm(packet.stamp_s))
         self.listen("mission/state", self._on_state)
         self.listen("modem/failed", self._on_failed)
@@ -97,6 +100,10 @@ class ModemNode(VehicleNode):
             self._intake.add_answer(heard.stamp_s, heard.source, timing)
         else:
             self._intake.add_packet(heard.stamp_s, heard.source, heard.payload, timing)
+
+    def _on_plan(self, report: PlanReport) -> None:
+        self._plan = report.plan
+        self._intake.set_plan(report.plan)
 
     def _on_failed(self, packet: Transmission) -> None:
         """The modem could not send the packet with this stamp: its samples are requeued."""
@@ -129,6 +136,8 @@ class ModemNode(VehicleNode):
             stamp_s, source, packet = received.stamp_s, received.source, received.packet
             self._team_plans.publish(PlanReport(stamp_s=stamp_s, vehicle=source, plan=packet.plan))
             self._published["plans"] += 1
+            if self._plan is not None:
+                self._lines.publish((stamp_s, source, packet.plan, self._plan))
             self._pass_on_abort(received)
             if received.navigation is not None:  # before the samples, whose positions depend on it
                 self._team_navigation.publish(received.navigation)

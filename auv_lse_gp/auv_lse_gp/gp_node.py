@@ -148,9 +148,10 @@ class GpNode(VehicleNode):
         report = _field_report(now_s, field, level_set.level_m)
         self._field.publish(report)
         self._risk.publish((report, level_set.largest_risk))
-        isobath = self._map.isobath(field)
-        for index in range(len(MARKERS)):
-            self._isobath.publish((now_s, index, isobath, level_set.level_m))
+        if self._isobath.has_readers():
+            isobath = self._map.isobath(field)
+            for index in range(len(MARKERS)):
+                self._isobath.publish((now_s, index, isobath, level_set.level_m))
         return_free_memory()  # of this process's other nodes, too
         self._maps_took_s = time.perf_counter() - began
 

@@ -45,6 +45,10 @@ class LocalPost:
         """Passes every further message on topic `name` to `take`."""
         self._readers.setdefault(name, []).append(take)
 
+    def has_readers(self, name: str) -> bool:
+        """Whether a node of this process reads topic `name`."""
+        return bool(self._readers.get(name))
+
     def send(self, name: str, message: Any) -> None:
         """Queues a message for every reader of topic `name`; it must not change afterwards."""
         for take in self._readers.get(name, ()):
@@ -90,11 +94,19 @@ class Outlet:
         self._make = make
 
     def publish(self, value: Any) -> None:
-        """Publishes a value as a message."""
-        self.publish_message(self._make(value))
+        """Publishes a value as a message, which is made only if somebody reads it, or the topic is latched."""
+        if self.has_readers():
+            self.publish_message(self._make(value))
 
     def publish_message(self, message: Any) -> None:
         """Publishes a message, which must not change afterwards; with ROS only if it has readers or is latched."""
         self._post.send(self._topic.name, message)
-        if self._topic.latched or self._publisher.get_subscription_count():
+        if self._has_outside_readers():
             self._publisher.publish(message)
+
+    def has_readers(self) -> bool:
+        """Whether somebody reads the topic, or may read its last message later."""
+        return self._has_outside_readers() or self._post.has_readers(self._topic.name)
+
+    def _has_outside_readers(self) -> bool:
+        return self._topic.latched or self._publisher.get_subscription_count() > 0

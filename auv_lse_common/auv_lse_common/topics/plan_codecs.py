@@ -64,6 +64,26 @@ def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -
     return {"header": header, "poses": poses}
 
 
+#: How long (s) a viewer shows the line of a packet: about a slot.
+_LINE_S = 10
+
+
+def encode_packet_line(value: tuple[float, int, Plan, Plan], vehicle: int) -> Fields:
+    """Marker (LINE_LIST) of (stamp (s), sender of a packet, the plan in it, this vehicle's plan)."""
+    stamp_s, source, *plans = value
+    return {
+        "header": header_fields(stamp_s),
+        "ns": f"from auv{source}",
+        "id": source,
+        "type": 5,  # LINE_LIST
+        "pose": {"orientation": {"w": 1.0}},
+        "scale": {"x": 3.0},
+        "color": {"r": 0.8, "g": 0.475, "b": 0.655, "a": 1.0},
+        "lifetime": {"sec": _LINE_S},
+        "points": [{"x": plan.east_m, "y": plan.north_m} for plan in plans],
+    }
+
+
 def stop_of(action: int, north_m: float, east_m: float) -> Stop | None:
     """The stop of a message's action (of MissionState) and position; None: the vehicle travels.
 

@@ -197,7 +197,7 @@ _ROWS = (
     ),
     Topic(
         name="risk_map", kind="nav_msgs/msg/OccupancyGrid", about="risk in percent of the largest, for viewers",
-        writer="gp_node", delivery="latched", recorded_with="field", encode=map_codecs.encode_risk_map,
+        writer="gp_node", recorded_with="field", encode=map_codecs.encode_risk_map,
     ),
     Topic(
         name="isobath", kind="visualization_msgs/msg/Marker", about="isobath and edges of its band, for viewers",
@@ -258,6 +258,10 @@ _ROWS = (
         name="team/command", kind="auv_lse_msgs/msg/MissionCommand", about="a team mate's call to abort",
         writer="modem_node", readers=("safety_node",), command=True, phase="modem", awaited_by=("safety",),
         encode=encode_record, decode=codecs.decode_order,
+    ),
+    Topic(
+        name="packets", kind="visualization_msgs/msg/Marker", about="lines from senders of packets, for viewers",
+        writer="modem_node", recorded=False, encode=plan_codecs.encode_packet_line,
     ),
     Topic(
         name="tdma", kind="auv_lse_msgs/msg/TdmaStatus", about="slots, and counts of packets", writer="modem_node",

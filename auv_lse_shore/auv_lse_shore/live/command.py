@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import math
 import os
 import signal
 import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
-from auv_lse_common.support.confinement import confine, watch_variables
+from auv_lse_common.support.confinement import confine
 from auv_lse_record.recording import RecordingError, recording_in
-from auv_lse_run.process.domain import DomainError, busy_domains, domain_number, own_domain
-from auv_lse_run.shipped_files import shipped_file
+from auv_lse_run.process.domain import DomainError, busy_domains, domain_number
 from auv_lse_shore.live.sources.command_desk import CommandDesk
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
-from auv_lse_shore.live.viewers.feed import Feed, Playback, Viewer
-from auv_lse_shore.live.viewers.foxglove_viewer import DEFAULT_PORT as FOXGLOVE_PORT
-from auv_lse_shore.live.viewers.foxglove_viewer import FoxgloveError, FoxgloveViewer
 from auv_lse_shore.live.viewers.page import live_page
 from auv_lse_shore.live.viewers.server import DEFAULT_PORT, LiveServer, PortTakenError
 
@@ -39,7 +33,7 @@ class LiveError(ValueError):
     """An option of auv_lse live has an invalid value."""
 
 
-ERRORS = (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError)
+ERRORS = (DomainError, LiveError, ParameterError, RecordingError, PortTakenError)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -79,44 +73,10 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="buttons to hold, surface or abort the vehicles, allowed by a token in the printed address",
     )
-    _add_viewers(p)
     p.add_argument(
         "--write", type=Path, metavar="FILE.html", help="write the page and the recording into one file and exit"
     )
     return p
-
-
-def _add_viewers(p: argparse.ArgumentParser) -> None:
-    """Adds the options of other viewers than the page."""
-    p.add_argument(
-        "--foxglove",
-        nargs="?",
-        type=int,
-        const=FOXGLOVE_PORT,
-        metavar="PORT",
-        help=f"also serve Foxglove and Lichtblick on ws://127.0.0.1:PORT (default: {FOXGLOVE_PORT}); the layout is "
-        "that of auv_lse files mission.json",
-    )
-    p.add_argument(
-        "--foxglove-origin",
-        action="append",
-        default=[],
-        metavar="ORIGIN",
-        help="with --foxglove: a web page that may connect, such as https://app.foxglove.dev; may be repeated",
-    )
-    p.add_argument(
-        "--rviz",
-        action="store_true",
-        help="also publish standard messages under /viz for RViz, on the mission's ROS domain (for a recording: on a "
-        "free domain); the configuration is that of auv_lse files mission.rviz",
-    )
-    p.add_argument(
-        "--rate",
-        type=float,
-        default=1.0,
-        metavar="X",
-        help="with --foxglove or --rviz: play a recording at X times its original speed (default: 1)",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -132,10 +92,7 @@ def run(options: argparse.Namespace) -> int:
         if options.write is not None:
             return write_page(follower, timeline, options.write)
         work = follower.follow
-    with viewers_of(timeline, options) as viewers:
-        feed = Feed(timeline, viewers, options.playback)
-        works = [work, feed.run] if viewers else [work]
-        return asyncio.run(serve(timeline, works, options.port, options.open, desk))
+    return asyncio.run(serve(timeline, work, options.port, options.open, desk))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -146,10 +103,6 @@ def _check(options: argparse.Namespace) -> None:
     """
     if not 0 <= options.port <= _LAST_PORT:
         raise LiveError(f"--port got {options.port}; expected 0 to {_LAST_PORT}. Use 0 for any free port")
-    if options.foxglove is not None and not 1 <= options.foxglove <= _LAST_PORT:
-        raise LiveError(f"--foxglove got {options.foxglove}; expected 1 to {_LAST_PORT}. Try {FOXGLOVE_PORT}")
-    if not 0.0 < options.rate < math.inf:
-        raise LiveError(f"--rate got {options.rate:g}; expected a finite number above 0. Use 1 for real time")
     if options.control and options.run is not None:
         raise LiveError(f"--control got the recording {options.run}; expected a running mission. Leave out RUN")
 
@@ -181,32 +134,6 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: Co
     return MissionFollower(timeline, domain, options.mission, desk).follow
 
 
-@contextmanager
-def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list[Viewer]]:
-    """Creates the viewers requested on the command line; sets `options.playback`, which they share.
-
-    Raises:
-        FoxgloveError: if Foxglove cannot be served.
-        DomainError: if no ROS domain is free.
-    """
-    options.playback = Playback(options.rate)
-    viewers: list[Viewer] = []
-    with ExitStack() as stack:
-        if options.foxglove is not None:
-            foxglove = FoxgloveViewer(options.foxglove, options.playback, options.foxglove_origin)
-            print(f"Foxglove or Lichtblick: connect to {foxglove.url}; layout: {shipped_file('mission.json')}")
-            viewers.append(foxglove)
-        if options.rviz:
-            from auv_lse_shore.live.viewers.viz_node import VizPublisher
-
-            own = None if options.run is None else stack.enter_context(own_domain())
-            if own is not None:
-                confine(own)
-                print(f"RViz: {watch_variables(own)} rviz2 -d {shipped_file('mission.rviz')}")
-            viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
-        yield viewers
-
-
 def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
     """Writes the page with a whole recording into one file.
 
@@ -231,10 +158,8 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-async def serve(
-    timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool, desk: CommandDesk | None
-) -> int:
-    """Serves the page until Ctrl-C; `works` fill and show the timeline, each on its own thread.
+async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, desk: CommandDesk | None) -> int:
+    """Serves the page until Ctrl-C; `work` fills the timeline on a thread of its own.
 
     Raises:
         PortTakenError: if the port is in use.
@@ -244,9 +169,8 @@ async def serve(
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
-    threads = [threading.Thread(target=work, args=(stop,), daemon=True) for work in works]
-    for thread in threads:
-        thread.start()
+    thread = threading.Thread(target=work, args=(stop,), daemon=True)
+    thread.start()
     print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)
     if open_browser and has_screen() and desk is None:  # other users see a browser's command line, and a token in it
         await asyncio.to_thread(webbrowser.open, server.url)
@@ -254,6 +178,5 @@ async def serve(
     print("live view ended", flush=True)
     stop.set()
     await server.close()
-    for thread in threads:
-        await asyncio.to_thread(thread.join, 5.0)
+    await asyncio.to_thread(thread.join, 5.0)
     return 130

@@ -284,9 +284,6 @@ def test_the_command_reports_errors(tmp_path, capsys):
     ("arguments", "expected"),
     [
         (["--port", "99999"], "--port got 99999; expected 0 to 65535"),
-        (["--foxglove", "99999"], "--foxglove got 99999; expected 1 to 65535"),
-        (["--rate", "0"], "--rate got 0; expected a finite number above 0"),
-        (["--rate", "nan"], "--rate got nan; expected a finite number above 0"),
         (["--control"], "expected a running mission. Leave out RUN"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],

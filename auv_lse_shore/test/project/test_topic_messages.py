@@ -221,18 +221,17 @@ def test_odometry_is_enu_with_its_covariance(make: Any) -> None:
     matrix = np.asarray(message.pose.covariance).reshape(6, 6)
     assert (matrix[0, 0], matrix[1, 1], matrix[5, 5]) == (9.0, 4.0, 0.01)
     assert (matrix[0, 1], matrix[1, 5], matrix[0, 5]) == (1.0, -0.1, -0.25), "yaw grows against heading"
-    assert message.child_frame_id == "auv2"
-    assert make(TRUTH_TOPIC, ODOMETRY).child_frame_id == "truth/auv2"
+    assert message.child_frame_id == make(TRUTH_TOPIC, ODOMETRY).child_frame_id == "auv2/base_link"
     assert ODOMETRY.position_std_m == (2.0, 3.0)
 
 
-def test_a_position_on_earth_has_the_covariance_of_east_and_north_and_no_altitude(make: Any) -> None:
+def test_a_position_on_earth_has_the_covariance_of_east_and_north(make: Any) -> None:
     message = make(TOPICS["navsat"], GeodeticPosition.of(ODOMETRY, (46.5, 6.6)))
     assert message.latitude == pytest.approx(46.5 + 10.0 / 111_170.0, abs=1e-7), "10 m north"
     assert message.longitude == pytest.approx(6.6 + 20.0 / 76_800.0, abs=1e-6), "20 m east"
-    assert math.isnan(message.altitude)
-    assert list(message.position_covariance) == [9.0, 1.0, 0.0, 1.0, 4.0, 0.0, 0.0, 0.0, 0.0], "ENU, row by row"
-    assert (message.position_covariance_type, message.header.frame_id) == (1, "auv2")
+    assert message.altitude == -3.0, "robot_localization drops a fix without one"
+    assert list(message.position_covariance) == [9.0, 1.0, 0.0, 1.0, 4.0, 0.0, 0.0, 0.0, 1e8], "ENU, row by row"
+    assert (message.position_covariance_type, message.header.frame_id) == (1, "auv2/base_link")
     unknown = make(TOPICS["navsat"], GeodeticPosition.of(POSITION, (46.5, 6.6)))
     assert unknown.position_covariance_type == 0
 
@@ -250,6 +249,15 @@ def test_a_leg_with_numbers_that_are_not_finite_is_refused(make: Any) -> None:
     for change, words in (({"straight_m": math.nan}, "waypoint of step 7"), ({"radius_m": 0.0}, "radius above 0")):
         with pytest.raises(ValueError, match=words):
             checked_leg(dataclasses.replace(waypoint, leg=dataclasses.replace(LEG, **change)))
+
+
+def test_a_packet_is_a_line_between_two_vehicles_that_fades(make: Any) -> None:
+    here, there = (
+        Plan(step=1, heading_rad=0.0, north_m=n, east_m=n + 1.0, actions=(), naive_path=0xFF) for n in (1.0, 5.0)
+    )
+    line = make(TOPICS["packets"], (3.0, 2, there, here))
+    assert [(point.x, point.y) for point in line.points] == [(6.0, 5.0), (2.0, 1.0)], "from the sender"
+    assert (line.ns, line.lifetime.sec, line.header.frame_id) == ("from auv2", 10, "map")
 
 
 def test_a_path_lies_at_the_vehicles_depth(make: Any) -> None:

@@ -1,1 +1,1 @@
-"""Viewers of a mission: the page, Foxglove, RViz."""
+"""The page of a mission, and its server."""
