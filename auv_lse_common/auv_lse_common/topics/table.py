@@ -197,7 +197,7 @@ _ROWS = (
     ),
     Topic(
         name="risk_map", kind="nav_msgs/msg/OccupancyGrid", about="risk in percent of the largest, for viewers",
-        writer="gp_node", recorded_with="field", encode=map_codecs.encode_risk_map,
+        writer="gp_node", delivery="latched", recorded_with="field", encode=map_codecs.encode_risk_map,
     ),
     Topic(
         name="isobath", kind="visualization_msgs/msg/Marker", about="isobath and edges of its band, for viewers",

@@ -31,7 +31,8 @@ def test_rviz_shows_topics_of_the_nodes_as_they_are_delivered() -> None:
     for display in displays:
         name, shown = display["Topic"]["Value"], display["Class"].split("/")[1]
         assert kind_of(name).endswith("/" + RVIZ.get(shown, shown)), name
-        assert display["Topic"]["Durability Policy"] == "Volatile", "these topics are not latched"
+        latched = display["Topic"]["Durability Policy"] == "Transient Local"
+        assert latched == find_topic(name).topic.latched, name
 
 
 def test_foxglove_draws_topics_and_plots_fields_of_the_nodes() -> None:
