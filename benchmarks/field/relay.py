@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 
-_CHUNK = 4096
+_CHUNK = 16384
 
 
 class Relay:
@@ -28,6 +28,8 @@ class Relay:
         self.target, self.delay_s, self.cut_rate, self.up = target, delay_s, cut_rate, True
         #: Bytes after which a cut may come: an exchange is about this long.
         self.cut_within = 9000
+        #: Bytes per second of each direction of a connection; 0: unlimited.
+        self.rate_bps = 0.0
         self.counts = {"connections": 0, "cut": 0}
         self._random = random.Random(seed)
         self._server = socket.create_server(("127.0.0.1", 0), backlog=100)
@@ -77,6 +79,8 @@ class Relay:
             while data := source.recv(_CHUNK):
                 if self.delay_s:
                     time.sleep(self.delay_s)
+                if self.rate_bps:
+                    time.sleep(len(data) / self.rate_bps)
                 while not self.up:
                     time.sleep(0.05)
                 if budget:

@@ -1,24 +1,30 @@
 """The vehicle's side with an actor that notes in a file what it executes, in place of a vehicle's nodes.
 
-Run as `python -m benchmarks.field.side`, with the arguments of auv_lse.
+Run as `python -m benchmarks.field.side`, with the arguments of auv_lse. Files in the vehicle's folder make its nodes
+report a state (`STATE`), and put its clock off (`CLOCK`).
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from auv_lse_run.process.domain import domain_number
+from auv_lse_run.remote import facts, session
 from auv_lse_run.remote.orders import ACTED, Order
-from auv_lse_run.remote.session import Session, Stream
 from auv_lse_run.remote.vehicle_side import parser
 from auv_lse_run.vehicle.run_vehicle import vehicle_number
 
-#: The file of executed orders, a line each: number, verb.
+#: The file of executed orders, a line each: number, verb, laptop.
 EXECUTED = "executed.txt"
+#: What the nodes report; without the file, no nodes run. How far the clock is off (s).
+STATE, CLOCK = "state.json", "clock_off_s"
 
 
 class NotingActor:
@@ -26,29 +32,48 @@ class NotingActor:
 
     def __init__(self, folder: Path) -> None:
         """Notes in a file of `folder`."""
-        self._file = folder / EXECUTED
+        self._folder = folder
 
     def act(self, order: Order) -> tuple[str, str]:
         """Notes the order; it takes a moment, so that a cut may come in between."""
-        descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        descriptor = os.open(self._folder / EXECUTED, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         os.write(descriptor, f"{order.number} {order.verb} {order.laptop}\n".encode())
         os.close(descriptor)
         time.sleep(0.01)
         return ACTED, "noted"
 
     def state(self) -> dict[str, Any]:
-        """None."""
-        return {}
+        """What the file says."""
+        found: dict[str, Any] = json.loads((self._folder / STATE).read_text()) if _runs(self._folder) else {}
+        return found
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+class Side(session.Session):
+    """A session whose clock may be off."""
+
+    def answer(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer, with the clock's error."""
+        found = super().answer(asked)
+        if "clock_s" in found and (file := self._folder.folder / CLOCK).exists():
+            found["clock_s"] = datetime.now(UTC).timestamp() + float(file.read_text())
+        return found
+
+
+def _runs(folder: Path) -> bool:
+    return (folder / STATE).exists()
 
 
 def main() -> None:
     """Answers requests as `auv_lse vehicle-side` does."""
     options = parser().parse_args(sys.argv[2:])
     number, folder = vehicle_number(options.name), options.folder.expanduser().absolute()
-    Session(folder, number, domain_number(options.domain), NotingActor(folder)).serve(Stream(0, 1))
+    if _runs(folder):
+        for module in (facts, session):
+            vars(module)["vehicle_on"] = lambda domain, vehicle: (str(folder / "dives" / "none"), "dive", 1)
+    Side(folder, number, domain_number(options.domain), NotingActor(folder)).serve(session.Stream(0, 1))
 
 
 if __name__ == "__main__":

@@ -60,6 +60,8 @@ class MissionLink:
         self._graph: Any = None
         self._newest: dict[str, Newest] = {}
         self._health: dict[str, tuple[str, float]] = {}
+        #: A message may have arrived at any time since messages were last taken: it counts as that old.
+        self._spun_s = time.monotonic()
 
     def give(self, order: Order) -> tuple[str, str]:
         """Gives an order to safety_node; returns outcome and text."""
@@ -84,7 +86,7 @@ class MissionLink:
             while time.monotonic() < end_s and not all(self._newest[name].value for name in ("mission", "position")):
                 graph.spin(0.05)
         graph.spin(0.05)
-        now_s = time.monotonic()
+        now_s = self._spun_s = time.monotonic()
         found: dict[str, Any] = dict.fromkeys(_READERS)
         for name, newest in self._newest.items():
             if newest.value is not None:
@@ -110,7 +112,7 @@ class MissionLink:
         graph.discover(_FIND_S, lambda: f"/{self._name}/mission/state" in graph.topics())
         for name, (topic, kind) in STATE_TOPICS.items():
             newest = self._newest[name] = Newest()
-            graph.listen(f"/{self._name}/{topic}", kind, lambda m, n=newest: n.take(m, time.monotonic()))
+            graph.listen(f"/{self._name}/{topic}", kind, lambda m, n=newest: n.take(m, self._spun_s))
         graph.listen(f"/{self._name}/diagnostics", DiagnosticArray, self._take_health)
 
     def _take_health(self, message: Any) -> None:

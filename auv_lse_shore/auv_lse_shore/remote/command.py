@@ -12,7 +12,7 @@ from rich.console import Console
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
-from auv_lse_shore.remote import checking, fetching, ordering, sending
+from auv_lse_shore.remote import checking, fetching, ordering, sending, watching
 from auv_lse_shore.remote.fleet_file import FleetFileError, fleet_text, read_fleet
 from auv_lse_shore.remote.ledger import LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile
@@ -70,6 +70,9 @@ def parser() -> argparse.ArgumentParser:
     c = _verb(verbs, "pending", "deliver orders that are pending, and settle unknown outcomes", _pending)
     c.add_argument("--cancel", action="store_true", help="cancel them instead")
     c.add_argument("--wait", type=float, default=20.0, metavar="S", help="how long to try (default: 20 s)")
+    c = _verb(verbs, "watch", "show the team in one table until Ctrl-C, and deliver what is pending", _watch)
+    c.add_argument("--every", type=float, default=1.0, metavar="S", help="time between questions (default: 1 s)")
+    c.add_argument("--once", action="store_true", help="print one table, and end")
     _add_fetch(verbs)
     return p
 
@@ -157,3 +160,8 @@ def _fetch(options: argparse.Namespace) -> int:
     if any(fetched.trouble for fetched in found.values()):
         return 1
     return 0 if options.copy_only or options.all or not runs else min(fetching.results(runs, options.out), 1)
+
+
+def _watch(options: argparse.Namespace) -> int:
+    fleet = read_fleet(options.file)
+    return watching.watch(fleet, fleet.chosen(options.vehicles), options.every, options.once)

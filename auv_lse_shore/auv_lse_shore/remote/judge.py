@@ -104,12 +104,17 @@ def _alone(name: str, facts: Mapping[str, Any], laptop: str) -> list[tuple[str, 
         found.append(("warning", f"{by['name']} commands it since {by['at']}. To command it from here: --take-over"))
     found += [(f["level"], f"{f['part']}: {f['text']}") for f in facts.get("findings", ())]
     return found + (
-        _running(facts.get("state", {}), float(mission.get("min_battery") or 0.0)) if facts["running"] else []
+        running_problems(facts.get("state", {}), float(mission.get("min_battery") or 0.0)) if facts["running"] else []
     )
 
 
-def _running(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, str]]:
-    """Problems that running nodes report."""
+def running_problems(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, str]]:
+    """Level and text of each problem that running nodes report.
+
+    Args:
+        state: The vehicle's state, as `auv_lse_run/remote/mission_link.py` has it.
+        least_battery: Charge (0 to 1) at which the mission surfaces; 0: unknown.
+    """
     found = []
     mission, position, autopilot = (state.get(name) or {} for name in ("mission", "position", "autopilot"))
     if not mission:
@@ -138,10 +143,13 @@ def _running(state: Mapping[str, Any], least_battery: float) -> list[tuple[str, 
         ("error", f"a limit has tripped: {text}. Remove the cause, then: reset") for text in mission.get("limits", ())
     ]
     found += [("warning", text) for text in mission.get("warnings", ())]
-    found += [
-        ("warning", text) for text in state.get("health", ()) if f"the mission is {mission.get('state')}" not in text
-    ]
-    return found
+    return found + [("warning", text) for text in ill_health(state)]
+
+
+def ill_health(state: Mapping[str, Any]) -> list[str]:
+    """What nodes report about their health, without a planner that waits because the mission does."""
+    waits = f"the mission is {(state.get('mission') or {}).get('state')}"
+    return [text for text in state.get("health", ()) if waits not in text]
 
 
 def _versions(there: Mapping[str, Mapping[str, Any]], version: str) -> list[Problem]:

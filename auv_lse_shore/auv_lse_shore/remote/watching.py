@@ -1,0 +1,144 @@
+"""auv_lse fleet watch: one table for the team, asked over a session with each; delivers what is pending on contact."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from auv_lse_shore.remote.checking import utc_s
+from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
+from auv_lse_shore.remote.ledger_file import LedgerFile
+from auv_lse_shore.remote.ordering import delivered, sentence
+from auv_lse_shore.remote.picture import VehicleView
+from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
+
+_ANSWER_S, _RETRY_S = 15.0, 2.0
+_BELL = "\a"
+
+
+class Watch:
+    """Asks every vehicle for its state, each in a thread of its own."""
+
+    def __init__(self, fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float) -> None:
+        """Asks nothing yet.
+
+        Args:
+            fleet: The fleet file.
+            vehicles: The vehicles.
+            every_s: Time between questions to a vehicle (s).
+        """
+        self._fleet, self._vehicles, self._every_s = fleet, vehicles, every_s
+        self.ledgers = LedgerFile(fleet.path)
+        with self.ledgers.changed() as ledger:
+            laptop = ledger.laptop
+        self.views = {vehicle.name: VehicleView(vehicle.name, laptop=laptop) for vehicle in vehicles}
+        self._over = threading.Event()
+        #: Set by a vehicle that was asked once, with or without an answer.
+        self.asked = {vehicle.name: threading.Event() for vehicle in vehicles}
+
+    def __enter__(self) -> Watch:
+        """Begins to ask."""
+        for vehicle in self._vehicles:
+            threading.Thread(target=self._follow, args=(vehicle,), daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends the questions."""
+        self._over.set()
+
+    def _follow(self, vehicle: RemoteVehicle) -> None:
+        view = self.views[vehicle.name]
+        while not self._over.is_set():
+            try:
+                with session(vehicle, self._fleet.ssh_config) as found:
+                    while not self._over.is_set() and not self._is_due(vehicle.name):
+                        asked_s = time.monotonic()
+                        answer = found.ask("state", _ANSWER_S)
+                        view.answer, view.asked_s, view.trouble = answer, asked_s, ""
+                        self.asked[vehicle.name].set()
+                        self._over.wait(self._every_s)
+                if self._is_due(vehicle.name):  # in a session of its own: an order is fresh only then
+                    delivered(self._fleet, [vehicle], self.ledgers, 0.0)
+                    self._over.wait(self._every_s)
+            except (LinkError, VehicleError) as error:
+                view.trouble = str(error)
+                self.asked[vehicle.name].set()
+                self._over.wait(_RETRY_S)
+
+    def _is_due(self, name: str) -> bool:
+        return bool(self.ledgers.read().due(name))
+
+
+def watch(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float, once: bool) -> int:
+    """Shows the team until Ctrl-C; with `once` one table. Returns the exit code: 1 if there are alarms."""
+    console = Console()
+    with Watch(fleet, vehicles, every_s) as found:
+        if once:
+            for asked in found.asked.values():
+                asked.wait(60.0)
+            time.sleep(2.5 * every_s)  # a latched state has an age only when the next one has come
+            return _print(console, found)
+        known: set[str] = set()
+        with Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
+            while True:
+                table, lines = _shown(found, time.monotonic())
+                if set(lines) - known and console.is_terminal:
+                    console.file.write(_BELL)
+                known = set(lines)
+                live.update(_stacked(table, lines), refresh=True)
+                time.sleep(1.0 if console.is_terminal else max(every_s, 5.0))
+
+
+def _print(console: Console, found: Watch) -> int:
+    table, lines = _shown(found, time.monotonic())
+    console.print(table)
+    for line in lines:
+        console.print(Text(line), soft_wrap=True, highlight=False)
+    return int(bool(lines))
+
+
+def _stacked(table: Table, lines: Sequence[str]) -> Table:
+    stacked = Table.grid()
+    stacked.add_row(table)
+    for line in lines:
+        stacked.add_row(Text(line, style="bold red"))
+    return stacked
+
+
+def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
+    """The table, and a line per alarm and per open order."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("vehicle", "state", "north, east", "depth", "battery", "age", "link"):
+        table.add_column(column, no_wrap=True)
+    lines = []
+    ledger = found.ledgers.read()
+    ledger.expire(utc_s())
+    for name, view in found.views.items():
+        table.add_row(name, *cells(view, now_s))
+        lines += [f"{name}: {text}" for text in view.alarms(now_s)]
+        lines += [f"{name}: {sentence(order, view.trouble)}" for order in ledger.open(name)]
+    return table, lines
+
+
+def cells(view: VehicleView, now_s: float) -> list[str]:
+    """A vehicle's row."""
+    place, depth_m = view.place(now_s), view.part("position").get("depth_m")
+    battery = view.part("autopilot").get("battery")
+    age_s = view.age_s("mission", now_s) if view.answer.get("running") else None
+    if view.answer and not view.answer.get("running"):
+        age_s = now_s - view.asked_s
+    link = "under water" if view.trouble and view.answer and view.is_under_water() else "out of reach"
+    return [
+        view.state,
+        "" if place is None else f"{place[0]:.0f}, {place[1]:.0f}{' expected' if place[2] else ''}",
+        "" if depth_m is None else f"{depth_m:.1f} m",
+        "" if battery is None else f"{100 * battery:.0f} %",
+        "" if not view.answer else "unknown" if age_s is None else f"{age_s:.0f} s",
+        link if view.trouble else "up" if view.answer else "asking",
+    ]
