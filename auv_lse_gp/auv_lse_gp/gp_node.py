@@ -11,7 +11,7 @@ import time
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.gp import UNWATCHED_PERIODS, GpConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.positions import positions_of
 from auv_lse_common.mission_file.sections.sim import SimConfig
@@ -56,6 +56,7 @@ class GpNode(VehicleNode):
         self._slices = 0  # lockstep: of a judgement, still to be done in this tick
         self._judged = 0  # number of judgements published
         self._maps = Periodic(self._map.publish_period_s)
+        self._unwatched_maps = Periodic(UNWATCHED_PERIODS * self._map.publish_period_s)
         self._reports = Periodic(config.publish_period_s)
         self._maps_took_s = 0.0
         self._is_over = self._is_final_map_due = False  # the mission is; its complete map is not published yet
@@ -108,8 +109,9 @@ class GpNode(VehicleNode):
         if taken:
             self._update_s = time.perf_counter() - began
         self._judge(now_s)
-        if self._is_final_map_due or self._maps.is_due(now_s):
+        if self._is_final_map_due or self._is_map_due(now_s):
             self._maps.done(now_s)
+            self._unwatched_maps.done(now_s)
             self._is_final_map_due = False
             self._publish_maps(now_s)
         if self._reports.is_due(now_s):
@@ -141,6 +143,15 @@ class GpNode(VehicleNode):
     def settled(self) -> bool:
         """Lockstep: whether this tick's share of a judgement is done."""
         return self._slices <= 0
+
+    def _is_map_due(self, now_s: float) -> bool:
+        """Whether to compute a map now: not if nobody reads it, and less often for the recorder alone."""
+        if not self._maps.is_due(now_s):
+            return False
+        readers = max(outlet.readers for outlet in (self._field, self._risk, self._isobath))
+        if readers > self.recorded:
+            return True
+        return bool(readers) and self._unwatched_maps.is_due(now_s)
 
     def _publish_maps(self, now_s: float) -> None:
         began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""gp_node at the end of a mission: a large map is published whole."""
+"""When gp_node publishes maps: as often as they are looked at, and a whole one at the end of a mission."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
+from auv_lse_common.node.local_post import Outlet
 from auv_lse_common.topics.map_codecs import DEPTH_STEP_M, decode_field
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.records import FieldReport, RunReport
@@ -36,6 +37,14 @@ PARAMETERS = """\
 """
 
 
+def flown(tmp_path: Path, parameters: str = PARAMETERS) -> GpNode:
+    """The node of vehicle 2, in a context of ROS of its own."""
+    file = tmp_path / "p.yaml"
+    file.write_text(parameters)
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
+    return GpNode()
+
+
 def lane(stamp_s: float, east_m: float, deeper_m: float) -> np.ndarray:
     """Soundings along a lane: stamp, north, east, depth (m)."""
     north = np.arange(20.0, 880.0, 20.0)
@@ -49,10 +58,7 @@ def test_gp_node_publishes_a_complete_map_when_the_mission_is_over(
 ) -> None:
     monkeypatch.setattr(online, "MAX_DENSE", 50)
     monkeypatch.setattr(GpNode, "_start_timer", lambda node: None)  # the test calls its steps
-    file = tmp_path / "p.yaml"
-    file.write_text(PARAMETERS)
-    rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
-    node, bench = GpNode(), rclpy.create_node("bench", use_global_arguments=False)
+    node, bench = flown(tmp_path), rclpy.create_node("bench", use_global_arguments=False)
     executor, fields = SingleThreadedExecutor(), []
     try:
         executor.add_node(node)
@@ -73,6 +79,7 @@ def test_gp_node_publishes_a_complete_map_when_the_mission_is_over(
             node.step(now_s)
             until(lambda: len(fields) >= published)
 
+        until(lambda: node._field.readers)
         for i, east_m in enumerate(range(40, 900, 120)):
             node._intake.add_soundings(lane(1000.0 * i, east_m, 0.0))
         step(1.0, 1)
@@ -94,4 +101,31 @@ def test_gp_node_publishes_a_complete_map_when_the_mission_is_over(
         executor.shutdown()
         node.destroy_node()
         bench.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_gp_node_computes_maps_as_often_as_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GpNode, "_start_timer", lambda node: None)  # the test calls its steps
+    readers, published = {"field": 0, "risk_map": 0, "isobath": 0}, []
+    monkeypatch.setattr(Outlet, "readers", property(lambda outlet: readers.get(outlet._topic.name, 0)))
+    monkeypatch.setattr(GpNode, "_publish_maps", lambda node, now_s: published.append(now_s))
+    node = flown(tmp_path, PARAMETERS.replace("1000.0", "10.0") + "    record: {folder: somewhere}\n")
+    try:
+        assert node.recorded
+
+        def maps(first_s: float, last_s: float) -> list[float]:
+            published.clear()
+            for now_s in np.arange(first_s, last_s):
+                node.step(now_s)
+            return list(published)
+
+        assert maps(0.0, 25.0) == [], "nobody reads them"
+        readers.update(field=1, risk_map=1, isobath=1)
+        assert maps(25.0, 66.0) == [25.0, 45.0, 65.0], "the recorder alone"
+        readers.update(risk_map=2)
+        assert maps(66.0, 96.0) == [75.0, 85.0, 95.0], "somebody looks at the risk"
+        readers.update(risk_map=1)
+        assert maps(96.0, 116.0) == [115.0]
+    finally:
+        node.destroy_node()
         rclpy.try_shutdown()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.gp import UNWATCHED_PERIODS, GpConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.mission_file.settings import Settings
@@ -54,7 +54,7 @@ def estimate_size(
     duration_s = path_m / speed_mps
     extent_m = np.ptp(np.reshape(area.polygon_m, (-1, 2)), axis=0)
     map_bytes = MAP_BYTES_PER_CELL * float(np.prod(np.ceil(extent_m / gp.map_resolution_m)))
-    rate, centers = map_bytes / gp.publish_period_s, 0.0
+    rate, centers = map_bytes / (UNWATCHED_PERIODS * gp.publish_period_s), 0.0
     if record.map_bytes_per_s > 0.0:
         rate = min(rate, record.map_bytes_per_s)
     else:

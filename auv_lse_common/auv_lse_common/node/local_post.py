@@ -93,6 +93,11 @@ class Outlet:
         self._post = post
         self._make = make
 
+    @property
+    def readers(self) -> int:
+        """Number of its readers in other processes."""
+        return self._publisher.get_subscription_count()
+
     def publish(self, value: Any) -> None:
         """Publishes a value as a message, which is made only if somebody reads it, or the topic is latched."""
         if self.has_readers():

@@ -250,7 +250,7 @@ def _weighted_apart(weights, slopes, bx, by, x, y, out):  # type: ignore[no-unty
 def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
     """`kernels.Kernel.gradient_sums_numpy` of scaled locations a (A, 2) and b (B, 2), into `out` (A, 2)."""
     bx, by = b[:, 0].copy(), b[:, 1].copy()
-    slopes = np.empty(len(b))
+    slopes, last = np.empty(len(b)), len(weights) - 1
     for i in range(len(a)):
         x, y = a[i, 0], a[i, 1]
         if index == 0:
@@ -263,7 +263,7 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
             _wendland_c2_slope(variance, bx, by, x, y, slopes)
         else:
             _wendland_c4_slope(variance, bx, by, x, y, slopes)
-        _weighted_apart(weights[i], slopes, bx, by, x, y, out[i])
+        _weighted_apart(weights[min(i, last)], slopes, bx, by, x, y, out[i])
 
 
 @njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)

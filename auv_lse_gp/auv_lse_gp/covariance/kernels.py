@@ -203,7 +203,7 @@ class Kernel:
 
         Args:
             a: Scaled locations (A, 2).
-            weights: Weights (A, B).
+            weights: Weights (A, B), or (1, B): the same for all locations.
             b: Scaled locations (B, 2), held fixed even where they coincide with `a`.
         """
         if compiled.USE_NUMBA:

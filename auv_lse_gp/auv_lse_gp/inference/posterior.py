@@ -445,7 +445,7 @@ def slopes_above_prior(kernel: Kernel, scaled: Array, weights: Array, locations_
     """Slope (P, 2) at locations (P, 2) of sum_j weights_j k(p, p_j), for scaled locations p_j (n, 2)."""
     at, rows = kernel.scale(locations_m), max(1, _SLOPES // max(len(scaled), 1))
     parts = [at[first : first + rows] for first in range(0, len(at), rows)]
-    sums = [kernel.gradient_sums(part, np.tile(weights, (len(part), 1)), scaled) for part in parts]
+    sums = [kernel.gradient_sums(part, weights[None], scaled) for part in parts]
     return np.concatenate([np.zeros((0, 2)), *sums])
 
 

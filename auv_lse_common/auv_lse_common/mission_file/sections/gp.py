@@ -10,6 +10,9 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter
 #: Names of the covariance functions, see `kernels.py`.
 KERNELS = ("matern32", "matern52", "squared_exponential", "wendland_c2", "wendland_c4")
 
+#: While the recorder alone reads the maps, one is computed every so many `publish_period_s`.
+UNWATCHED_PERIODS = 2
+
 #: Prior means, see `prior_mean.py`.
 MEANS = ("constant", "plane", "survey")
 
@@ -74,7 +77,8 @@ class GpConfig:
     max_depth_m: float = parameter(1000.0, unit="m", help="A deeper sounding is refused as implausible.")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")
     publish_period_s: float = parameter(
-        30.0, above=0.0, unit="s", help="Node: time between diagnostics, and maps below 50,000 cells."
+        30.0, above=0.0, unit="s", help="Node: time between diagnostics, and maps below 50,000 cells; "
+        "twice as long between maps that only the recorder reads."
     )
 
     def __post_init__(self) -> None:
