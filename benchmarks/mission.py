@@ -28,7 +28,7 @@ GOAL_TEAM_START_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Flight:
+class Flight:
     """One mission flown.
 
     Attributes:
@@ -37,6 +37,7 @@ class _Flight:
         start_s: Processor time of each process until the first tick.
         processor_s: Processor time of each process until the mission's end.
         whole_processor_s: Processor time of all processes, the command's own with them, to the very end.
+        report_processor_s: That of the evaluation and the report.
         summary: Its summary.json.
         planning_s: Wall clock of each decision, by the mission's time of its tick.
         recording_bytes: Size of the recording.
@@ -47,6 +48,7 @@ class _Flight:
     start_s: dict[str, float]
     processor_s: dict[str, float]
     whole_processor_s: float
+    report_processor_s: float
     summary: dict[str, Any]
     planning_s: Mapping[float, list[float]]
     recording_bytes: int
@@ -57,37 +59,40 @@ def _children_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _fly(*arguments: str, **environment: str) -> _Flight:
-    """Flies a mission.
+def fly(folder: Path, *arguments: str, **environment: str) -> Flight:
+    """Flies a mission into a new run folder.
 
     Raises:
         RuntimeError: if it failed, with its output.
     """
+    command = [sys.executable, "-m", "auv_lse_run", "mission", "--out", str(folder), *arguments]
+    before_s, began = _children_s(), time.monotonic()
+    process = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
+    processor_s, whole_s = _children_s() - before_s, time.monotonic() - began
+    if process.returncode:
+        raise RuntimeError(f"the mission ended with {process.returncode}: {process.stdout[-2000:]}")
+    times = json.loads((folder / "logs" / "times.json").read_text())
+    planning = defaultdict(list)
+    for vehicle in read_run(folder).vehicles:
+        for decision in vehicle.decisions:
+            planning[decision.now_s].append(decision.wall_s)
+    return Flight(
+        wall_s=times["wall_s"],
+        whole_s=whole_s,
+        start_s=times["processor_start_s"],
+        processor_s=times["processor_s"],
+        whole_processor_s=processor_s,
+        report_processor_s=times["processor_report_s"],
+        summary=json.loads((folder / "summary.json").read_text()),
+        planning_s=planning,
+        recording_bytes=sum(path.stat().st_size for path in (folder / "bag").iterdir()),
+    )
+
+
+def _fly(*arguments: str, **environment: str) -> Flight:
+    """As `fly`, into a folder that is not kept."""
     with tempfile.TemporaryDirectory() as parent:
-        folder = Path(parent) / "run"
-        command = [sys.executable, "-m", "auv_lse_run", "mission", "--out", str(folder), *arguments]
-        before_s, began = _children_s(), time.monotonic()
-        process = subprocess.run(
-            command, capture_output=True, text=True, check=False, env={**os.environ, **environment}
-        )
-        processor_s, whole_s = _children_s() - before_s, time.monotonic() - began
-        if process.returncode:
-            raise RuntimeError(f"the mission ended with {process.returncode}: {process.stdout[-2000:]}")
-        times = json.loads((folder / "logs" / "times.json").read_text())
-        planning = defaultdict(list)
-        for vehicle in read_run(folder).vehicles:
-            for decision in vehicle.decisions:
-                planning[decision.now_s].append(decision.wall_s)
-        return _Flight(
-            wall_s=times["wall_s"],
-            whole_s=whole_s,
-            start_s=times["processor_start_s"],
-            processor_s=times["processor_s"],
-            whole_processor_s=processor_s,
-            summary=json.loads((folder / "summary.json").read_text()),
-            planning_s=planning,
-            recording_bytes=sum(path.stat().st_size for path in (folder / "bag").iterdir()),
-        )
+        return fly(Path(parent) / "run", *arguments, **environment)
 
 
 def run(*, smoke: bool = False) -> list[Row]:
@@ -101,7 +106,7 @@ def run(*, smoke: bool = False) -> list[Row]:
     return rows if smoke else [*rows, *_executors(), *_team()]
 
 
-def _phases(flight: _Flight) -> list[Row]:
+def _phases(flight: Flight) -> list[Row]:
     wall, planning = flight.wall_s, flight.planning_s
     # decisions of one tick run side by side: the tick waits for the slowest
     waited = sum(max(group) for group in planning.values())
@@ -126,7 +131,7 @@ def _phases(flight: _Flight) -> list[Row]:
     ]
 
 
-def _processes(flight: _Flight) -> list[Row]:
+def _processes(flight: Flight) -> list[Row]:
     """Processor time of each kind of node, at the start and while flying, and of everything."""
     start: dict[str, float] = defaultdict(float)
     flying: dict[str, float] = defaultdict(float)

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import importlib
 import json
+import os
 import shutil
 import threading
 import time
@@ -242,7 +243,7 @@ def conclude(
     from auv_lse_shore.report.report import write_report
     from auv_lse_shore.report.words import headlines
 
-    began = time.monotonic()
+    began, processor_began_s = time.monotonic(), _processor_s()
     ground = ground_grid(settings.planner_settings(1), ground_of(settings))
     run = read_run(folder, mission=folder / "mission.yaml", ground=ground, wall_s=wall_s)
     if report:
@@ -254,9 +255,15 @@ def conclude(
         write_isobath(evaluation.team_map, folder / "isobath.geojson", run.origin, evaluation.truth)
     phases["report"] = time.monotonic() - began
     times = folder / "logs" / "times.json"
-    times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")
+    measured = {"wall_s": phases, "processor_report_s": _processor_s() - processor_began_s}
+    times.write_text(json.dumps({**json.loads(times.read_text()), **measured}, indent=1) + "\n")
     for line in headlines(summary, settings.mission.steps):
         _say(console, line)
     page = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
     _say(console, f"{folder / page}   ({took})")
+
+
+def _processor_s() -> float:
+    """Processor time (s) of this process and of its children that have ended."""
+    return sum(os.times()[:4])

@@ -17,7 +17,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import vehicle
+from benchmarks import mission_parts, vehicle
 from benchmarks.command import end_with
 from benchmarks.planning import peer
 from benchmarks.rows import KEYS
@@ -70,6 +70,36 @@ def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"
     assert main(["mission", "--smoke", "--json", str(file)]) == 0
     check(json.loads(file.read_text()))
+
+
+def test_the_part_of_a_mission_that_grew_is_named(tmp_path):
+    loops = {"python": 0.5, "arrays": 0.25}
+    seconds = {"map": 4.0, "positions": 2.0, "planner": 9.0, "messages": 9.0, "simulator": 6.0, "recorder": 4.0,
+               "report": 7.0, "start and end": 6.0, "auv_lse --help": 0.2}  # fmt: skip
+    units = mission_parts.in_units(seconds, loops)
+    made = mission_parts.Baseline(reason="first", made_with="here", units=units, best_total=sum(units.values()))
+    made.write(tmp_path / "baseline.json")
+    baseline = mission_parts.Baseline.read(tmp_path / "baseline.json")
+
+    def found(changed, loops=loops):
+        rows = mission_parts.compared(baseline, {**seconds, **changed}, loops)
+        check(rows)
+        return mission_parts.complaints(rows)
+
+    assert found({}) == []
+    assert found({"planner": 1.14 * 9.0}) == []
+    assert found({"positions": 2.5}) == [
+        "positions takes 1.25 times the processor time of the baseline; allowed: <= 1.15"
+    ]
+    assert found({"auv_lse --help": 0.24}) == [], "a twentieth of a second is noise"
+    assert [text.split()[0] for text in found({"planner": 18.0})] == ["planner", "whole"]
+    slower = {name: 2.0 * value for name, value in seconds.items()}
+    assert found(slower, {name: 2.0 * value for name, value in loops.items()}) == [], "a slower machine"
+
+
+def test_the_committed_baseline_has_each_part_and_a_reason():
+    baseline = mission_parts.Baseline.read()
+    assert (set(baseline.units), bool(baseline.reason)) == (set(mission_parts.PARTS), True)
 
 
 def test_memory_counts_the_pages_of_this_process_alone_and_by_share():

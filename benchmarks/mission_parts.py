@@ -1,0 +1,250 @@
+"""Processor time of a default mission by part, against a committed baseline: `auv_lse bench mission`.
+
+A part that has grown by more than `MOST_GROWTH`, or a total beyond `MOST_TOTAL` of the best one reached, fails the
+command. Times are in units of a calibration loop run before and after the measurement, one of interpreted code and one
+of array arithmetic: a machine twice as slow takes as many units. The map, the positions and the planner of vehicle 1
+are timed by recomputing them from the recording of the mission; what else its nodes took is `messages`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.positions.position_corrector import PositionCorrector
+from auv_lse_planner.planner_node import prepare
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_record.software import version
+from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs, ticks_of
+from auv_lse_shore.replay.recompute_decisions import recompute_decisions
+from auv_lse_shore.replay.recompute_map import RecomputedMap
+from benchmarks.mission import fly
+from benchmarks.rows import Row, row
+
+#: Where the baseline is.
+BASELINE = Path(__file__).with_name("mission_baseline.json")
+#: Largest time of a part relative to the baseline, and of the total relative to the best total ever set as a baseline.
+MOST_GROWTH, MOST_TOTAL = 1.15, 1.10
+#: The parts, and the calibration loop that each resembles.
+PARTS = {
+    "map": "arrays",
+    "positions": "arrays",
+    "planner": "arrays",
+    "messages": "python",
+    "simulator": "python",
+    "recorder": "python",
+    "report": "arrays",
+    "start and end": "python",
+    "auv_lse --help": "python",
+}
+#: A part of less processor time (s) is compared with this much more: a share of it is noise.
+NOISE_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baseline:
+    """What a mission took when the baseline was made.
+
+    Attributes:
+        reason: Why it was made.
+        made_with: Version and processor.
+        units: Time of each part in units of its calibration loop.
+        best_total: Smallest total of a baseline so far.
+    """
+
+    reason: str
+    made_with: str
+    units: Mapping[str, float]
+    best_total: float
+
+    @classmethod
+    def read(cls, path: Path = BASELINE) -> Baseline:
+        """The committed one."""
+        return cls(**json.loads(path.read_text()))
+
+    def write(self, path: Path = BASELINE) -> None:
+        """Writes it to be committed."""
+        values = {"reason": self.reason, "made_with": self.made_with, "best_total": round(self.best_total, 3)}
+        units = {name: round(value, 4) for name, value in self.units.items()}
+        path.write_text(json.dumps({**values, "units": units}, indent=1) + "\n")
+
+
+def compared(baseline: Baseline, seconds: Mapping[str, float], loops: Mapping[str, float]) -> list[Row]:
+    """A row for each part, and one for the whole mission.
+
+    Args:
+        baseline: What the parts took before.
+        seconds: Processor time (s) of each of `PARTS` now.
+        loops: That of the calibration loops.
+    """
+    units, rows = in_units(seconds, loops), []
+    for name, before in baseline.units.items():
+        ratio, spare = units[name] / before, NOISE_S / loops[PARTS[name]] / before
+        goal, holds = f"<= {MOST_GROWTH:g}", ratio <= MOST_GROWTH + spare
+        rows.append(row(f"mission: {name}", seconds[name], "cpu s", "baseline", ratio, goal=goal, holds=holds))
+    ratio, goal = sum(units.values()) / baseline.best_total, f"<= {MOST_TOTAL:g}"
+    holds = ratio <= MOST_TOTAL
+    rows.append(row("mission: whole", sum(seconds.values()), "cpu s", "best baseline", ratio, goal=goal, holds=holds))
+    return rows
+
+
+def complaints(rows: list[Row]) -> list[str]:
+    """The rows that fail the command, a sentence each."""
+    return [
+        f"{r['name'].removeprefix('mission: ')} takes {r['ratio']:.2f} times the processor time of the {r['against']}; "
+        f"allowed: {r['goal']}"
+        for r in rows
+        if r["holds"] is False
+    ]
+
+
+def in_units(seconds: Mapping[str, float], loops: Mapping[str, float]) -> dict[str, float]:
+    """Processor times (s) of parts in units of the calibration loops' (s)."""
+    return {name: seconds[name] / loops[loop] for name, loop in PARTS.items()}
+
+
+# ---------------------------------------------------------------- calibration
+
+
+def _interpreted() -> None:
+    total, values = 0, {}
+    for i in range(400_000):
+        values[i & 255] = total
+        total += len(str(i)) + values[i & 127 if i > 255 else 0]
+
+
+def _arrays() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.random((500, 2))
+    apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
+    for _ in range(6):
+        covariance = np.exp(-apart) + 0.01 * np.eye(len(apart))
+        lower = np.linalg.cholesky(covariance)
+        np.linalg.solve(lower, np.exp(-apart[:, :400]))
+
+
+LOOPS: dict[str, Callable[[], None]] = {"python": _interpreted, "arrays": _arrays}
+
+
+def calibrated() -> dict[str, float]:
+    """Processor time (s) of each calibration loop: the least of several runs."""
+    times: dict[str, float] = {}
+    for name, loop in LOOPS.items():
+        for _ in range(5):
+            began = time.process_time()
+            loop()
+            times[name] = min(times.get(name, math.inf), time.process_time() - began)
+    return times
+
+
+# ---------------------------------------------------------------- measurement
+
+
+@contextmanager
+def _timed(kind: type, method: str, times: dict[str, float], name: str) -> Iterator[None]:
+    """Adds the processor time of a method's calls to `times[name]`."""
+    original = getattr(kind, method)
+
+    def call(*arguments: Any, **named: Any) -> Any:
+        began = time.process_time()
+        try:
+            return original(*arguments, **named)
+        finally:
+            times[name] = times.get(name, 0.0) + time.process_time() - began
+
+    setattr(kind, method, call)
+    try:
+        yield
+    finally:
+        setattr(kind, method, original)
+
+
+def _recomputed(inputs: RecordedInputs) -> dict[str, float]:
+    """Processor time (s) of vehicle 1's map, positions and planner."""
+    times: dict[str, float] = {}
+    prepare()  # compiled code, which nodes have before they start
+    settings, own = Settings.from_patterns(inputs.parameters, "the recording"), inputs.vehicles[1]
+    again = RecomputedMap(own, settings.planner_settings(1), settings.positions_in_force(1), inputs.lockstep)
+    events = sorted([*((s, 0) for s in ticks_of(own)), *((m.stamp_s, 1) for m in own.maps)])
+    began = time.process_time()
+    with _timed(PositionCorrector, "step", times, "positions"):
+        for now_s, is_published in events:
+            if is_published:
+                again.map.isobath(again.map.recent_field())
+            else:
+                again.advance(now_s)
+    times["map"] = time.process_time() - began - times["positions"]
+    with _timed(VehiclePlanner, "decide", times, "planner"):
+        recompute_decisions(own, settings, inputs.lockstep, 0.0, lambda share: None)
+    return times
+
+
+def _help_s() -> float:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-m", "auv_lse_run", "--help"], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def parts_s(*arguments: str) -> dict[str, float]:
+    """Flies a mission and returns the processor time (s) of each of `PARTS`, of the whole team.
+
+    Args:
+        arguments: Those of `auv_lse mission`.
+    """
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / "run"
+        flight = fly(folder, *arguments)
+        inputs = read_inputs(folder)
+    start, whole = flight.start_s, flight.processor_s
+    flying = {name: seconds - start.get(name, 0.0) for name, seconds in whole.items()}
+    own = _recomputed(inputs)
+    others = ("sim_node", "recorder_node")
+    vehicles = {name: seconds for name, seconds in flying.items() if name not in others}
+    share = sum(vehicles.values()) / max(vehicles["auv1"], 1e-9)  # of the team to vehicle 1
+    return {
+        "map": share * own["map"],
+        "positions": share * own["positions"],
+        "planner": share * own["planner"],
+        "messages": share * max(vehicles["auv1"] - sum(own.values()), 0.0),
+        "simulator": flying["sim_node"],
+        "recorder": flying["recorder_node"],
+        "report": flight.report_processor_s,
+        "start and end": flight.whole_processor_s - flight.report_processor_s - sum(flying.values()),
+        "auv_lse --help": min(_help_s() for _ in range(3)),
+    }
+
+
+def run(*, smoke: bool = False, new_baseline: str = "") -> list[Row]:
+    """Measures and compares; writes a new baseline first if a reason for one is given.
+
+    The least of two flights counts for each part, since load on the machine only adds. A smoke run flies one vehicle
+    for two steps and compares with nothing.
+    """
+    before = calibrated()
+    flights = [parts_s("--vehicles", "1", "--steps", "2")] if smoke else [parts_s(), parts_s()]
+    after = calibrated()
+    loops = {name: min(before[name], after[name]) for name in LOOPS}
+    seconds = {name: min(flight[name] for flight in flights) for name in PARTS}
+    if smoke:
+        return [row(f"mission: {name}", seconds[name], "cpu s") for name in PARTS]
+    if new_baseline:
+        best = Baseline.read().best_total if BASELINE.exists() else math.inf
+        made_with, units = f"{version()}, Python {platform.python_version()}", in_units(seconds, loops)
+        total = sum(units.values())
+        Baseline(reason=new_baseline, made_with=made_with, units=units, best_total=min(best, total)).write()
+    return compared(Baseline.read(), seconds, loops)
