@@ -122,7 +122,7 @@ def in_units(seconds: Mapping[str, float], loops: Mapping[str, float]) -> dict[s
 
 def _interpreted() -> None:
     total, values = 0, {}
-    for i in range(400_000):
+    for i in range(100_000):
         values[i & 255] = total
         total += len(str(i)) + values[i & 127 if i > 255 else 0]
 
@@ -131,7 +131,7 @@ def _arrays() -> None:
     rng = np.random.default_rng(0)
     points = rng.random((500, 2))
     apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
-    for _ in range(6):
+    for _ in range(24):
         covariance = np.exp(-apart) + 0.01 * np.eye(len(apart))
         lower = np.linalg.cholesky(covariance)
         np.linalg.solve(lower, np.exp(-apart[:, :400]))
