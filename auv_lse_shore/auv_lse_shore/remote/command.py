@@ -38,8 +38,8 @@ def parser() -> argparse.ArgumentParser:
         description="Checks, loads, commands and watches several vehicles from one laptop, and fetches their "
         "recordings, over their SSH. An order acts exactly once, however often the link drops. See "
         "docs/guide/field-day.md.",
-        epilog="Exit codes: 0 every vehicle has done it, and nothing is wrong; 1 something is wrong or not done; 2 "
-        "unusable fleet file or wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 done, nothing is wrong; 1 something is wrong or not done; 2 wrong fleet file or command "
+        "line; 130 Ctrl-C.",
     )
     p.add_argument(
         "file", nargs="?", type=Path, default=Path("fleet.yaml"), metavar="FILE", help="the fleet file (fleet.yaml)"

@@ -31,7 +31,7 @@ STEPS = 5
 #: Commands of other programs: their names alone are known here.
 FOREIGN = {
     ".", "cat", "cd", "colcon", "cp", "dask", "docker", "export", "pip", "pre-commit", "rosdep", "sed", "source",
-    "sudo", "use_environment",
+    "ssh-copy-id", "sudo", "use_environment",
 }  # fmt: skip
 
 #: Scripts that are no verbs of auv_lse.
