@@ -1,4 +1,4 @@
-"""Runs a mission: starts its processes, follows it to its end, and ends every process."""
+"""Starts the processes of a mission, follows it to its end, and ends them. Follows missions of `ros2 launch`, too."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 from rich.console import Console
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_run.mission.display import Display, progress_of
+from auv_lse_run.mission.display import Display, MissionProgress, progress_of
 from auv_lse_run.mission.watch_node import MissionWatch
 from auv_lse_run.process.death import cause
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.keeper import ProcessKeeper, node_task
 from auv_lse_run.process.processes import Process, last_lines
 
-_START_S = 90.0
+_START_S, _PERIOD_S = 90.0, 0.1
 
 
 class MissionError(RuntimeError):
@@ -56,29 +56,57 @@ def conduct(
     """
     start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
     keeper = _keeper(settings, folder, environment, console, processes)
-    progress = progress_of(settings)
-    marks = {"began": time.monotonic()}
     started_s: dict[str, float] = {}
+
+    def look_after(state: str, message: str) -> None:
+        died = keeper.tick(time.monotonic())
+        _check(state, message, died, keeper, folder / "logs", keeper.loaded_for_s > start_s)
+        if state in ("running", "finished") and not started_s:
+            started_s.update(keeper.cpu_s())
+            if when_running is not None:
+                when_running()
+
     with contextlib.ExitStack() as stack:
         stack.callback(keeper.stop)
-        keeper.tick(marks["began"])
-        watch = stack.enter_context(MissionWatch(progress, environment))
-        display = stack.enter_context(Display(progress, console))
-        while not interrupt.came and progress.phase != "finished":
-            state, message = watch.wait(0.1)
-            progress.started_s = time.monotonic() - marks["began"]
-            died = keeper.tick(time.monotonic())
-            _check(state, message, died, keeper, folder / "logs", keeper.loaded_for_s > start_s)
-            if state in ("running", "finished"):
-                progress.phase = state
-                if "running" not in marks:
-                    marks["running"], started_s = time.monotonic(), keeper.cpu_s()
-                    if when_running is not None:
-                        when_running()
-            display.refresh()
-        marks["ended"] = time.monotonic()
+        keeper.tick(time.monotonic())
+        marks = follow(progress_of(settings), environment, console, interrupt, look_after)
         processor_s = keeper.cpu_s()
     return write_times(folder, marks, processor_s, started_s)
+
+
+def follow(
+    progress: MissionProgress,
+    environment: dict[str, str],
+    console: Console,
+    interrupt: Interrupt,
+    look_after: Callable[[str, str], None] = lambda state, message: None,
+) -> dict[str, float]:
+    """Shows the progress of a mission until it ends or is interrupted.
+
+    Args:
+        progress: Is brought up to date; its phase is "finished" if the mission is complete.
+        environment, console, interrupt: As `conduct` takes them.
+        look_after: Called ten times a second with the mission's state and message.
+
+    Returns:
+        Wall-clock times as `write_times` takes them.
+
+    Raises:
+        MissionError: if the simulator has failed.
+    """
+    marks = {"began": time.monotonic()}
+    with MissionWatch(progress, environment) as watch, Display(progress, console) as display:
+        while not interrupt.came and progress.phase != "finished":
+            state, message = watch.wait(_PERIOD_S)
+            progress.started_s = time.monotonic() - marks["began"]
+            look_after(state, message)
+            if state == "failed":
+                raise MissionError(f"the simulator stopped the mission: {message}")
+            if state in ("running", "finished"):
+                progress.phase = state
+                marks.setdefault("running", time.monotonic())
+            display.refresh()
+    return marks | {"ended": time.monotonic()}
 
 
 def _keeper(

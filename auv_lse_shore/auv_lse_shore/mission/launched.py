@@ -16,9 +16,8 @@ from pathlib import Path
 from rich.console import Console
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_run.mission.conductor import write_times
-from auv_lse_run.mission.display import Display, MissionProgress, progress_of
-from auv_lse_run.mission.watch_node import MissionWatch
+from auv_lse_run.mission.conductor import MissionError, follow, write_times
+from auv_lse_run.mission.display import progress_of
 from auv_lse_run.process.interrupt import Interrupt
 from auv_lse_run.process.processes import LAST_STOP_S
 from auv_lse_shore.mission.mission import report_mission
@@ -31,11 +30,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     settings, console, interrupt = Settings.load(folder / "mission.yaml"), Console(), Interrupt()
     progress = progress_of(settings)
-    marks, message = _follow(progress, console, interrupt)
-    is_complete = progress.phase == "finished"
-    if progress.phase == "failed":
-        console.print(f"error: the simulator stopped the mission: {message}", soft_wrap=True)
+    try:
+        marks = follow(progress, dict(os.environ), console, interrupt)
+    except MissionError as error:
+        console.print(f"error: {error}", soft_wrap=True)
         return 1
+    is_complete = progress.phase == "finished"
     if "running" not in marks:
         console.print("interrupted before the first tick: nothing was recorded")
         return 130
@@ -48,24 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     phases = write_times(folder, marks, {}, {})
     interrupt.release()
     return report_mission(folder, settings, time.monotonic() - marks["began"], phases, console, is_complete=is_complete)
-
-
-def _follow(progress: MissionProgress, console: Console, interrupt: Interrupt) -> tuple[dict[str, float], str]:
-    """Shows the progress until the mission ends or is interrupted.
-
-    Returns:
-        Wall-clock times as `write_times` takes them, and the simulator's last message.
-    """
-    marks, message = {"began": time.monotonic()}, ""
-    with MissionWatch(progress, dict(os.environ)) as watch, Display(progress, console) as display:
-        while not interrupt.came and progress.phase not in ("finished", "failed"):
-            state, message = watch.wait(_PERIOD_S)
-            progress.started_s = time.monotonic() - marks["began"]
-            if state != "waiting":
-                progress.phase = state
-                marks.setdefault("running", time.monotonic())
-            display.refresh()
-    return marks | {"ended": time.monotonic()}, message
 
 
 def _is_closed(settings: Settings) -> bool:

@@ -15,6 +15,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_run.mission import conductor
 from auv_lse_shore.mission import launched
 
 pytestmark = pytest.mark.ros
@@ -72,7 +73,7 @@ def _run(
         reports.append(is_complete)
         return 0 if is_complete else 130
 
-    monkeypatch.setattr(launched, "MissionWatch", Watch)
+    monkeypatch.setattr(conductor, "MissionWatch", Watch)
     monkeypatch.setattr(launched, "report_mission", report)
     monkeypatch.setattr(launched.time, "sleep", sleep)
     return launched.main([str(tmp_path)]), reports
