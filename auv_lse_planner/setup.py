@@ -35,6 +35,7 @@ setup(
     options={"build": {"build_base": build.name}, "egg_info": {"egg_base": build.name}} if is_library else {},
     python_requires=">=3.11",
     install_requires=[
+        "contourpy",
         "numpy>=1.26",
         "scipy>=1.11",
         sibling("auv_lse_common"),

@@ -65,7 +65,7 @@ setup(
     else [],
     extras_require={
         "test": ["pytest"],  # tells `colcon test` to use pytest
-        "optional": ["foxglove-sdk", "h5py", "pyogrio", "rasterio", sibling("auv_lse_mavlink")],
+        "optional": ["h5py", "pyogrio", "rasterio", sibling("auv_lse_mavlink")],
     },
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",

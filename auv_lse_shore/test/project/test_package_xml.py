@@ -40,7 +40,7 @@ LOADED = {
 }
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
-OPTIONAL = {"auv_lse_mavlink", "foxglove", "h5py", "llvmlite", "numba", "pyogrio", "rasterio"}
+OPTIONAL = {"auv_lse_mavlink", "h5py", "llvmlite", "numba", "pyogrio", "rasterio"}
 
 
 def imports_of(package: str) -> set[str]:
@@ -84,7 +84,7 @@ def test_the_message_package_names_the_packages_of_its_fields() -> None:
 
 ALL = (*PACKAGES, "auv_lse_msgs")
 #: Names on PyPI of imports that have another name there.
-ON_PYPI = {"foxglove": "foxglove-sdk", "serial": "pyserial", "yaml": "pyyaml"}
+ON_PYPI = {"serial": "pyserial", "yaml": "pyyaml"}
 
 
 def known_keys() -> dict[str, set[str]]:
