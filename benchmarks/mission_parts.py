@@ -121,10 +121,10 @@ def in_units(seconds: Mapping[str, float], loops: Mapping[str, float]) -> dict[s
 
 
 def _interpreted() -> None:
-    total, values = 0, {}
-    for i in range(100_000):
+    total, values = 0, dict.fromkeys(range(256), 0)
+    for i in range(2_400_000):
         values[i & 255] = total
-        total += len(str(i)) + values[i & 127 if i > 255 else 0]
+        total = (total + len(str(i)) + values[i & 127]) & 0xFFFF
 
 
 def _arrays() -> None:
