@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from auv_lse_common.node.dive import dive_of
 
@@ -78,8 +79,12 @@ def take(subscription: Subscription) -> Taken | None:
 
 
 def take_with_sender(subscription: Subscription) -> Subscription:
-    """Lets `StandingExecutor` call the subscription's callback with each message and its participant."""
-    subscription.take = functools.partial(take, subscription)
+    """Lets `StandingExecutor` call the subscription's callback with each message and its participant.
+
+    Only Fast DDS is known to name a participant; with another middleware the callback gets the message alone.
+    """
+    if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+        subscription.take = functools.partial(take, subscription)
     return subscription
 
 
@@ -111,8 +116,8 @@ class Senders:
 
         Args:
             frame: The frame in its header; in recordings of earlier versions it begins with the id.
-            participant: The participant that has sent it; None: unknown, as with rclpy's own executor, and taken for
-                one of the own dive.
+            participant: The participant that has sent it; None: unknown, as with rclpy's own executor or another
+                middleware than Fast DDS, and taken for one of the own dive.
             now_s: A monotonic clock.
 
         Returns:

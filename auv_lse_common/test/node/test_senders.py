@@ -13,6 +13,7 @@ import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 
+from auv_lse_common.node import senders as module
 from auv_lse_common.node.executor import StandingExecutor
 from auv_lse_common.node.senders import _PATIENCE_S, _REMEMBERED, Senders, take_with_sender
 from auv_lse_common.topics.quality import EVERY, INTRODUCTIONS, LATCHED
@@ -40,6 +41,11 @@ def test_a_flood_of_participants_is_forgotten():
         senders.introduce(SimpleNamespace(dive=OTHER, node="sim_node"), number.to_bytes(12, "big"))
         senders.sender_of("map", (1 << 64 | number).to_bytes(12, "big"), 0.0)
     assert len(senders._dives) == len(senders._heard_s) == _REMEMBERED
+
+
+def test_another_middleware_than_fast_dds_names_no_participant(monkeypatch):
+    monkeypatch.setattr(module, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    assert not hasattr(take_with_sender(SimpleNamespace()), "take"), "its ids of writers share no part"
 
 
 def test_two_participants_on_one_topic_are_told_apart():
