@@ -73,6 +73,9 @@ def parser() -> argparse.ArgumentParser:
     c = _verb(verbs, "watch", "show the team in one table until Ctrl-C, and deliver what is pending", _watch)
     c.add_argument("--every", type=float, default=1.0, metavar="S", help="time between questions (default: 1 s)")
     c.add_argument("--once", action="store_true", help="print one table, and end")
+    c.add_argument(
+        "--page", type=int, nargs="?", const=8650, metavar="PORT", help="also a page on 127.0.0.1 (default: 8650)"
+    )
     _add_fetch(verbs)
     return p
 
@@ -164,4 +167,4 @@ def _fetch(options: argparse.Namespace) -> int:
 
 def _watch(options: argparse.Namespace) -> int:
     fleet = read_fleet(options.file)
-    return watching.watch(fleet, fleet.chosen(options.vehicles), options.every, options.once)
+    return watching.watch(fleet, fleet.chosen(options.vehicles), options.every, options.once, options.page)

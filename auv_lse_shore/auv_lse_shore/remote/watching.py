@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
 
 from rich.console import Console
 from rich.live import Live
@@ -17,6 +19,7 @@ from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.ordering import delivered, sentence
 from auv_lse_shore.remote.picture import VehicleView
 from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
+from auv_lse_shore.remote.team_page import team_page
 
 _ANSWER_S, _RETRY_S = 15.0, 2.0
 _BELL = "\a"
@@ -75,17 +78,30 @@ class Watch:
         return bool(self.ledgers.read().due(name))
 
 
-def watch(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float, once: bool) -> int:
-    """Shows the team until Ctrl-C; with `once` one table. Returns the exit code: 1 if there are alarms."""
+def watch(
+    fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float, once: bool, page: int | None = None
+) -> int:
+    """Shows the team until Ctrl-C; with `once` one table. Returns the exit code: 1 if there are alarms.
+
+    Args:
+        fleet: The fleet file.
+        vehicles: The vehicles.
+        every_s: Time between questions to a vehicle (s).
+        once: Whether to end after one table.
+        page: Port of the page; None: no page.
+    """
     console = Console()
-    with Watch(fleet, vehicles, every_s) as found:
+    with Watch(fleet, vehicles, every_s) as found, ExitStack() as stack:
+        if page is not None:
+            address = stack.enter_context(team_page(lambda: page_picture(found, time.monotonic()), page))
+            print(f"the team's page: {address}", flush=True)
         if once:
             for asked in found.asked.values():
                 asked.wait(60.0)
             time.sleep(2.5 * every_s)  # a latched state has an age only when the next one has come
             return _print(console, found)
         known: set[str] = set()
-        with Live(console=console, auto_refresh=False, screen=console.is_terminal) as live:
+        with Live(console=console, auto_refresh=False, screen=console.is_terminal and page is None) as live:
             while True:
                 table, lines = _shown(found, time.monotonic())
                 if set(lines) - known and console.is_terminal:
@@ -124,6 +140,17 @@ def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
         lines += [f"{name}: {text}" for text in view.alarms(now_s)]
         lines += [f"{name}: {sentence(order, view.trouble)}" for order in ledger.open(name)]
     return table, lines
+
+
+def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
+    """What the page shows."""
+    vehicles = []
+    for name, view in found.views.items():
+        place, row = view.place(now_s), cells(view, now_s)
+        shown = {"name": name, "cells": [row[0], *row[2:]], "place": None if place is None else place[:2]}
+        path = view.part("path").get("north_east_m") or []
+        vehicles.append({**shown, "expected": place is not None and place[2], "path": path})
+    return {"vehicles": vehicles, "lines": _shown(found, now_s)[1]}
 
 
 def cells(view: VehicleView, now_s: float) -> list[str]:

@@ -11,6 +11,7 @@ import pytest
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.command.main import main
+from auv_lse_shore.remote.ledger_file import LedgerFile
 from benchmarks.field.relay import Relay
 from benchmarks.field.side import EXECUTED
 from benchmarks.field.sshd import ROOT, Computer, Field, free_port, lacks_sshd, side_command
@@ -40,6 +41,41 @@ def test_an_order_reaches_the_vehicle_in_reach_and_stays_pending_for_the_other(
     assert main(["fleet", file, "pending", "--cancel", "--wait", "0.1"]) == 0
     assert "auv2: GO is cancelled; it was never sent" in capsys.readouterr().out
     assert [line.split()[1] for line in (computer.folder / EXECUTED).read_text().splitlines()] == ["go"]
+
+
+def test_a_second_laptop_commands_only_after_taking_over_and_the_first_reads_that(
+    field: tuple[Field, Computer], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    made, computer = field
+    noting = {"port": computer.port, "folder": str(tmp_path), "command": side_command("benchmarks.field.side")}
+    first, second = (str(made.fleet_file({"auv1": noting}, f"{name}.yaml")) for name in ("first", "second"))
+    assert main(["fleet", first, "hold"]) == 0
+    assert main(["fleet", second, "surface"]) == 1
+    assert "SURFACE refused: " in capsys.readouterr().out
+    assert main(["fleet", second, "surface", "--take-over"]) == 0
+    assert "auv1: taken over from " in capsys.readouterr().out
+    assert main(["fleet", first, "hold"]) == 1
+    assert "commands this vehicle since" in capsys.readouterr().out
+    assert [line.split()[1] for line in (tmp_path / EXECUTED).read_text().splitlines()] == ["hold", "surface"]
+
+
+def test_go_that_reached_only_some_is_held_with_one_key(
+    field: tuple[Field, Computer],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, computer = field
+    noting = {"port": computer.port, "folder": str(tmp_path), "command": side_command("benchmarks.field.side")}
+    file = str(made.fleet_file({"auv1": noting, "auv2": {"port": free_port()}}, "some.yaml"))
+    asked: list[str] = []
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or "h")
+    assert main(["fleet", file, "go", "--anyway", "--wait", "0.1"]) == 1
+    assert "[h]old auv1, and cancel the rest" in asked[0]
+    assert "auv1: HOLD acted" in capsys.readouterr().out
+    assert [line.split()[1] for line in (tmp_path / EXECUTED).read_text().splitlines()] == ["go", "hold"]
+    assert LedgerFile(made.folder / "some.yaml").read().open("auv2") == []
 
 
 def test_check_names_each_reason_why_a_vehicle_does_not_answer(
