@@ -14,9 +14,14 @@ from rich.table import Table
 
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "phases", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day")
+GROUPS = ("mission", "phases", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day", "altitude")
 #: Modules of groups that are not named after them.
-MODULES = {"mission": "mission_parts", "phases": "mission", "day": "planning.day"}
+MODULES = {
+    "mission": "mission_parts",
+    "phases": "mission",
+    "day": "planning.day",
+    "altitude": "navigation.altitude",
+}
 
 
 def _number(value: Any) -> str:

@@ -390,6 +390,7 @@ class VehicleLink:
             raw_east_m=self._raw.east_m,
         )
         self._placed_s = self._now_s
+        self._targets.lift.keeper.move(self._now_s, north_m, east_m, depth_m, self._position.speed_mps)
         if not self.report.problem:
             self._targets.watch(self._now_s, self._position)
         self.counts["odometries"] += 1
@@ -425,6 +426,7 @@ class VehicleLink:
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
         if altitude is not None:
+            self._targets.lift.keeper.ping(altitude)
             self._events.append(
                 Altitude(
                     stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),

@@ -217,7 +217,7 @@ class PlannerNode(VehicleNode):
                 stamp_s=stamp_s,
                 leg=leg,
                 speed_mps=vehicle.speed_mps,
-                depth_m=vehicle.depth_m,
+                depth_m=self._planner.shallow_ground.travel_depth_m(leg, vehicle),
                 end=tuple(leg.end_state),
                 then=then,
             )

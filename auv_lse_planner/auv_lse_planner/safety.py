@@ -61,7 +61,7 @@ class Safety:
         at_once = own.start == "at_once" and not waits and ("sim" in parameters or not has_autopilot)
         return cls(
             run=MissionRun(at_once, on_abort, own.stop_at_end),
-            watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
+            watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot, own.depth_m > 0.0),
             config=safety,
         )
 

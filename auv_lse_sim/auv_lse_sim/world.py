@@ -108,7 +108,11 @@ class World:
     def of(cls, settings: Settings, ground: Ground) -> World:
         """Builds the world of a mission."""
         vehicles = [own.vehicle for own in settings.vehicles]
-        return cls(settings.sim, vehicles, settings.area, ground, settings.mission.seed)
+        world = cls(settings.sim, vehicles, settings.area, ground, settings.mission.seed)
+        for number, own in enumerate(settings.vehicles, 1):
+            if own.link.kind == "direct" and own.vehicle.depth_m > 0.0:  # else its autopilot gets lifted targets
+                world.vehicles[number].keep_altitude(own.safety.kept_altitude_m(own.vehicle.min_altitude_m))
+        return world
 
     @property
     def now_s(self) -> float:

@@ -30,7 +30,7 @@ from auv_lse_common.safety.exceeded_time import ExceededTime
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
-from auv_lse_common.vocabulary.mission_run import STOPS, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import STOPS, Action, MissionRun, RunState, Stop
 from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 #: A longer step (s), or a negative one, means that the clock was set.
@@ -41,6 +41,8 @@ STATES = ("depth gauge", "altimeter", "odometry", "link", "autopilot", "battery"
 WARNING_SHARE = 0.5
 #: At most this many readings of a sensor count in one step, the newest.
 MOST_READINGS = 1000
+#: A vehicle that climbs has this much longer (s) than `patience_s` to be high enough.
+CLIMB_S = 12.0
 #: Distance (m) from the first position after which the vehicle has moved; before, its estimate may stand still.
 MOVED_M = 1.0
 #: A vehicle is at the surface, or on deck, up to this depth (m).
@@ -50,6 +52,9 @@ STANDING_MPS = 0.05
 #: No vehicle keeps its depth better than this (m per m travelled), or to the last digit over this distance (m).
 STEADIEST = 0.0005
 STEADY_M = 50.0
+
+
+_ACTIONS = {**STOPS, "climb": Action.HOLD}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,11 +100,14 @@ class SafetyWatch:
         warnings: Exceeded limits that have not tripped, each with its reason.
     """
 
-    def __init__(self, config: SafetyConfig, fence: Fence, deepest_m: float, has_autopilot: bool = False) -> None:
+    def __init__(
+        self, config: SafetyConfig, fence: Fence, deepest_m: float, has_autopilot: bool = False, can_climb: bool = True
+    ) -> None:
         """Starts without reports.
 
         Args:
             has_autopilot: Whether there is an autopilot; the mission then waits for it.
+            can_climb: Whether the vehicle can climb: it is no boat.
         """
         self.warnings: dict[str, str] = {}
         self._config, self._fence, self._deepest_m = config, fence, deepest_m
@@ -118,6 +126,8 @@ class SafetyWatch:
             "mission time": config.mission_time_response,
         }
         self._times = {name: ExceededTime(config.patience_s) for name in self._responses}
+        if config.altitude_response == "climb":
+            self._times["altitude"] = ExceededTime(config.patience_s + CLIMB_S * can_climb)
         self._reasons: dict[str, str] = {}  # why each limit was exceeded last
         self._position: tuple[float, float, float] | None = None  # north, east, depth (m)
         self._new_positions: deque[tuple[float, float, float]] = deque(maxlen=MOST_READINGS)  # since the last step
@@ -227,7 +237,7 @@ class SafetyWatch:
                 exceeded[name] = self._reasons[name]
             response = self._responses[name]
             if is_over and response != "warn" and not (state is RunState.WAITING and self._afloat):
-                stop = None if response == "abort" else Stop(action=STOPS[response])
+                stop = None if response == "abort" else Stop(action=_ACTIONS[response])
                 run.trip(name, stop, self._reasons[name])
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
         self._fenced = "fence" in run.limits

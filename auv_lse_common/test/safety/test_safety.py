@@ -203,6 +203,18 @@ def test_an_altitude_of_nothing_or_less_is_too_low(altitude_m: float) -> None:
     assert vehicle.wait(10.0).watch.warnings == {}, "not watched"
 
 
+@pytest.mark.parametrize(("can_climb", "after_s"), [(True, 15.0), (False, 3.0)])
+def test_a_vehicle_that_is_too_low_has_time_to_climb_and_then_holds(can_climb: bool, after_s: float) -> None:
+    vehicle = Vehicle()
+    fence = Fence(SQUARE, 150.0)
+    vehicle.watch = SafetyWatch(SafetyConfig(mission_time_s=500.0), fence, 10.0, can_climb=can_climb)
+    vehicle.watch.altitude(0.4)
+    assert not vehicle.wait(after_s - 1.0).run.limits
+    assert "altitude" in vehicle.watch.warnings
+    assert set(vehicle.wait(2.0).run.limits) == {"altitude"}
+    assert vehicle.run.status.stop == Stop(action=Action.HOLD)
+
+
 def test_silence_does_not_hide_the_last_altitude() -> None:
     vehicle = Vehicle().wait(5.0)
     vehicle.watch.altitude(30.0)

@@ -35,6 +35,8 @@ POSITION_AND_YAW = (
     | mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
 )
 DOWN = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+#: Echoes of less quality (DISTANCE_SENSOR.signal_quality, %) are left out.
+LEAST_QUALITY = 25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,9 +133,11 @@ def target_of_item(message: Message, datum: Datum) -> Target:
 
 
 def altitude_m(message: Message) -> float | None:
-    """Altitude over ground (m) of a DISTANCE_SENSOR, NaN without an echo; None if it does not look down."""
+    """Altitude over ground (m) of a DISTANCE_SENSOR, NaN without a usable echo; None if it does not look down."""
     if message.orientation != DOWN:
         return None
+    if 0 < getattr(message, "signal_quality", 0) < LEAST_QUALITY:  # 0: unknown
+        return math.nan
     if not message.min_distance <= message.current_distance <= message.max_distance:
         return math.nan
     return float(message.current_distance) / 100.0

@@ -28,12 +28,14 @@ class TargetLimits:
         fence: Where they must lie; None: anywhere.
         deepest_m: Greatest depth (m).
         turn_radius_m: Turn radius (m).
+        least_altitude_m: Altitude (m) that the vehicle keeps above the ground; 0: none.
         is_afloat: Whether the vehicle travels at the surface only (`vehicle.depth_m: 0`).
     """
 
     fence: Fence | None = None
     deepest_m: float = math.inf
     turn_radius_m: float = MotionConfig().turn_radius_m
+    least_altitude_m: float = 0.0
     is_afloat: bool = False
 
     def check(self, target: Target, position: AutopilotEstimate | None) -> None:
@@ -74,6 +76,11 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
     has_fence = is_given(parameters, "area.polygon_m")
     fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
     radius_m = section(MotionConfig, parameters, "motion", where).turn_radius_m
+    is_afloat = depth_m == 0.0
     return TargetLimits(
-        fence=fence, deepest_m=safety.deepest_m(depth_m), turn_radius_m=radius_m, is_afloat=depth_m == 0.0
+        fence=fence,
+        deepest_m=safety.deepest_m(depth_m),
+        turn_radius_m=radius_m,
+        least_altitude_m=0.0 if is_afloat else safety.kept_altitude_m(vehicle.min_altitude_m),
+        is_afloat=is_afloat,
     )

@@ -43,6 +43,7 @@ from auv_lse_mavlink.messages.datum import Datum
 from auv_lse_mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
 from auv_lse_mavlink.messages.wire import Message, mavlink
 from auv_lse_mavlink.targets.delivery import Delivery
+from auv_lse_mavlink.targets.lift import Lift
 from auv_lse_mavlink.targets.limits import TargetLimits
 from auv_lse_mavlink.targets.obedience import IGNORED_S, Obedience
 from auv_lse_mavlink.targets.surfacing import LONGEST_S, Stage, Surfacing
@@ -64,6 +65,7 @@ class TargetSender:
 
     Attributes:
         refused_speed: The result of DO_CHANGE_SPEED if the autopilot refused the last one.
+        lift: Keeps targets above the ground.
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class TargetSender:
         self._mission_ended = self._abandoned = False  # ENDED; and its way since then was abandoned: it surfaces
         self._here: AutopilotEstimate | None = None  # the vehicle's last position
         self._vertical = VerticalWay()
+        self.lift = Lift(limits.least_altitude_m)
         self._autopilot_state, self._was_armed = (False, -1), False  # armed, mode
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
@@ -150,7 +153,7 @@ class TargetSender:
         again as `delivery.py` says.
         """
         target = self.current
-        if position is None or target is None or not (self.settled or self._obedience.problem):
+        if position is None or target is None or self.lift.climbs or not (self.settled or self._obedience.problem):
             self._obedience.excuse()
             return
         stopped = self._stop is not None and self._stop.action is Action.HOLD
@@ -163,7 +166,7 @@ class TargetSender:
 
     def feedback(self, now_s: float, wp_dist_m: float, position: AutopilotEstimate) -> None:
         """Takes the distance (m) to its target that the autopilot reports, and an estimate of the same time."""
-        if (target := self.current) is not None and not self._is_mission:
+        if (target := self.current) is not None and not (self._is_mission or self.lift.climbs):
             apart_m = math.dist((target.north_m, target.east_m), (position.north_m, position.east_m))
             self._delivery.feedback(now_s, wp_dist_m, apart_m, position.speed_mps)
 
@@ -327,6 +330,12 @@ class TargetSender:
     def pass_reached(self, now_s: float, position: AutopilotEstimate | None) -> None:
         """Drops reached targets, begins surfacings, and determines the position of a stop."""
         self._here = position
+        self._pass_reached(now_s, position)
+        if position is not None and self.lift.update(now_s, self.current, position):
+            self._counts["lifts"] += 1
+            self._unsent = True
+
+    def _pass_reached(self, now_s: float, position: AutopilotEstimate | None) -> None:
         if self._stop is not None or self._abandoned:
             if position is not None:
                 self._stop_at(self._stop or _RISE, position)
@@ -387,12 +396,14 @@ class TargetSender:
         current = self.current
         if current is None:
             return
-        is_vertical = current.at_surface or (self._stop is None and self._surfacing is not None)
+        current = self.lift.lifted(current)
+        is_vertical = current.at_surface or (self._stop is None and self._surfacing is not None) or self.lift.climbs
         renewed = self._unsent or self._delivery.is_doubtful
         current = self._vertical.target(current, self._here, renewed) if is_vertical else current
         if self._is_mission:
             later = self._stop is None and self._surfacing is None and not current.at_surface and not self._abandoned
-            self._send_mission(now_s, datum, tuple(self._targets) if later else (current,), own_depth)
+            later = later and not self.lift.climbs
+            self._send_mission(now_s, datum, (current, *list(self._targets)[1:] * later), own_depth)
         else:
             self._send_position_target(now_s, boot_ms, datum, current, own_depth)
 

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid
+from auv_lse_common.mission_file.sections.vehicle import SHALLOWEST_M, VehicleConfig
+from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.paths.free_space import FreeSpace
 
@@ -29,6 +31,7 @@ class ShallowGround:
         """
         self._space, self._window, self._grid, self._limit_m = space, window, grid, limit_m
         self._shallow = np.zeros(len(grid.locations_m), dtype=bool)
+        self._depths_m = np.full(len(grid.locations_m), np.inf)  # expected, where it was checked last
 
     def update_window(self) -> None:
         """Checks all ground of the window."""
@@ -65,7 +68,18 @@ class ShallowGround:
         banks = self._window.posterior.banks
         if banks is not None and len(depths_m):
             depths_m = banks.depths(self._grid.locations_m[checked], depths_m)
+        self._depths_m[checked] = depths_m
         return np.asarray(depths_m < self._limit_m)
+
+    def travel_depth_m(self, leg: Leg, vehicle: VehicleConfig) -> float:
+        """Depth (m) of a vehicle at the end of a leg that keeps `vehicle.min_altitude_m` where the map expects it."""
+        if vehicle.min_altitude_m <= 0.0 or vehicle.depth_m <= SHALLOWEST_M:
+            return vehicle.depth_m
+        ahead_m = np.linspace(0.0, leg.length_m, max(2, round(leg.length_m / self._grid.resolution_m) + 1))
+        points = np.array([leg.state_at(float(m))[1:] for m in ahead_m])
+        near = np.hypot(*(self._grid.locations_m[:, None] - points).T).min(axis=0) <= 0.75 * self._grid.resolution_m
+        least_m = float(self._depths_m[near].min(initial=np.inf))
+        return min(vehicle.depth_m, max(least_m - vehicle.min_altitude_m, SHALLOWEST_M))
 
     def _block(self, checked: NDArray[np.bool_]) -> None:
         self._space.set_shallow(self._grid.locations_m[checked], self._shallow[checked], self._grid.resolution_m)

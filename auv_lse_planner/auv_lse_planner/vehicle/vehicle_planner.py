@@ -71,6 +71,7 @@ class VehiclePlanner:
         planner: The planner's current parameters, complete.
         plans_refused: Number of received plans that could not be followed.
         until: This vehicle's part in the agreement to end early.
+        shallow_ground: Ground that its map shows as too shallow.
         records: The bound record of every decision.
     """
 
@@ -122,9 +123,9 @@ class VehiclePlanner:
         self._surfacings_before = self._surfacings.snapshot()  # before the last decision
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
-        limit_m = settings.vehicle.depth_m + settings.vehicle.min_water_m
+        limit_m = settings.vehicle.shallowest_ground_m
         grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
-        self._shallow_ground = ShallowGround(self.space, self._context.window, grid, limit_m)
+        self.shallow_ground = ShallowGround(self.space, self._context.window, grid, limit_m)
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
@@ -490,10 +491,10 @@ class VehiclePlanner:
         leg_m = float(self.motion.lengths_m.max())
         try:
             if not evaluates:
-                self._shallow_ground.update_ahead(state[1:], LOOK_AHEAD * leg_m)
+                self.shallow_ground.update_ahead(state[1:], LOOK_AHEAD * leg_m)
             elif self.planner.family.to_the_end:
-                self._shallow_ground.update_window()
+                self.shallow_ground.update_window()
             else:
-                self._shallow_ground.update_around(state[1:], (max(self.planner.horizon, LOOK_AHEAD) + 2) * leg_m)
+                self.shallow_ground.update_around(state[1:], (max(self.planner.horizon, LOOK_AHEAD) + 2) * leg_m)
         except IllConditionedError as error:
             self._map_refused = f"map: {error}"

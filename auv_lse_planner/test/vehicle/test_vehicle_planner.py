@@ -371,6 +371,26 @@ def test_shallow_ground_on_the_map_ends_the_incumbent():
         assert planner.posterior.mean_m(track).min() > 3.0
 
 
+def test_the_vehicle_passes_above_ground_that_the_map_expects_and_avoids_what_it_cannot_pass():
+    wanted = {"depth_m": 10.0, "min_altitude_m": 3.0}
+    planner = VehiclePlanner(1, settings({"method": "lawnmower"}, steps=12, vehicle=wanted), np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    leg = planner.decide(0.0).leg
+    ahead = leg.state_at(leg.length_m)[1:]
+    survey = np.array([[n, e] for n in np.arange(-20.0, 200.0, 10.0) for e in np.arange(-20.0, 200.0, 10.0)])
+    off = np.hypot(*(survey - ahead).T)
+    vehicle = planner.settings.vehicle
+    for shoal_m, depth_m, passes in ((30.0, 10.0, True), (9.0, 6.0, True), (3.0, 1.0, False)):
+        depths = np.where(off < 40.0, shoal_m, 30.0)
+        planner.set_centers(Centers(survey, depths, np.full(len(survey), 0.3)))
+        planner.odometry(0.5, 0.0, 0.0, 0.0)
+        planner.decide(0.5)
+        assert planner.shallow_ground.travel_depth_m(leg, vehicle) == pytest.approx(depth_m, abs=1.2)
+        blocked = planner.space.arguments().raster is not planner.space.area_raster
+        assert blocked != passes
+    assert planner.shallow_ground.travel_depth_m(leg, dataclasses.replace(vehicle, min_altitude_m=0.0)) == 10.0
+
+
 def test_mates_locations_change_the_path_and_bad_plans_are_rejected():
     s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
     one = VehiclePlanner(1, s, np.random.default_rng(1))

@@ -11,6 +11,7 @@ from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import Event
+from auv_lse_mavlink.targets.limits import TargetLimits
 from auv_lse_sim.emulated.autopilot_report import Report, autopilot_of, measured_pressure_pa, report_of
 from auv_lse_sim.emulated.autopilots import autopilot_for
 from auv_lse_sim.ground.ground import Ground
@@ -43,7 +44,8 @@ class LoneVehicle:
         self._latitude_deg = origin.lat_deg
         self._instruments = autopilot_of(sim)
         self.vehicle: Any = autopilot_for(self.settings, 1, origin, self.world)
-        self.link = VehicleLink(own.link, 1, origin)
+        least_m = own.safety.kept_altitude_m(own.vehicle.min_altitude_m)
+        self.link = VehicleLink(own.link, 1, origin, TargetLimits(least_altitude_m=least_m))
         self.now_s = 0.0
         self.told: list[Event] = []
         self.distort: Callable[[float, Report], Report] = lambda now_s, report: report

@@ -21,6 +21,7 @@ class EchoSounder:
         in_reach: Whether the bottom was within the DVL's range at the last sub-step.
         water_m: True depth of the water there; NaN where it is unknown or land.
         altitude_m: Measured height over the ground there; NaN without an echo.
+        echoes_m: Those of all sub-steps (n,).
         pressure_depth_m: Measured depth of the vehicle there.
         groundings: Number of ticks in which it touched the ground.
     """
@@ -38,6 +39,7 @@ class EchoSounder:
         self._pings = np.empty((0, 6))  # the current period: stamp, estimated north, east, depth, raw north, east
         self.in_reach = True
         self.water_m = self.altitude_m = math.nan
+        self.echoes_m = np.empty(0)
         self.pressure_depth_m = 0.0
         self.groundings = 0
 
@@ -65,7 +67,7 @@ class EchoSounder:
         echo = np.where(in_reach, self._altimeter(echo, normals[:, 0], uniforms), np.nan)
         own = self._pressure(depth, normals[:, 1])
         self.in_reach = bool(in_reach[-1])
-        self.altitude_m = float(echo[-1])
+        self.altitude_m, self.echoes_m = float(echo[-1]), echo
         self.pressure_depth_m = float(own[-1])
         pings = np.empty((n, 6))
         pings[:, 0], pings[:, 1], pings[:, 2] = stamps_s, rows.est_north, rows.est_east

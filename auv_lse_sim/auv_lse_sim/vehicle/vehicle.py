@@ -17,6 +17,7 @@ from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_sim.vehicle import motion_model as mm
 from auv_lse_sim.vehicle.echo_sounder import EchoSounder
+from auv_lse_sim.vehicle.kept_altitude import KeptAltitude
 from auv_lse_sim.vehicle.motion_parameters import DEG, initial_model, speed_share
 from auv_lse_sim.vehicle.navigation import (
     COMPASS_SIN,
@@ -109,6 +110,7 @@ class SimVehicle:
         self._clearance_m = clearance_m
         draws = rng.standard_normal(8)
         self._travel_m = config.depth_m
+        self._altitude, self._kept_m = KeptAltitude(0.0), math.inf  # and the depth that it allows
         self._model = initial_model(config, sim, more, draws)
         self._rails = bool(self._params.ideal_motion and self._params.ideal_navigation)
         self._speed_share = speed_share(sim, draws)
@@ -268,7 +270,7 @@ class SimVehicle:
 
     def _keep_depth(self) -> None:
         up = self._stop is not None and self._stop.action is Action.SURFACE
-        self._params.depth = 0.0 if up else self._travel_m
+        self._params.depth = 0.0 if up else min(self._travel_m, self._kept_m)
 
     def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
         """Sets the current leg."""
@@ -422,7 +424,17 @@ class SimVehicle:
         Returns:
             Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
         """
-        return self._sounder.sound(self._stamps, self._rows, water_m)
+        soundings = self._sounder.sound(self._stamps, self._rows, water_m)
+        kept_m = self._altitude.take(self._stamps, self._rows, self._sounder.echoes_m, self._travel_m)
+        if kept_m != self._kept_m:
+            self._kept_m = kept_m
+            if self._params.depth > 0.0:
+                self._keep_depth()
+        return soundings
+
+    def keep_altitude(self, least_m: float) -> None:
+        """Makes the vehicle climb where its echo sounder shows ground nearer than `least_m` (m); 0: it does not."""
+        self._altitude = KeptAltitude(least_m)
 
     @property
     def altitude_m(self) -> float:

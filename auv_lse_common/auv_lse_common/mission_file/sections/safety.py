@@ -9,6 +9,8 @@ from auv_lse_common.vocabulary.mission_run import STOPS
 
 #: Responses to an exceeded limit.
 RESPONSES = ("warn", "hold", "surface", "abort")
+#: Responses to a vehicle that is too near to the ground.
+ALTITUDE_RESPONSES = ("climb", *RESPONSES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +22,12 @@ class SafetyConfig:
     )
     depth_response: str = parameter("surface", choices=RESPONSES, help="response below max_depth_m")
     min_altitude_m: float = parameter(1.0, unit="m", low=0.0, help="smallest height above the ground; 0: not watched")
-    altitude_response: str = parameter("warn", choices=RESPONSES, help="response below min_altitude_m")
+    altitude_response: str = parameter(
+        "climb",
+        choices=ALTITUDE_RESPONSES,
+        help="response below min_altitude_m; climb: the vehicle climbs, and holds if it is still too low 15 s later; a "
+        "boat holds at once",
+    )
     fence_margin_m: float = parameter(
         150.0,
         unit="m",
@@ -71,6 +78,10 @@ class SafetyConfig:
         choices=("resume", "surface"),
         help="what a running mission does after its computer was restarted under water; at the surface it waits for GO",
     )
+
+    def kept_altitude_m(self, asked_m: float) -> float:
+        """Altitude (m) that a vehicle keeps by climbing, if it is asked to keep `asked_m`; 0: none."""
+        return max(asked_m, self.min_altitude_m if self.altitude_response == "climb" else 0.0)
 
     def deepest_m(self, depth_m: float) -> float:
         """Largest depth (m) of a vehicle that travels at `depth_m`."""

@@ -12,6 +12,8 @@ from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
 #: Default of `vehicle.surfacings` if a fix can improve the map.
 MAX_SURFACINGS = 2
+#: A vehicle that climbs over rising ground climbs to this depth (m) at most.
+SHALLOWEST_M = 1.0
 #: Default depths (m), assigned to the vehicles cyclically (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 
@@ -78,12 +80,20 @@ class VehicleConfig:
         above=0.0,
         help="duration of a surfacing: stop, climb, fix, dive; the mission loses the legs that fit into this time",
     )
+    min_altitude_m: float = parameter(
+        0.0,
+        unit="m",
+        low=0.0,
+        high=100.0,
+        help="altitude to keep: where the ground rises, the vehicle climbs in time, and returns to depth_m behind; a "
+        "boat avoids and holds over shallower ground. 0: only safety.min_altitude_m",
+    )
     min_water_m: float = parameter(
         3.0,
         unit="m",
         low=0.0,
         help="smallest water depth below the vehicle: it avoids ground that the map shows as shallower than depth_m "
-        "plus this value",
+        "plus this value; with min_altitude_m, ground over which it cannot climb enough",
     )
 
     def __post_init__(self) -> None:
@@ -96,6 +106,13 @@ class VehicleConfig:
             if value := getattr(self, key):
                 raise ParameterError(metres_only(f"vehicle.{key}", value))
         self.stop("vehicle.at_end", self.at_end)
+
+    @property
+    def shallowest_ground_m(self) -> float:
+        """Depth (m) of the shallowest ground over which the vehicle travels."""
+        if self.min_altitude_m > 0.0 and self.depth_m > SHALLOWEST_M:
+            return SHALLOWEST_M + self.min_altitude_m
+        return self.depth_m + max(self.min_water_m, self.min_altitude_m)
 
     def without_surfacing(self) -> VehicleConfig:
         """This configuration without surfacings, unless the mission file asks for them."""

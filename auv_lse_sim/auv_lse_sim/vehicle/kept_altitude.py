@@ -1,0 +1,45 @@
+"""How deep a simulated vehicle without an autopilot travels over rising ground."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.safety.altitude_keeper import AltitudeKeeper
+
+Array = NDArray[np.float64]
+
+#: Depth control ignores smaller changes (m), upwards and downwards.
+RAISED_M, LOWERED_M = 0.05, 0.3
+
+
+class KeptAltitude:
+    """The depth of one vehicle that keeps its altitude."""
+
+    def __init__(self, least_m: float) -> None:
+        """Keeps `least_m` (m) above the ground; 0: does nothing."""
+        self._keeper, self._depth_m = AltitudeKeeper(least_m), math.inf
+
+    def take(self, stamps_s: Array, rows: Any, echoes_m: Array, wanted_m: float) -> float:
+        """Takes the sub-steps of a tick; returns the depth (m) to keep, infinite if nothing limits it.
+
+        Args:
+            stamps_s: Their ends (n,).
+            rows: Records `RESULT` (n,) of the motion model.
+            echoes_m: Altitudes (n,), NaN without an echo.
+            wanted_m: Depth at which the vehicle travels if the ground allows it.
+        """
+        keeper = self._keeper
+        if keeper.least_m <= 0.0:
+            return math.inf
+        columns = (rows.est_north, rows.est_east, rows.depth, rows.est_speed)
+        for stamp_s, echo_m, *state in zip(stamps_s, echoes_m, *columns, strict=True):
+            keeper.move(float(stamp_s), *map(float, state))
+            keeper.ping(float(echo_m))
+        depth_m = keeper.limited_m(wanted_m)
+        if not -RAISED_M <= depth_m - self._depth_m <= LOWERED_M or depth_m == wanted_m:
+            self._depth_m = depth_m
+        return self._depth_m
