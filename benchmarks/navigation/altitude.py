@@ -192,7 +192,9 @@ def fly(flight: Flight, ground: Ground, length_m: float, seed: int = 1) -> Resul
 
 def run(smoke: bool = False, missions: int = 300) -> list[Row]:
     """The figures of all grounds and both kinds of vehicle."""
-    grounds = {"trapezoid 0.15": trapezoid(0.15), "sawtooth 0.15": sawtooth(0.15), "steps of 1.5 m": steps()}
+    grounds = {"steps of 1.5 m": steps()}
+    if not smoke:
+        grounds |= {"trapezoid 0.15": trapezoid(0.15), "sawtooth 0.15": sawtooth(0.15)}
     rows = []
     for kind, flight in FLIGHTS.items():
         for name, ground in grounds.items():
