@@ -12,12 +12,29 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from auv_lse_record.message_types import definitions, types_of
 
 #: Separator of the definitions of a type and of the types in it.
 _RULE = 80 * "=" + "\n"
+
+#: Beginning of a message in an MCAP file.
+_RECORD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("size", "<u8"),
+        ("channel", "<u2"),
+        ("number", "<u4"),
+        ("logged_ns", "<i8"),
+        ("published_ns", "<i8"),
+    ]
+)
+#: Size from which a chunk is closed.
+_CHUNK_BYTES = 1 << 20
 
 
 class RecorderError(ValueError):
@@ -80,7 +97,7 @@ class BagWriter:
 
         self.types = types
         self.texts: Mapping[str, str] = {}
-        self._flush_ns = int(flush_s * 1e9)
+        self._flush_ns = flush_s * 1e9
         self._flushed_ns = 0
         self._connections: dict[str, Any] = {}
         self.count = 0
@@ -151,6 +168,33 @@ class BagWriter:
             storage: Any = self._writer.storage
             storage.close_chunk()
             storage.bio.flush()
+
+    def write_rows(self, topic: str, stamps_ns: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
+        """Writes many messages of equal size: CDR bytes (n, size), stamped `stamps_ns` (n,), in order."""
+        if not len(stamps_ns):
+            return
+        connection, writer, storage = self._connections[topic], self._writer, cast(Any, self._writer.storage)
+        start, width = storage.chunk.bio.tell(), _RECORD.itemsize + rows.shape[1]
+        records = np.empty((len(rows), width), dtype=np.uint8)
+        heads = np.empty(len(rows), dtype=_RECORD)
+        heads["opcode"], heads["size"], heads["channel"], heads["number"] = 5, width - 9, connection.id, 0
+        heads["logged_ns"] = heads["published_ns"] = stamps_ns
+        records[:, : _RECORD.itemsize] = heads.view(np.uint8).reshape(len(rows), -1)
+        records[:, _RECORD.itemsize :] = rows
+        storage.chunk.bio.write(records.data)
+        positions = range(start, start + width * len(rows), width)
+        storage.chunk.msgs[connection.id].extend(zip(stamps_ns.tolist(), positions, strict=True))
+        storage.channel_stats[connection.id] += len(rows)
+        writer.counts[connection.id] += len(rows)
+        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+        for part in (storage, storage.chunk):
+            part.message_start_time = min(part.message_start_time, first_ns)
+            part.message_end_time = max(part.message_end_time, last_ns)
+        writer.min_timestamp = min(writer.min_timestamp, first_ns)
+        writer.max_timestamp = max(writer.max_timestamp, last_ns)
+        self.count += len(rows)
+        if storage.chunk.bio.tell() > _CHUNK_BYTES:
+            storage.close_chunk()
 
     def close(self) -> None:
         """Closes the recording: writes the index and metadata.yaml."""

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from auv_lse_common.topics.codecs import Fields
+from auv_lse_common.topics.columns import odometry_columns, sounding_columns, stamps_ns
 from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Reception, Transmission
 from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_record.message_rows import MessageRows
 from auv_lse_record.message_types import make_message, message_folder, project_types
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingError
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.software import version
 
+Array = NDArray[np.float64]
+
+#: Messages of tracks and soundings that are made at once.
+_AT_ONCE = 1000
 #: Times (s) from here on are UTC since 1970; smaller ones count from the start of a simulation.
 FIRST_UTC_S = 1e9
 #: A message to write: time (s), topic, type, fields, latched.
@@ -54,19 +66,66 @@ def write_run(run: RunData, folder: Path) -> None:
         )
     write_mission_file(folder / "mission.yaml", run.parameters)
     store = project_types()
-    writer = BagWriter(folder / "bag", store, {})
-    known: set[str] = set()
-    for stamp_s, name, kind, fields, latched in sorted(_records(run), key=lambda record: record[0]):
-        if name not in known:
-            known.add(name)
-            writer.add_topic(name, kind, latched)
-        message = make_message(store, kind, fields)
-        writer.write(name, round(stamp_s * 1e9), bytes(store.serialize_cdr(message, kind)))
+    writer = BagWriter(folder / "bag", store, {}, flush_s=math.inf)
+    tracks = [track for vehicle in run.vehicles for track in _tracks(store, vehicle)]
+    for track in tracks:
+        writer.add_topic(track.name, track.kind)
+    records = iter([*sorted(_records(run), key=lambda record: record[0]), None])
+    record = next(records)
+    topics: set[str] = set()
+    edges = np.sort(np.concatenate([np.zeros(1), *(track.stamps_s for track in tracks)]))[::_AT_ONCE].tolist()
+    for start_s, end_s in itertools.pairwise([*edges, math.inf]):
+        while record is not None and record[0] < end_s:
+            stamp_s, name, kind, fields, latched = record
+            if name not in topics:
+                topics.add(name)
+                writer.add_topic(name, kind, latched)
+            message = make_message(store, kind, fields)
+            writer.write(name, round(stamp_s * 1e9), bytes(store.serialize_cdr(message, kind)))
+            record = next(records)
+        for track in tracks:
+            start, stop = np.searchsorted(track.stamps_s, (start_s, end_s)).tolist()
+            writer.write_rows(track.name, stamps_ns(track.stamps_s[start:stop]), track.messages.between(start, stop))
     writer.close()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Track:
+    """Messages of a topic that differ only in numbers, in order of their stamps (s)."""
+
+    name: str
+    kind: str
+    stamps_s: Array
+    messages: MessageRows
+
+
+def _tracks(store: Any, run: VehicleRun) -> Iterator[_Track]:
+    """A vehicle's tracks and soundings."""
+    still = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=0.0, east_m=0.0, depth_m=0.0)
+    placed = Odometry(stamp_s=0.0, heading_rad=0.0, north_m=0.0, east_m=0.0)
+    odometry, stds = _in_order(run.odometry), np.zeros((len(run.odometry), 2))
+    if len(run.position_std_m):
+        stds = run.position_std_m[np.argsort(run.odometry[:, 0], kind="stable")]
+    truth, raw, soundings = _in_order(run.truth), _in_order(run.dead_reckoning), run.soundings.in_order()
+    for topic, value, stamps_s, columns in (
+        (VEHICLE_TOPICS["odometry"], placed, odometry[:, 0], odometry_columns(odometry, stds)),
+        (TRUTH_TOPIC, placed, truth[:, 0], odometry_columns(truth)),
+        (VEHICLE_TOPICS["dead_reckoning"], still, raw[:, 0], odometry_columns(raw)),
+        (VEHICLE_TOPICS["sounding"], Sounding(0.0, 0.0, 0.0, 0.0), soundings.stamp_s, sounding_columns(soundings)),
+    ):
+        if len(stamps_s):
+            assert topic.encode is not None, f"{topic.name}: the table of topics does not encode it"
+            messages = MessageRows(store, topic.kind, topic.encode(value, run.vehicle), columns)
+            name = full_name(topic, run.vehicle)
+            yield _Track(name=name, kind=topic.kind, stamps_s=stamps_s, messages=messages)
+
+
+def _in_order(rows: Array) -> Array:
+    return rows[np.argsort(rows[:, 0], kind="stable")]
+
+
 def _records(run: RunData) -> Iterator[Record]:
-    """Every message of a run."""
+    """Every message of a run, except those of tracks and soundings."""
     start_s = _start_s(run)
     for name, text in ((MISSION_FILE, _mission_text(run.parameters)), (SOFTWARE, version())):
         yield start_s, name, TEXT, {"data": text}, True
@@ -95,18 +154,8 @@ def _record(topic: Topic, stamp_s: float, value: Any, vehicle: int) -> Record:
 
 
 def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
-    """The contents of one vehicle's messages: topic, stamp (s), value."""
+    """The contents of one vehicle's other messages: topic, stamp (s), value."""
     topics = VEHICLE_TOPICS
-    stds = run.position_std_m.tolist() if len(run.position_std_m) else [(0.0, 0.0)] * len(run.odometry)
-    for row, (north_std_m, east_std_m) in zip(run.odometry.tolist(), stds, strict=True):
-        yield topics["odometry"], row[0], _odometry(row, north_std_m, east_std_m)
-    for row in run.truth.tolist():
-        yield TRUTH_TOPIC, row[0], _odometry(row)
-    for stamp_s, north_m, east_m, heading_rad, depth_m in run.dead_reckoning.tolist():
-        raw = DeadReckoning(stamp_s=stamp_s, heading_rad=heading_rad, north_m=north_m, east_m=east_m, depth_m=depth_m)
-        yield topics["dead_reckoning"], stamp_s, raw
-    for sounding in run.soundings:
-        yield topics["sounding"], sounding.stamp_s, sounding
     for fix in run.fixes:
         yield topics["fix"], fix.stamp_s, fix
     for mate in run.mates:
@@ -125,14 +174,3 @@ def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
             planning_s=d.wall_s,
         )  # without the used inputs, which ticks determine
         yield topics["planner/bound"], d.now_s, bound
-
-
-def _odometry(row: list[float], north_std_m: float = 0.0, east_std_m: float = 0.0) -> Odometry:
-    stamp_s, north_m, east_m, heading_rad = row
-    return Odometry(
-        stamp_s=stamp_s,
-        heading_rad=heading_rad,
-        north_m=north_m,
-        east_m=east_m,
-        covariance=((0.0, 0.0, 0.0), (0.0, north_std_m**2, 0.0), (0.0, 0.0, east_std_m**2)),
-    )

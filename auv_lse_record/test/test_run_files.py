@@ -11,10 +11,12 @@ from sim_helpers import other_bag
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.records import Odometry
+from auv_lse_common.topics.table import find_topic
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import run_writer
-from auv_lse_record.message_types import definitions, message_folder, types_of
+from auv_lse_record.message_types import definitions, make_message, message_folder, types_of
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_record.run_reader import read_bag, read_run, recorded_parameters
 from auv_lse_record.run_writer import write_run
@@ -248,3 +250,21 @@ def test_recording_without_a_mission_is_named(tmp_path, synthetic_run):
     write_run(run, tmp_path)
     with pytest.raises(RecordingError, match="got no topic"):
         read_bag(tmp_path / "bag", run.parameters)
+
+
+def test_messages_of_a_track_are_those_that_encoders_make(tmp_path, synthetic_run):
+    run = synthetic_run(steps=3)
+    vehicle = run.vehicles[0]
+    write_run(run, tmp_path)
+    store = types_of(definitions([message_folder()], "auv_lse_msgs"))
+    stds = vehicle.position_std_m[5]
+    stamp_s, north_m, east_m, heading_rad = vehicle.odometry[5]
+    covariance = np.diag([0.0, stds[0] ** 2, stds[1] ** 2])
+    value = Odometry(stamp_s=stamp_s, heading_rad=heading_rad, north_m=north_m, east_m=east_m, covariance=covariance)
+    expected = {"/auv1/odometry": value, "/auv1/sounding": next(iter(vehicle.soundings[5:]))}
+    for name, value in expected.items():
+        topic = find_topic(name).topic
+        message = make_message(store, topic.kind, topic.encode(value, 1))
+        with Recording(recording_in(tmp_path)) as recording:
+            found = [data for _, _, data in recording.raw({name})]
+        assert found[5] == bytes(store.serialize_cdr(message, topic.kind))

@@ -88,7 +88,7 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
         MissingPackageError: if shapely is missing.
     """
     try:
-        from shapely import MultiPoint, Polygon
+        from shapely import Polygon, box, coverage_union_all
     except ImportError as error:
         raise missing(error, "operating areas") from error
     reach_m = float(np.clip(REACH * length_scale_m, LEAST_REACH_M, LARGEST_REACH_M))
@@ -98,7 +98,9 @@ def surveyed_area(locations_m: Array, length_scale_m: float) -> SurveyedArea:
         cell_m *= 1.3
         positions = positions[one_of_each_cell(positions, cell_m)]
     reach_m = max(reach_m, 2.0 * cell_m)
-    around = MultiPoint(positions).buffer(reach_m + 0.5 * cell_m, quad_segs=4)
+    corners = np.floor(positions / cell_m) * cell_m
+    cells = coverage_union_all(box(corners[:, 0], corners[:, 1], *(corners + cell_m).T))
+    around = cells.buffer(reach_m, quad_segs=4)
     ground = around.buffer(min(MARGIN_M - reach_m, 0.0) - 0.5 * cell_m, quad_segs=4)
     pieces = sorted(getattr(ground, "geoms", [ground]), key=lambda piece: piece.area, reverse=True)
     piece, step_m = pieces[0], 1.0

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 #: Reasons of readers of several formats.
 NO_FIX = "positions without a fix"
 NO_POSITION = "positions at 0, 0"
+NOT_ON_EARTH = "positions that are not on earth"
 NO_ECHO = "depths of 0 or less: no echo"
 
 
@@ -99,13 +100,20 @@ class LogContent:
         if lat_deg == 0.0 and lon_deg == 0.0:
             self.left_out[NO_POSITION] += 1
         elif not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0 and math.isfinite(stamp_s)):
-            self.left_out["positions that are not on earth"] += 1
+            self.left_out[NOT_ON_EARTH] += 1
         else:
             self._positions[kind].extend((stamp_s, lat_deg, lon_deg))
 
     def add_positions(self, kind: str, rows: ArrayLike) -> None:
-        """Adds rows (time s, latitude, longitude deg, or north, east m), shape (n, 3), all of them usable."""
-        self._positions[kind].frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
+        """Adds rows (time s, latitude, longitude deg, or north, east m), shape (n, 3); see `position`."""
+        table = np.asarray(rows, dtype=float).reshape(-1, 3)
+        if self.is_geodetic:
+            zero = (table[:, 1:] == 0.0).all(axis=1)
+            wrong = ~((np.abs(table[:, 1:]) <= (90.0, 360.0)).all(axis=1) & np.isfinite(table[:, 0]) | zero)
+            self.left_out[NO_POSITION] += int(zero.sum())
+            self.left_out[NOT_ON_EARTH] += int(wrong.sum())
+            table = table[~(zero | wrong)]
+        self._positions[kind].frombytes(np.ascontiguousarray(table).tobytes())
 
     def depth(self, sounder: str, stamp_s: float, depth_m: float, quality: float = math.nan) -> None:
         """Adds a ping of a sounder that `sounders` has, or of a new one that measures from the transducer."""

@@ -194,7 +194,7 @@ def without(name, *kinds):
     ("content", "words"),
     [
         (b"", "is empty"),
-        (without("a", "DBT").encode(), "no usable depths (630 positions of GPRMC; 630 positions of GPGGA)"),
+        (without("a", "DBT").encode(), "no usable depths (630 positions of GPGGA; 630 positions of GPRMC)"),
         (without("a", "GGA", "RMC").encode(), "no usable positions (630 depths of SDDBT)"),
         (dataflash([]).data, "no usable positions"),
         (b"\0\1\2\3" * 2000, "is of no format that can be read"),

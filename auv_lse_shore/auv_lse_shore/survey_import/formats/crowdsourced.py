@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_shore.survey_import.log_content import LogContent, Reference, Sounder
+from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -75,9 +75,9 @@ def _row(feature: Any) -> tuple[str, list[float]] | str:
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError):
         return "features without a position or a depth"
     if len(position) != 2 or not (abs(position[1]) <= 90.0 and abs(position[0]) <= 360.0):
-        return "positions that are not on earth"
+        return NOT_ON_EARTH
     if position == [0.0, 0.0]:
-        return "positions at 0, 0"
+        return NO_POSITION
     return stamp, [position[1], position[0], depth, *(spread if len(spread) == 3 else [_NAN] * 3)]
 
 

@@ -54,7 +54,7 @@ def _contents(
     for piece in columns_of(text, dialect, [column.number for column in used]):
         for role, cells in zip(columns, piece, strict=True):
             parts[role].append(np.array(cells) if role in texts else tv.values_of(role, cells, dialect.decimal_comma))
-        read += sum(len(cell) + 1 for cells in piece for cell in cells)
+        read += sum(len(cells) + sum(map(len, cells)) for cells in piece)
         file.progress(min(read / len(text), 1.0))
     if not read:
         raise LogError(f"{file.path} has a header and no rows of values.")

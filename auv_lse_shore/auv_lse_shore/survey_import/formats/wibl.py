@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import bisect
 import struct
+
+import numpy as np
 
 from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
@@ -59,8 +60,9 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             file.progress(at / len(data))
     if sentences:
         reader = SentenceReader(content, options.accept_checksums)
-        arrival = elapsed_s[-1] and (lambda number, position: elapsed_s[bisect.bisect_right(edges, position) - 1])
-        reader.take(b"".join(sentences), arrival or (lambda number, position: float(number)))
+        arrived = np.array(elapsed_s)
+        by_time = (lambda at: arrived[np.searchsorted(edges, at, side="right") - 1]) if elapsed_s[-1] else None
+        reader.take(b"".join(sentences), by_time)
         clock = content.clock
         reader.finish()
         content.clock = clock if content.clock is Clock.NONE and content.positions else content.clock

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import re
 from collections import Counter
@@ -52,15 +53,11 @@ class Dialect:
 
 def lines_of(text: str) -> Iterator[str]:
     """The lines that may hold values."""
-    start = 0
-    while start < len(text):
-        end = text.find("\n", start)
-        end = len(text) if end < 0 else end
-        if end - start <= _LONGEST:
-            for line in text[start:end].split("\r"):
-                if (stripped := line.strip()) and not stripped.startswith(_COMMENTS) and stripped[:4] != "sep=":
-                    yield line
-        start = end + 1
+    for line in io.StringIO(text, newline=None):
+        if len(line) > _LONGEST:
+            continue
+        if line[0].isdigit() or ((bare := line.strip()) and not bare.startswith(_COMMENTS) and bare[:4] != "sep="):
+            yield line
 
 
 def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:

@@ -9,48 +9,48 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections import Counter
 from collections.abc import Callable
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, Reference, Sounder
+from auv_lse_shore.survey_import.parsing.sentence_fields import Sentences, day_of, days, degrees, numbers_of, of_day_s
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Numbers = NDArray[np.int64]
 
-_SENTENCE = re.compile(
-    rb"\$([A-Z0-9]{2})(GGA|RMC|GLL|GNS|ZDA|DPT|DBT|DBS|DBK),([^$!*\r\n]{0,160})(?:\*([0-9A-Fa-f]{2}))?"
-)
 #: Any sentence, to recognize a log.
 ANY_SENTENCE = re.compile(rb"[$!][A-Z0-9]{5},[^\r\n]{3}")
+#: Kinds of sentences that are read: positions with the numbers of their clock and of their latitude, and depths.
+_POSITIONS = {b"GGA": (0, 1), b"GNS": (0, 1), b"GLL": (4, 0), b"RMC": (0, 2)}
+_DEPTHS = (b"DPT", b"DBT", b"DBS", b"DBK")
+_KINDS = (*_POSITIONS, b"ZDA", *_DEPTHS)
 _DAY_S = 86_400.0
 #: Metres in the units of depth sentences, in order of their accuracy: field of the number, and the factor.
 _UNITS = ((2, 1.0), (0, 0.3048), (4, 1.8288))
 _REFERENCES = {"DPT": Reference.TRANSDUCER, "DBT": Reference.TRANSDUCER, "DBS": Reference.SURFACE}
-#: Qualities of GGA that are no measurement: no fix, estimated, typed in.
-_NO_GGA = (b"0", b"6", b"7", b"")
+#: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of GLL and of GNS that are none.
+_NO_GGA, _NO_GLL, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
 _NUMBER = re.compile(rb"\s*[+-]?\d+\.?\d*")
 #: A clock that goes back by more than this (s) has begun another day or another dive; less is disorder of talkers.
 _BACK_S = 60.0
-#: Sentences between two reports of progress.
-_SENTENCES = 20_000
 #: Standard deviation (s) of the time by which sounders and plotters deliver a depth late.
 SOUNDER_LAG_STD_S = 0.5
 
-#: Arrival of a sentence, in any unit, from its number and the position of its first byte.
-Arrival = Callable[[int, int], float]
+#: Arrivals (n,) of sentences, in any unit, from the positions (n,) of their first bytes in the log.
+Arrivals = Callable[[Numbers], Array]
 
 
 class _Timed(NamedTuple):
     """What sentences with a time of day hold, as columns; NaN where a sentence has none."""
 
-    arrival: array[float]
-    of_day_s: array[float]
-    day: array[float]
-    is_rmc: array[float]
+    arrival: list[Array]
+    of_day_s: list[Array]
+    day: list[Array]
+    is_rmc: list[Array]
 
 
 class SentenceReader:
@@ -60,81 +60,102 @@ class SentenceReader:
         """Adds what it finds to `content` when it finishes."""
         self._content = content
         self._accepts = accept_checksums
-        self._timed = _Timed(*(array("d") for _ in range(4)))
+        self._timed = _Timed([], [], [], [])
         self._positions: dict[str, array[float]] = {}
         self._depths: dict[str, array[float]] = {}
-        self._refused: Counter[str] = Counter()
-        self._of_day: tuple[bytes, float] = (b"", float("nan"))
         self._has_fix = False
-        self.count = 0
+        self._taken = 0
 
-    def take(self, data: bytes, arrival: Arrival = lambda number, at: float(number)) -> None:
-        """Reads every sentence in a piece of the log."""
-        matches = list(_SENTENCE.finditer(data))
-        good = [True] * len(matches) if self._accepts else _are_intact(data, matches)
-        for match, is_good in zip(matches, good, strict=True):
-            self.count += 1
-            talker, kind, body, _ = match.groups()
-            name = kind.decode()
-            if not is_good:
-                self._content.left_out[f"{name} sentences with a wrong checksum (--accept-checksums uses them)"] += 1
-                continue
-            try:
-                self._take(talker.decode() + name, name, body.split(b","), arrival(self.count, match.start()))
-            except (ValueError, IndexError, OverflowError):
-                self._content.left_out[f"{name} sentences that are incomplete"] += 1
+    def take(self, data: bytes, arrivals: Arrivals | None = None) -> None:
+        """Reads every sentence in a piece of the log that ends with a line."""
+        found = Sentences(data, _KINDS)
+        used = np.ones(len(found.names), dtype=bool) if self._accepts else found.are_intact()
+        at = self._taken + np.arange(len(used), dtype=float) if arrivals is None else arrivals(found.positions)
+        self._taken += len(used)
+        fixes = np.full(len(found.names), np.nan)
+        for name in np.unique(found.names).tolist():
+            of_name = found.names == name
+            source, kind = name.decode(), name[2:]
+            if refused := int((of_name & ~used).sum()):
+                reason = f"{source[2:]} sentences with a wrong checksum (--accept-checksums uses them)"
+                self._content.left_out[reason] += refused
+            rows = np.flatnonzero(of_name & used)
+            if kind in _DEPTHS:
+                self._add_depth_sentences(found, rows, at[rows], source)
+            elif kind in _POSITIONS:
+                fixes[rows] = self._add_position_sentences(found, rows, at[rows], source)
+        self._add_dates(found, np.flatnonzero((np.char.endswith(found.names, b"ZDA")) & used), at, fixes)
 
-    def _take(self, source: str, kind: str, f: list[bytes], arrival: float) -> None:
-        if kind in ("DPT", "DBT", "DBS", "DBK"):
-            depth_m, offset_m = _dpt(f) if kind == "DPT" else (_in_metres(f), 0.0)
-            self._depths.setdefault(source, array("d")).extend((arrival, depth_m, offset_m))
-        elif kind == "ZDA":
-            self._time(arrival, f[0], _day(int(f[3]), int(f[2]), int(f[1])) if f[3] and self._has_fix else None)
-        elif kind == "GLL":
-            is_fix = len(f) < 6 or (f[5][:1] == b"A" and (len(f) < 7 or f[6][:1] not in (b"E", b"N", b"M")))
-            self._position(source, arrival, f[4] if len(f) > 4 else b"", f[:4], is_fix)
-        elif kind == "RMC":
-            is_fix = f[1] == b"A"
-            self._position(source, arrival, f[0], f[2:6], is_fix)
-            if is_fix and len(f[8]) == 6:
-                year = int(f[8][4:])
-                self._timed.day[-1] = _day(year + (1900 if year >= 80 else 2000), int(f[8][2:4]), int(f[8][:2]))
-                self._timed.is_rmc[-1] = 1.0
+    def _incomplete(self, kind: str, count: int) -> None:
+        if count:
+            self._content.left_out[f"{kind} sentences that are incomplete"] += count
+
+    def _add_depth_sentences(self, found: Sentences, rows: Numbers, at: Array, source: str) -> None:
+        if source.endswith("DPT"):
+            depths, offsets = found.numbers(rows, 0, empty=0.0), _leading_numbers(found.cells(rows, 1))
         else:
-            is_fix = f[5] not in _NO_GGA if kind == "GGA" else not set(f[5]) <= set(b"NEMS")
-            self._position(source, arrival, f[0], f[1:5], is_fix)
+            offsets, depths = np.zeros(len(rows)), np.full(len(rows), np.nan)
+            for number, factor in reversed(_UNITS):
+                cells = found.cells(rows, number)
+                depths = np.where(np.char.strip(cells) == b"", depths, factor * numbers_of(cells))
+            is_empty = np.all([np.char.strip(found.cells(rows, number)) == b"" for number, _ in _UNITS], axis=0)
+            depths = np.where(is_empty, 0.0, depths)  # lost bottom
+        good = np.isfinite(depths)
+        self._incomplete(source[2:], int((~good).sum()))
+        table = np.column_stack([at, depths, offsets])[good]
+        self._depths.setdefault(source, array("d")).frombytes(table.tobytes())
 
-    def _position(self, source: str, arrival: float, clock: bytes, position: list[bytes], is_fix: bool) -> None:
-        if clock:
-            self._time(arrival, clock, None)
-        self._has_fix = is_fix
-        if not is_fix:
-            self._content.left_out[NO_FIX] += 1
-            return
-        of_day_s = self._timed.of_day_s[-1] if clock else float("nan")
-        row = (arrival, of_day_s, _degrees(position[0], position[1]), _degrees(position[2], position[3]))
-        self._positions.setdefault(source, array("d")).extend(row)
+    def _add_position_sentences(self, found: Sentences, rows: Numbers, at: Array, source: str) -> Array:
+        """Adds the positions of one kind; returns whether each sentence has a fix, NaN for those that are damaged."""
+        kind = source[2:]
+        clock_at, first = _POSITIONS[kind.encode()]
+        clocks = found.cells(rows, clock_at)
+        no_clock, seconds = clocks == b"", of_day_s(clocks)
+        is_fix = _is_fix(found, rows, kind)
+        latitudes = degrees(found.cells(rows, first), found.cells(rows, first + 1), b"N", b"S")
+        longitudes = degrees(found.cells(rows, first + 2), found.cells(rows, first + 3), b"E", b"W")
+        timed = no_clock | np.isfinite(seconds)
+        good = timed & (~is_fix | (np.isfinite(latitudes) & np.isfinite(longitudes)))
+        self._incomplete(kind, int((~good).sum()))
+        self._content.left_out[NO_FIX] += int((good & ~is_fix).sum())
+        dates = days(found.cells(rows, 8)) if kind == "RMC" else np.full(len(rows), np.nan)
+        dates = np.where(is_fix, dates, np.nan)
+        self._add_times(np.column_stack([at, seconds, dates, np.isfinite(dates)])[timed & ~no_clock])
+        table = np.column_stack([at, seconds, latitudes, longitudes])[good & is_fix]
+        self._positions.setdefault(source, array("d")).frombytes(table.tobytes())
+        flags: Array = np.where(timed, is_fix, np.nan)
+        return flags
 
-    def _time(self, arrival: float, clock: bytes, day: float | None) -> None:
-        if clock != self._of_day[0]:
-            self._of_day = clock, 3600.0 * int(clock[:2]) + 60.0 * int(clock[2:4]) + float(clock[4:])
-        timed = self._timed
-        timed.arrival.append(arrival)
-        timed.of_day_s.append(self._of_day[1])
-        timed.day.append(float("nan") if day is None else day)
-        timed.is_rmc.append(0.0)
+    def _add_dates(self, found: Sentences, rows: Numbers, at: Array, fixes: Array) -> None:
+        """Adds the times of ZDA; their dates count if the last position before them had a fix."""
+        known = np.flatnonzero(np.isfinite(fixes))
+        before = np.searchsorted(known, rows) - 1
+        has_fix = np.append(fixes[known], float(self._has_fix))[before] > 0.0  # -1: the last one of the piece before
+        self._has_fix = bool(fixes[known[-1]]) if len(known) else self._has_fix
+        seconds = of_day_s(found.cells(rows, 0))
+        date = [found.numbers(rows, number) for number in (3, 2, 1)]
+        dates = np.array([day_of(*ymd) for ymd in zip(*(column.tolist() for column in date), strict=True)])
+        table = np.column_stack([at[rows], seconds, np.where(has_fix, dates, np.nan), np.zeros(len(rows))])
+        self._incomplete("ZDA", int((~np.isfinite(seconds)).sum()))
+        self._add_times(table[np.isfinite(seconds)])
+
+    def _add_times(self, rows: Array) -> None:
+        for column, values in zip(self._timed, rows.T, strict=True):
+            column.append(values)
 
     def finish(self) -> None:
         """Adds the positions and depths, with their times, to the content."""
-        content, timed = self._content, [np.frombuffer(column, dtype=float) for column in self._timed]
-        arrival, of_day_s, day, is_rmc = timed
+        content = self._content
+        arrival, of_day, day, is_rmc = (np.concatenate([np.empty(0), *column]) for column in self._timed)
+        order = np.argsort(arrival, kind="stable")
+        arrival, of_day, day, is_rmc = arrival[order], of_day[order], day[order], is_rmc[order]
         if not len(arrival):
             content.clock, self._clock = Clock.NONE, (np.empty(0), np.empty(0))
         else:
             if is_rmc.any():
                 day = np.where(is_rmc > 0.0, day, np.nan)
             content.clock = Clock.UTC if np.isfinite(day).any() else Clock.DAY
-            self._clock = arrival, _absolute(of_day_s, day)
+            self._clock = arrival, _absolute(of_day, day)
         for source, values in self._positions.items():
             self._add_positions(source, np.frombuffer(values, dtype=float).reshape(-1, 4))
         epochs = _epochs(*self._clock)
@@ -147,8 +168,7 @@ class SentenceReader:
             times = rows[:, 0]
         else:  # the last time at or before the sentence, which is its own if it has one
             times = stamps[np.searchsorted(arrivals, rows[:, 0], side="right").clip(1) - 1]
-        for stamp_s, (_, _, lat, lon) in zip(times.tolist(), rows.tolist(), strict=True):
-            self._content.position(source, stamp_s, lat, lon)
+        self._content.add_positions(source, np.column_stack([times, rows[:, 2:]]))
 
     def _add_depths(self, source: str, rows: Array, epochs: tuple[Array, Array]) -> None:
         content = self._content
@@ -166,17 +186,6 @@ class SentenceReader:
         table = np.column_stack([stamps, depths, np.full(len(rows), np.nan)])[~before]
         content.add_depths(source, table)
         content.lag_std_s = SOUNDER_LAG_STD_S
-
-
-def _are_intact(data: bytes, matches: list[re.Match[bytes]]) -> list[bool]:
-    """Whether each sentence's checksum is right; sentences without one are intact."""
-    if not matches:
-        return []
-    # The checksum is the exclusive or of all bytes between $ and *; reduceat folds every other of these pieces.
-    edges = np.array([edge for m in matches for edge in (m.start() + 1, m.end(3))])
-    padded = np.frombuffer(data + b"\0", dtype=np.uint8)
-    sums = np.bitwise_xor.reduceat(padded, edges)[::2].tolist()
-    return [not m[4] or int(m[4], 16) == total for m, total in zip(matches, sums, strict=True)]
 
 
 def _absolute(of_day_s: Array, day: Array) -> Array:
@@ -226,35 +235,23 @@ def _spread(arrivals: Array, epochs: Array, stamps: Array) -> tuple[Array, NDArr
     return stamps[at] + steps[at] * order / np.repeat(counts, counts), before
 
 
-def _day(year: int, month: int, day: int) -> float:
-    """Days since 1970."""
-    return datetime(year, month, day, tzinfo=UTC).timestamp() / _DAY_S
+def _is_fix(found: Sentences, rows: Numbers, kind: str) -> Mask:
+    """Whether sentences of a kind have a measured position."""
+    is_fix: Mask
+    if kind == "GGA":
+        is_fix = ~np.isin(found.cells(rows, 5), _NO_GGA)
+    elif kind == "RMC":
+        is_fix = found.cells(rows, 1) == b"A"
+    elif kind == "GNS":
+        is_fix = np.char.lstrip(found.cells(rows, 5), _NO_GNS) != b""
+    else:
+        status, mode = found.cells(rows, 5, 1), found.cells(rows, 6, 1)
+        is_fix = (found.counts[rows] < 6) | ((status == b"A") & ~np.isin(mode, _NO_GLL))
+    return is_fix
 
 
-def _degrees(text: bytes, side: bytes) -> float:
-    """Degrees from dddmm.mmmm and its hemisphere."""
-    point = text.find(b".")
-    point = len(text) if point < 0 else point
-    value = float(text[: point - 2]) + float(text[point - 2 :]) / 60.0
-    if side not in (b"N", b"S", b"E", b"W"):
-        raise ValueError(f"hemisphere {side!r}")
-    return -value if side in (b"S", b"W") else value
-
-
-def _in_metres(f: list[bytes]) -> float:
-    """Depth (m) of DBT, DBS or DBK; 0 if the fields are empty: lost bottom."""
-    for at, factor in _UNITS:
-        if len(f) > at and f[at].strip():
-            return factor * float(f[at])
-    return 0.0
-
-
-def _dpt(f: list[bytes]) -> tuple[float, float]:
-    """Depth below the transducer and offset (m) of DPT.
-
-    A positive offset is the transducer's distance from the surface, a negative one that to the keel. Plotters also
-    write offsets such as -1.-1; what counts is the number at their beginning.
-    """
-    depth_m = float(f[0]) if f[0].strip() else 0.0
-    offset = _NUMBER.match(f[1]) if len(f) > 1 else None
-    return depth_m, float(offset[0]) if offset else 0.0
+def _leading_numbers(cells: NDArray[np.bytes_]) -> Array:
+    """The numbers at the beginning of fields, such as -1 of -1.-1; 0 without one."""
+    unique, where = np.unique(cells, return_inverse=True)
+    matches = [_NUMBER.match(cell) for cell in unique.tolist()]
+    return np.array([float(match[0]) if match else 0.0 for match in matches])[where]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_shore.export.uncertainty import SIGMAS_95
-from auv_lse_shore.survey_import.log_content import NO_POSITION, Clock, LogContent, Reference
+from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import TIME_UNITS, UNITS, Column
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
@@ -26,6 +26,8 @@ Mask = NDArray[np.bool_]
 
 #: Letters from which a table's dialect is found.
 SAMPLE_LETTERS = 100_000
+#: Number of times, spread over a table, by which their notation is recognized.
+_SAMPLED = 1000
 #: Beginnings of the roles whose cells stay text.
 TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order")
 #: Values that commonly mark missing data, with either sign.
@@ -134,7 +136,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     wrong = is_geodetic & ((np.abs(positions[:, 0]) > 90.0) | (np.abs(positions[:, 1]) > 360.0))
     content.left_out["positions that are no numbers"] += int(missing.sum())
     content.left_out[NO_POSITION] += int(zero.sum())
-    content.left_out["positions that are not on earth"] += int(wrong.sum())
+    content.left_out[NOT_ON_EARTH] += int(wrong.sum())
     time_s = _times(table, options, content)
     timeless = ~np.isfinite(time_s)
     content.left_out["rows without a time"] += int(timeless.sum())
@@ -312,12 +314,12 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     if not first:
         return None
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
-    numbers = numbers_of(texts, table.decimal_comma)
+    sample = texts[:: len(texts) // _SAMPLED + 1]
     date_of = table.columns.get("date")
-    if np.isfinite(numbers).mean() > 0.5:
-        return _from_numbers(numbers, column, table, options, content)
-    clock = of_day_s(texts)
-    if np.isfinite(clock).mean() > 0.5:
+    if np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
+        return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
+    if np.isfinite(of_day_s(sample)).mean() > 0.5:
+        clock = of_day_s(texts)
         if date_of is None:
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
         day, assumed = days(table.values["date"].tolist(), options.day_first)
