@@ -6,7 +6,6 @@ import importlib
 import signal
 import subprocess
 import sys
-import time
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -138,8 +137,7 @@ def test_ctrl_c_ends_a_verb_with_one_line(tmp_path: Path) -> None:
         [sys.executable, "-m", "auv_lse_run", "fit", str(tmp_path)], stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}),
     )  # fmt: skip
-    time.sleep(0.3)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)  # waits until the command can answer it
     _, err = process.communicate(timeout=60.0)
     assert process.returncode == 130
     assert len(err.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 import argparse
 import ast
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -301,16 +302,23 @@ def test_the_site_shows_every_page():
     assert sorted(pages_of(site["nav"])) == sorted(present)
 
 
+@functools.cache
+def known_ends():
+    """Every file of the checkout by its path and all ends of it; not those of environment and build."""
+    parts = [part for part in ROOT.iterdir() if part.is_dir() and part.name[0] != "." and part.name != "ros_ws"]
+    found = [file.relative_to(ROOT).parts for part in parts for file in part.rglob("*") if file.is_file()]
+    found += [(file.name,) for file in ROOT.iterdir()]
+    return {"/".join(names[start:]) for names in found for start in range(len(names))}
+
+
 @pages(SETTLED)
 def test_files_that_are_named_exist(page):
     """`auv_lse_gp/level_set/bayes_risk.py` and `bayes_risk.py` name the same file."""
-    known = {file.relative_to(ROOT).as_posix() for file in ROOT.glob("*/**/*") if file.is_file()}
-    known |= {file.name for file in ROOT.iterdir()}
     for span in code_spans(page):
         for name in re.findall(r"(?<![\w/.*~])[\w./-]*\w\.(?:py|msg|toml|sh)\b", span):
             if name.startswith("/"):
                 continue
-            assert any(file == name or file.endswith(f"/{name}") for file in known), f"{page.name}: `{span}`"
+            assert name in known_ends(), f"{page.name}: `{span}`"
         for name in re.findall(r"(?<![\w/.])((?:docs|config|scripts|benchmarks|auv_lse_\w+)/[\w./*-]+)", span):
             if "*" not in name:
                 path = name.rstrip("/.")
