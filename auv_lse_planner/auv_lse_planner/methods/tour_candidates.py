@@ -44,6 +44,9 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
+#: Share by which a team's tour may be behind the best naive path before more iterations
+#: (`python -m benchmarks.planning.first_decision`).
+FAR_BEHIND = 0.003
 #: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with as many
 #: locations per leg as its value.
 START_BENDS, START_BEND_ITERATIONS = 4, 40
@@ -166,8 +169,7 @@ class TourCandidates:
         starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
         starts.insert(0, self._finer.resampled(self._polyline(problem, naive[0].path), reward.legs))
         starts += self._continued(problem, last)
-        for found in self._optimized(starts, reward.weighing(0.0), s):
-            result.add(self._through(problem, found.waypoints_m), found)
+        self._optimize(problem, starts, result)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
             self._bend_alone(problem, result)
         if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
@@ -263,25 +265,31 @@ class TourCandidates:
         s = problem.situation
         return self._context.naive_plan(s.step, s.state, naive_path)
 
-    def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
-        """Tours optimized from the best of several starts, and the best one after more iterations.
+    def _optimize(self, problem: TourProblem, starts: Sequence[Array], result: Candidates) -> None:
+        """Adds tours optimized from the best of several starts, and the best one after more iterations.
 
-        Starts are compared with fewer locations on each leg, which is enough to rank them.
+        Starts are compared with fewer locations on each leg, which is enough to rank them. In a team, a tour that is
+        behind the best naive path by more than `FAR_BEHIND` gets no more iterations: they gain less than that.
         """
+        s, aim = problem.situation, problem.reward.weighing(0.0)
         values = []
         for waypoints in starts:
             values.append(aim.coarse_value(self._search.locations(waypoints, aim.legs)))
             if s.out_of_time:
                 break
-        found: list[Found] = []
+        naive, tours = best_of(result.plans), []
         best_first = sorted(range(len(values)), key=lambda i: -values[i])
         for i in best_first[:STARTS]:
-            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline))
-            if found[-1].deadline_hit:
-                return [max(found, key=lambda f: f.value)]
-        best = max(found, key=lambda f: f.value)
+            found = self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline)
+            tours.append((found, self._through(problem, found.waypoints_m)))
+            result.add(tours[-1][1], found)
+            if found.deadline_hit:
+                return
+        best, candidate = max(tours, key=lambda tour: tour[0].value)
+        if self._vehicles > 1 and candidate.value.expected_end < (1.0 - FAR_BEHIND) * naive.value.expected_end:
+            return
         longer = self._finer.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, s.deadline)
-        return [longer] if longer.deadline_hit else [*found, longer]
+        result.add(self._through(problem, longer.waypoints_m), longer)
 
     # ------------------------------------------------------------------ later
 

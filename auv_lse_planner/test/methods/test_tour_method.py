@@ -1,4 +1,5 @@
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from auv_lse_planner.methods.tour_candidates import (
 )
 from auv_lse_planner.paths.position_margin import LEGS, TOLERATED_M2, PositionMargin
 from auv_lse_planner.paths.steering import DETOUR_LEGS
+from auv_lse_planner.search.tour import TourSearch
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 STEPS = 12
@@ -141,6 +143,23 @@ def test_a_single_vehicles_first_path_is_searched_from_many_routes(monkeypatch):
     assert found[True] > 1.005 * found[False]
     team = _planner(1, 2, 40)
     assert single_routes_m(team._context, np.zeros(2), 40) == []
+
+
+@pytest.mark.parametrize(("vehicles", "behind", "improved"), [(2, math.inf, True), (2, -1.0, False), (1, -1.0, True)])
+def test_a_team_does_not_optimize_a_tour_further_that_is_far_behind_the_naive_paths(
+    monkeypatch, vehicles, behind, improved
+):
+    iterations, improve = [], TourSearch.improve
+
+    def spy(self, waypoints_m, legs, reward, most, *others):
+        iterations.append(most)
+        return improve(self, waypoints_m, legs, reward, min(most, 2), *others)
+
+    monkeypatch.setattr(TourSearch, "improve", spy)
+    monkeypatch.setattr(tour_candidates, "FAR_BEHIND", behind)
+    monkeypatch.setattr(tour_candidates, "single_routes_m", lambda *_: [])
+    _travel(_planner(1, vehicles, 20), 1)
+    assert (tour_candidates.FIRST_ITERATIONS in iterations) == improved
 
 
 @pytest.mark.skipif(not USE_NUMBA, reason="a single vehicle's routes need compiled code")
