@@ -1,4 +1,7 @@
-"""auv_lse bench: runs groups of measurements, prints a table, writes the same figures as JSON."""
+"""auv_lse bench: runs groups of measurements, prints a table, writes the same figures as JSON.
+
+`auv_lse bench planners` flies any set of planners over any set of grounds instead, and writes one page.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,12 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.planning.planners.options import add_options
 from benchmarks.rows import KEYS, Row
 
 GROUPS = ("mission", "phases", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day", "altitude")
+#: Flies planners over grounds and writes a page; it is no group, because it takes hours.
+PLANNERS = "planners"
 #: Modules of groups that are not named after them.
 MODULES = {
     "mission": "mission_parts",
@@ -50,7 +56,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit codes: 0, also if a goal is missed; 1 a group failed, or a part of the default mission takes more "
         "processor time than its baseline allows (group mission); 2 a wrong command line; 130 Ctrl-C.",
     )
-    p.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
+    known = f"any of {', '.join(GROUPS)}; default: all; or {PLANNERS} alone"
+    p.add_argument("groups", nargs="*", metavar="GROUP", help=known)
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
     p.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
     p.add_argument(
@@ -60,11 +67,16 @@ def parser() -> argparse.ArgumentParser:
         help="group mission: write what it measures to benchmarks/mission_baseline.json, with the reason",
     )
     p.add_argument("--lake", type=Path, metavar="FILE", help="a real lake for the group gp")
+    add_options(p)
     return p
 
 
 def run(options: argparse.Namespace) -> int:
     """Runs the groups asked for. Returns 0, or 1 if one could not be run or the mission exceeds its baseline."""
+    if options.groups == [PLANNERS]:
+        from benchmarks.planning.planners import command  # loads the planners
+
+        return command.run(options)
     unknown = [group for group in options.groups if group not in GROUPS]
     if unknown:
         raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")

@@ -87,7 +87,8 @@ METHODS: dict[str, MethodEntry] = {
             "credit": "beyond",
             "horizon": 10,
             "exploration": 0.5,
-            "tour_interval": 2,
+            "tour_interval": 4,
+            "iterations": 80,
         }
     ),
     # The paper's methods; the third uses the paper's approximate risk integral.

@@ -74,7 +74,7 @@ class Tour(Method):
         self._planned_to = context.horizon.end
         self._stages = Stages(context) if is_staged(context.settings.mission) else None
         self._value: Value | None = None  # of the last plan, when it was evaluated; None after a shift
-        self._follows = follows_isobath(context.settings)
+        self._follows = self._heads_at_every_leg = follows_isobath(context.settings)
 
     def decide(self, situation: Situation) -> Choice:
         """See `Method`."""
@@ -93,7 +93,7 @@ class Tour(Method):
         mates_m = np.concatenate([np.empty((0, 2)), *(locations for _, locations in context.mates_ahead(s))])
         due = situation.last is None or bool(void) or renewed or self._interval_is_over(s.step, s.planner)
         path_reward = cache(lambda: context.path_reward(s, mates_m))
-        heads = self._heads(s, path_reward) if (due or self._follows) and last is not None else []
+        heads = self._heads(s, path_reward) if (due or self._heads_at_every_leg) and last is not None else []
         incumbent = reference = None  # `reference`: expected end that the budget refers to
         if last is not None:
             followed = self._candidates.evaluated(last.plan, last.path, reward)
@@ -107,7 +107,7 @@ class Tour(Method):
             found = self._search(problem, last, heads, renewed)
             self._optimized_at = s.step
         elif last is not None:
-            self._candidates.headed(problem, last.path, heads, found)
+            self._between(problem, last, heads, found)
         if last is None or renewed:
             reference = floor = found.floor
             self.budget = 0.0
@@ -234,6 +234,10 @@ class Tour(Method):
         if last is None or renewed:
             return self._candidates.at_start(problem, None if last is None else last.path)
         return self._candidates.under_way(problem, last.path, heads)
+
+    def _between(self, problem: TourProblem, last: Followed, heads: list[Actions], found: Candidates) -> None:
+        """Adds new plans between two optimizations of the tour."""
+        self._candidates.headed(problem, last.path, heads, found)
 
     def _heads(self, s: Situation, path_reward: Callable[[], PathReward]) -> list[Actions]:
         """The best sequences of a tree search for the path reward, given the mates' positions."""

@@ -24,7 +24,7 @@ from auv_lse_common.mission_file.methods import MAP_LOCATIONS_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_planner.methods.coverage import follows_isobath
-from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
+from auv_lse_planner.methods.method import Candidate, Followed, PlanningContext, Situation
 from auv_lse_planner.methods.single_routes import single_routes_m
 from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.paths.rollout import PlannedPath
@@ -366,13 +366,14 @@ class TourCandidates:
 
     # ------------------------------------------------------------------ along given lines
 
-    def along(self, problem: TourProblem, line_m: Array) -> Candidate:
-        """The path along a polyline (n + 1, 2) from the state; after its end it continues straight."""
-        return self._candidate(self._plan_along(problem, line_m, problem.reward.legs), problem.reward)
+    def along(self, problem: TourProblem, line_m: Array) -> Followed:
+        """The plan along a polyline (n + 1, 2) from the state; after its end it continues straight."""
+        plan = self._plan_along(problem, line_m, problem.reward.legs)
+        return Followed(plan, self._rollout.follow(plan))
 
-    def joined(self, problem: TourProblem, head: Candidate, legs: int, path: PlannedPath) -> Candidate:
-        """The first `legs` legs of a candidate, followed by the rest of the last path."""
-        actions = tuple(int(a) for a in head.path.actions[:legs])
+    def joined(self, problem: TourProblem, head: PlannedPath, legs: int, path: PlannedPath) -> Candidate:
+        """The first `legs` legs of a path, followed by the rest of the last one."""
+        actions = tuple(int(a) for a in head.actions[:legs])
         return self._headed(problem, actions, self._waypoints_ahead(problem, path))
 
     def bend(self, problem: TourProblem, path: PlannedPath, result: Candidates) -> None:

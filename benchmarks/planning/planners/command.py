@@ -1,0 +1,76 @@
+"""auv_lse bench planners: flies planners over grounds and writes one page."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from typing import Any
+
+from benchmarks.planning.planners.flight import mission
+from benchmarks.planning.planners.grounds import Ground, read
+from benchmarks.planning.planners.interface import loaded
+from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
+from benchmarks.planning.planners.page import page
+from benchmarks.results_file import fly
+from benchmarks.results_file import read as read_lines
+
+
+def run(options: argparse.Namespace) -> int:
+    """Flies the missions that the results file lacks, and writes the page.
+
+    Raises:
+        ValueError: for an unknown planner or ground, or a file that is not the one listed.
+    """
+    for name in options.planners:
+        if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
+            loaded(name)
+    grounds = read(options.grounds, options.data, options.role)
+    if options.only:
+        unknown = sorted(set(options.only) - {ground.name for ground in grounds})
+        if unknown:
+            raise ValueError(f"{options.grounds} has no {options.role} ground {', '.join(unknown)}.")
+        grounds = [ground for ground in grounds if ground.name in options.only]
+    asked = [
+        _line(ground, planner, vehicles, seed, options.legs)
+        for ground, vehicles, seed, planner in itertools.product(
+            grounds, options.vehicles, range(1, options.seeds + 1), options.planners
+        )
+    ]
+    done = {_id(line) for line in read_lines(options.out)}
+    jobs = [(line, ground_of(grounds, line).parameters) for line in asked if _id(line) not in done]
+    print(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}", file=sys.stderr, flush=True)
+    for line in fly(flown, jobs, options.out, options.processes):
+        print(line["ground"], line["vehicles"], line["planner"], f"found {line['found'][-1]:.2f}", file=sys.stderr)
+    wanted = {_id(line) for line in asked}
+    text = page([line for line in read_lines(options.out) if _id(line) in wanted], options.against)
+    if options.page:
+        options.page.write_text(text)
+    else:
+        print(text, end="")
+    return 0
+
+
+def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:
+    """The ground of a line."""
+    return next(ground for ground in grounds if ground.name == line["ground"])
+
+
+def flown(line: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any]:
+    """A mission's line with its figures."""
+    return {**line, **mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"])}
+
+
+def _line(ground: Ground, planner: str, vehicles: int, seed: int, legs: int) -> dict[str, Any]:
+    return {
+        "ground": ground.name,
+        "role": ground.role,
+        "planner": planner,
+        "vehicles": vehicles,
+        "seed": seed,
+        "legs": legs,
+    }
+
+
+def _id(line: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(line[key] for key in ("ground", "role", "planner", "vehicles", "seed", "legs"))

@@ -1,0 +1,106 @@
+"""One mission of the benchmark: a planner over a ground, flown in the light loop and judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import numpy as np
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.level_set.lines import resample
+from auv_lse_planner.methods import families
+from auv_lse_planner.methods.line_routes import SPACING_M, route_along
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_shore.judge.isobath import trace
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import fit_to_ground
+from benchmarks.planning.planner_loop import light_mission
+from benchmarks.planning.planners.interface import Planner, Steered, loaded
+from benchmarks.planning.planners.judge import CELL_M, SHARES, judge
+from benchmarks.planning.planners.options import HINDSIGHT, OURS
+from benchmarks.planning.planners.rivals import RIVALS
+
+#: Share of packets lost.
+LOSS = 0.07
+#: The method in whose place a planner of others flies, and its family.
+PLACE, PLACE_FAMILY = "myopic", "benefit"
+
+
+def mission(planner: str, parameters: Mapping[str, Any], vehicles: int, seed: int, steps: int) -> dict[str, Any]:
+    """Flies one mission; its figures.
+
+    Args:
+        planner: Name of a method or rival, of an entry point, or a Python file.
+        parameters: Of the mission file, for the ground.
+        vehicles: Size of the team.
+        seed: Of all random draws of the mission; that of made-up ground is one of its parameters.
+        steps: Legs of each vehicle.
+    """
+    overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "vehicle.surfacings": 0}
+    ours = planner if planner in OURS else None
+    overrides |= OURS[ours] if ours else {"planner.method": PLACE}
+    settings, ground = _fitted(overrides)
+    began = time.process_time()
+    with nullcontext() if ours or planner == HINDSIGHT else _in_place(_maker(planner)):
+        if planner == HINDSIGHT:
+            return _hindsight(settings, ground)
+        outcome = light_mission(settings, ground, seed, LOSS)
+    spent = time.process_time() - began
+    found = judge(settings, ground, sorted(row for boat in outcome.boats for row in boat.soundings))
+    return {
+        **dataclasses.asdict(found),
+        **{_key(share): found.distance(share) for share in SHARES},
+        "cpu_s": spent,
+    }
+
+
+def _key(share: float) -> str:
+    return f"to_{100.0 * share:.0f}"
+
+
+def _fitted(overrides: dict[str, Any]) -> tuple[PlannerSettings, Any]:
+    """Settings of all vehicles, fitted to the ground as a mission's are, and the ground."""
+    settings = Settings.load(None, overrides)
+    ground = ground_of(settings)
+    fitted, _ = fit_to_ground(settings, ground)
+    return PlannerSettings.from_parameters(parameters_for(fitted.to_patterns(), "/auv1/settings"), "bench"), ground
+
+
+def _maker(planner: str) -> Callable[[], Planner]:
+    return RIVALS[planner] if planner in RIVALS else loaded(planner)
+
+
+@contextmanager
+def _in_place(make: Callable[[], Planner]) -> Iterator[None]:
+    """Lets a planner fly in the place of `PLACE`."""
+    kept = families.CLASSES[PLACE_FAMILY]
+    families.CLASSES[PLACE_FAMILY] = lambda context: Steered(make(), context)
+    try:
+        yield
+    finally:
+        families.CLASSES[PLACE_FAMILY] = kept
+
+
+def _hindsight(settings: PlannerSettings, ground: Any) -> dict[str, Any]:
+    """Parts of the mission that a team would need that knew the true line: its vehicles share the route equally."""
+    area = OperatingArea(settings.area)
+    grid = area.grid(CELL_M)
+    at = grid.locations_m
+    lines = trace(grid.north_m, grid.east_m, grid.fill(ground.depth_m(at[:, 0], at[:, 1])), settings.level_set.level_m)
+    stretches = [resample([line], SPACING_M) for line in lines]
+    start = np.array([settings.vehicle.start_north_m, settings.vehicle.start_east_m])
+    leg_m = MotionTable(settings.motion).leg_length_m
+    total_m = settings.mission.vehicles * settings.mission.steps * leg_m
+    route = route_along(start, stretches, 10.0 * total_m)
+    true_m = SPACING_M * sum(len(stretch) for stretch in stretches)
+    parts = np.linspace(0.0, 1.0, 401)[1:]
+    found = np.array([route.followed_m(part * total_m) / max(true_m, 1.0) for part in parts])
+    to = {_key(share): float(parts[np.argmax(found >= share)]) if found[-1] >= share else 1.0 for share in SHARES}
+    return {**to, "found": [float(x) for x in found[np.arange(1, 13) * 400 // 12 - 1]], "true_m": true_m}

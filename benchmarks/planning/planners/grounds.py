@@ -1,0 +1,94 @@
+"""Grounds of the benchmark, from a manifest: parameters of a mission file each, and where real data come from.
+
+grounds:
+  - name: Lake Tzibana
+    role: tuning                     # tuning, choosing or reporting
+    file: tzibana_grid10m.npz        # beside the manifest, or in --data; made-up grounds have none
+    sha256: 3f2a...
+    source: https://doi.org/10.5281/zenodo.3782402
+    licence: CC-BY 4.0
+    projection: azimuthal equidistant about 17.1221, -91.6281
+    mission: {level_set.level_m: 15.0, gp.map_resolution_m: 10.0}
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from benchmarks.planning.planners.options import ROLES
+
+#: Keys of a ground; those of `REAL` belong to grounds with a file.
+KEYS = {"name", "role", "mission", "file", "sha256", "source", "licence", "projection"}
+REAL = ("sha256", "source", "licence", "projection")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """A ground.
+
+    Attributes:
+        mission: Parameters of the mission file, dotted.
+        file: Its data; None for made-up ground.
+        source: Where the data come from, under which licence, and how they are projected; "" for made-up ground.
+    """
+
+    name: str
+    role: str
+    mission: Mapping[str, Any]
+    file: Path | None = None
+    source: str = ""
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The mission's parameters, with the file."""
+        if self.file is None:
+            return dict(self.mission)
+        return {"sim.bathymetry.file": str(self.file), **self.mission}
+
+
+def read(manifest: Path, data: Path | None = None, role: str | None = None) -> list[Ground]:
+    """The grounds of a manifest.
+
+    Args:
+        manifest: A YAML file.
+        data: Folder of the files; None: that of the manifest.
+        role: Only grounds of this role, whose files must be there; None: all.
+
+    Raises:
+        ValueError: naming what is wrong in the manifest, or a file that is missing or not the one listed.
+    """
+    try:
+        listed = yaml.safe_load(manifest.read_text())["grounds"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
+    wanted = [entry for entry in listed if role is None or entry.get("role") == role]
+    return [_ground(entry, manifest, data or manifest.parent) for entry in wanted]
+
+
+def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
+    where = f"{manifest}: {entry.get('name', 'a ground without a name')}"
+    unknown = sorted(set(entry) - KEYS)
+    if unknown or "name" not in entry or entry.get("role") not in ROLES:
+        raise ValueError(
+            f"{where}: a ground has a name, a role ({', '.join(ROLES)}), and of {', '.join(sorted(KEYS))}."
+        )
+    common = {"name": str(entry["name"]), "role": str(entry["role"]), "mission": dict(entry.get("mission", {}))}
+    if "file" not in entry:
+        return Ground(**common)
+    missing = [key for key in REAL if not entry.get(key)]
+    if missing:
+        raise ValueError(f"{where}: a ground with a file also has {', '.join(missing)}.")
+    file = folder / str(entry["file"])
+    if not file.is_file():
+        raise ValueError(f"{where}: there is no file {file}. Download it from {entry['source']}, or name its folder.")
+    found = hashlib.sha256(file.read_bytes()).hexdigest()
+    if found != entry["sha256"]:
+        raise ValueError(f"{where}: {file} has the SHA-256 {found}, not the one listed. Download it again.")
+    source = f"{entry['source']}, {entry['licence']}, {entry['projection']}"
+    return Ground(**common, file=file.resolve(), source=source)

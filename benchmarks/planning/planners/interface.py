@@ -1,0 +1,168 @@
+"""What a planner gets and gives: implement `Planner` in one file, and the benchmark flies it.
+
+A file with a function `planner()`, or an entry point of the group `auv_lse.planners` that names one, adds a planner:
+
+    class Ahead:
+        replan_legs = None
+
+        def path(self, view):
+            return view.position_m + [[0.0, 100.0]]
+
+    def planner():
+        return Ahead()
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_planner.methods.method import Choice, PlanningContext, Situation
+from auv_lse_planner.methods.path_method import PathMethod
+from auv_lse_planner.paths.steering import Steering
+from auv_lse_planner.reward.anytime import Value
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.path_search import Proposal
+from auv_lse_planner.search.uct import SearchResult
+
+Array = NDArray[np.float64]
+
+#: Entry-point group of planners from other packages.
+GROUP = "auv_lse.planners"
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """What a planner may know.
+
+    Attributes:
+        locations_m: Soundings: north, east (n, 2), those of mates that were received among them.
+        depths_m: Their depths (n,).
+        noise_std_m: Their standard deviations (n,).
+        prior: The prior of the depth.
+        posterior: The judge's posterior, for planners without one of their own.
+        level_m: Depth of the isobath.
+        area: Operating area with no-go areas; vehicles keep `area.margin_m` from its border.
+        cells_m: Centers (P, 2) of cells of the area, 20 m apart.
+        position_m: The vehicle's position (2,).
+        heading_rad: Its heading.
+        legs_left: Legs that it may still travel, of `leg_m` each.
+        mates_m: For each mate with a known plan, the locations (p, 2) that it is about to measure.
+        rng: Source of every random number.
+    """
+
+    locations_m: Array
+    depths_m: Array
+    noise_std_m: Array
+    prior: GpConfig
+    posterior: Posterior
+    level_m: float
+    area: OperatingArea
+    cells_m: Array
+    position_m: Array
+    heading_rad: float
+    legs_left: int
+    leg_m: float
+    mates_m: list[Array]
+    rng: np.random.Generator
+
+
+class Planner(Protocol):
+    """A planner of one vehicle.
+
+    Attributes:
+        replan_legs: Legs after which it is asked again; None: when its path has been travelled.
+    """
+
+    replan_legs: int | None
+
+    def path(self, view: View) -> Array:
+        """The next waypoints (n, 2), north and east (m): one, some, or a path for the rest of the mission."""
+        ...
+
+
+class Steered(PathMethod):
+    """Flies a planner as a method of ours: our steering follows its waypoints."""
+
+    def __init__(self, planner: Planner, context: PlanningContext) -> None:
+        super().__init__(context)
+        self._planner, self._steering = planner, Steering(context.space)
+        self._line_m = np.empty((0, 2))  # what is left of its path
+        self._asked_at = -1
+
+    def keeps(self, incumbent: Value, new: Value) -> bool:
+        """Never: the planner decides."""
+        return False
+
+    def propose(self, situation: Situation, reward: PathReward) -> Proposal:
+        """The legs along the planner's path."""
+        s, context = situation, self.context
+        here, leg_m = np.asarray(s.state[1:], dtype=float), context.space.motion.leg_length_m
+        if len(self._line_m):  # drop what has been passed
+            near = np.hypot(*(self._line_m - here).T) < 0.75 * leg_m
+            self._line_m = self._line_m[int(np.flatnonzero(near)[0]) + 1 :] if near.any() else self._line_m
+        every = self._planner.replan_legs
+        if not len(self._line_m) or (every is not None and s.step - self._asked_at >= every):
+            self._line_m = np.asarray(self._planner.path(self._view(s)), dtype=float).reshape(-1, 2)
+            self._asked_at = s.step
+        line = np.concatenate([here[None], self._line_m, self._line_m[-1:] + 1.0])
+        length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
+        legs = int(np.clip(np.ceil(length_m / leg_m), 1, min(200, context.rollout.steps - s.step)))
+        actions = self._steering.along(s.state, line, leg_m, legs, around_shallows=True)
+        return Proposal(SearchResult(tuple(int(a) for a in actions), 0.0), NONE)
+
+    def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
+        """Nothing to prepare."""
+
+    def _view(self, s: Situation) -> View:
+        context, settings = self.context, self.context.settings
+        known = context.posterior.centers
+        return View(
+            locations_m=known.locations_m,
+            depths_m=known.depths_m,
+            noise_std_m=known.noise_std_m,
+            prior=settings.gp,
+            posterior=context.posterior,
+            level_m=settings.level_set.level_m,
+            area=OperatingArea(settings.area),
+            cells_m=context.map_grid.locations_m,
+            position_m=np.asarray(s.state[1:], dtype=float),
+            heading_rad=float(s.state[0]),
+            legs_left=context.rollout.steps - s.step,
+            leg_m=context.space.motion.leg_length_m,
+            mates_m=[context.team.locations_ahead(s.now_s, mate) for mate in context.team.others],
+            rng=context.rng,
+        )
+
+
+def loaded(name: str) -> Callable[[], Planner]:
+    """The function that makes a planner, from a Python file or by the name of an entry point.
+
+    Raises:
+        ValueError: if there is no such planner; the text names the known ones.
+    """
+    if name.endswith(".py"):
+        found = importlib.util.spec_from_file_location(Path(name).stem, name)
+        if found is None or found.loader is None or not Path(name).is_file():
+            raise ValueError(f"There is no planner file {name}.")
+        module = importlib.util.module_from_spec(found)
+        found.loader.exec_module(module)
+        make: Any = getattr(module, "planner", None)
+        if make is None:
+            raise ValueError(f"{name} has no function planner(); see benchmarks/planning/planners/interface.py.")
+        return make  # type: ignore[no-any-return]
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in points:
+        raise ValueError(f"There is no planner {name}; known ones are {', '.join(sorted(points)) or 'none'}.")
+    return points[name].load()  # type: ignore[no-any-return]

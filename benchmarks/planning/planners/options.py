@@ -1,0 +1,48 @@
+"""The options of `auv_lse bench planners`, and the names of planners and roles; loads nothing heavy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+#: Methods of ours by name: parameters of the mission file.
+OURS: dict[str, dict[str, Any]] = {
+    "line": {"planner.method": "line"},
+    "tour": {"planner.method": "tour"},
+    "plain": {"planner.method": "plain"},
+    "augmented": {"planner.method": "augmented"},
+    "fitted_lanes": {"planner.method": "lawnmower"},
+    "covering_lanes": {"planner.method": "lawnmower", "planner.naive_paths": [250, 251, 252, 253, 254]},
+}
+#: Names of the rivals in `rivals.py`, and of the row of hindsight.
+RIVAL_NAMES = ("straddle", "randomized_straddle", "level_set_ucb", "truvar")
+HINDSIGHT = "hindsight"
+#: What a ground may be used for. A figure that is reported comes from grounds that nothing was tuned or chosen on.
+ROLES = ("tuning", "choosing", "reporting")
+#: Grounds without real data.
+MANIFEST = Path("config/planner_grounds.yaml")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options of `auv_lse bench planners`."""
+    group = parser.add_argument_group("options of `bench planners`")
+    known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT])
+    group.add_argument(
+        "--planners", nargs="+", default=["line", "plain", "tour", "fitted_lanes"], metavar="NAME",
+        help=f"any of {known}, an entry point of auv_lse.planners, or a Python file (default: %(default)s)",
+    )  # fmt: skip
+    group.add_argument("--grounds", type=Path, default=MANIFEST, metavar="FILE", help="manifest (default: %(default)s)")
+    group.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the manifest's files (default: its own)")
+    group.add_argument("--role", choices=ROLES, default="reporting", help="grounds to fly (default: %(default)s)")
+    group.add_argument("--only", nargs="+", metavar="GROUND", help="of these, by name")
+    group.add_argument("--vehicles", type=int, nargs="+", default=[1], metavar="K", help="sizes of team (default: 1)")
+    group.add_argument("--seeds", type=int, default=1, metavar="N", help="missions on each ground (default: 1)")
+    group.add_argument("--legs", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
+    group.add_argument("--against", nargs="+", default=["plain", "tour", "fitted_lanes"], metavar="NAME",
+                       help="planners that others are compared with (default: %(default)s)")  # fmt: skip
+    group.add_argument(
+        "--out", type=Path, default=Path("runs/benchmarks") / "planners.jsonl", help="missions, continued (%(default)s)"
+    )
+    group.add_argument("--page", type=Path, metavar="FILE.md", help="write the page here (default: print it)")
+    group.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
