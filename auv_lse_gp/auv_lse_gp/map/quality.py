@@ -22,12 +22,32 @@ from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
 from auv_lse_gp.inference.work import FUNCTION, Work, finish
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near
-from auv_lse_gp.map.certainty import FOUND, MAX_STD_M, MIN_INFORMED, classify, found_within_m, length_of, lines_of
+from auv_lse_gp.map.certainty import (
+    FOUND,
+    MAX_STD_M,
+    MIN_INFORMED,
+    MIN_LENGTH_M,
+    classify,
+    found_within_m,
+    length_of,
+    lines_of,
+)
 from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, contours, field_of
 from auv_lse_gp.map.online import MAX_DENSE
-from auv_lse_gp.map.undiscovered import KERNEL, coarse_grid, undiscovered_in_parts
+from auv_lse_gp.map.undiscovered import KERNEL, Undiscovered, coarse_grid, undiscovered_in_parts
 
 Array = NDArray[np.float64]
+
+
+def share_found(found_m: float, missing: Undiscovered) -> float:
+    """Share of the isobath that is found: length found, of that and the length expected elsewhere.
+
+    It is 1 if none is found and, with 95 % probability, less than the shortest stretch that counts is missing: the
+    level does not occur.
+    """
+    if found_m <= 0.0:
+        return float(missing.limit_m < MIN_LENGTH_M)
+    return found_m / (found_m + missing.expected_m)
 
 
 class QualityJudge:
@@ -73,10 +93,8 @@ class QualityJudge:
         missing = yield from undiscovered_in_parts(
             self._config, centers, level_m, self._coarse, located, self._prior.banks
         )
-        found_m = length_of(pieces, FOUND)
-        both_m = found_m + missing.expected_m
         return Quality(
-            found_share=found_m / both_m if both_m > 0.0 else 0.0,
+            found_share=share_found(length_of(pieces, FOUND), missing),
             undiscovered_m=missing.limit_m,
             deviation_m=found_within_m(pieces),
             revision=revision,

@@ -53,6 +53,16 @@ def test_it_is_that_of_the_map_as_the_report_judges_it(shore: dict[str, tuple[fl
     assert quality.deviation_m == pytest.approx(found_within_m(pieces), rel=1e-6)
 
 
+@pytest.mark.parametrize(("east_to_m", "share"), [(300.0, 1.0), (100.0, 0.0)])
+def test_an_isobath_that_does_not_occur_is_found_once_the_ground_is_known(east_to_m: float, share: float) -> None:
+    rows = soundings(east_to_m)
+    rows[:, 3] += 15.0
+    depth_map = DepthMap(CONFIG, LevelSetConfig(level_m=15.0), AREA)
+    depth_map.add_soundings(rows)
+    quality = QualityJudge(CONFIG, LevelSetConfig(level_m=15.0), AREA).judge(depth_map.centers)
+    assert quality.found_share == share
+
+
 def test_lanes_find_the_share_that_draws_of_the_prior_and_dense_algebra_give() -> None:
     config = dataclasses.replace(CONFIG, length_scale_m=60.0, signal_std_m=6.0)
     apart_m, kernel = 60.0, Kernel(dataclasses.replace(config, kernel="matern52"))
