@@ -55,7 +55,7 @@ class Sizes:
         many_centers: The same for the memory.
         least_s: Time for which exact values are counted.
         repeats: Decisions of which the median is taken.
-        options: Parameters of the section `planner` for every decision.
+        options: Parameters of the section `planner` for every decision, and `steps` of the mission.
         memory_methods: Methods whose memory is measured, each in a process of its own.
     """
 
@@ -68,7 +68,14 @@ class Sizes:
 
 
 FULL = Sizes()
-SMOKE = Sizes(centers=20, many_centers=30, least_s=0.01, repeats=1, options={"iterations": 8}, memory_methods=("tour",))
+SMOKE = Sizes(
+    centers=20,
+    many_centers=30,
+    least_s=0.01,
+    repeats=1,
+    options={"iterations": 8, "steps": 16},
+    memory_methods=("tour",),
+)
 
 
 def centers(count: int, seed: int = 0) -> Centers:
@@ -96,10 +103,10 @@ def per_second(work: Callable[[], Any], count: int, least_s: float) -> float:
     return best
 
 
-def planner(method: str, count: int, **options: Any) -> VehiclePlanner:
+def planner(method: str, count: int, *, steps: int = 100, **options: Any) -> VehiclePlanner:
     """A planner of the default mission that has a map of `count` centers and is about to decide step 0."""
     settings = PlannerSettings.from_parameters(
-        {"area": {}, "mission": {"vehicles": 1}, "planner": {"method": method, **options}}, "benchmark"
+        {"area": {}, "mission": {"vehicles": 1, "steps": steps}, "planner": {"method": method, **options}}, "benchmark"
     )
     made = VehiclePlanner(1, settings, np.random.default_rng(1))
     made.set_centers(centers(count))
