@@ -14,6 +14,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 from unittest import mock
 
@@ -56,11 +57,11 @@ def decided(parameters: dict[str, Any]) -> tuple[float, float]:
     return time.process_time() - began, decision.bound.expected_end
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Command line. Returns 1 if the mean loss is more than `MOST_LOSS`."""
     parser = parser_of("benchmarks.planning.first_decision", __doc__)
     parser.add_argument("--areas", type=int, default=40, metavar="N", help="number of areas (default: 40)")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     losses, times = [], []
     print("area  time (s)  optimizing every tour (s)  drop of risk expected at the end / that of every tour")
     for number in range(options.areas):
