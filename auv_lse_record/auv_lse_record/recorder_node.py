@@ -9,6 +9,7 @@ import auv_lse_common.node.executable  # noqa: F401  # first: prepares the proce
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -71,6 +72,7 @@ class RecorderNode(BaseNode):
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._written_ns = 0  # stamp of the last message
+        self._held: list[Callable[[], None]] = []  # messages whose senders have not introduced themselves yet
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
         self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
         self._write_text(SOFTWARE, version())
@@ -139,14 +141,21 @@ class RecorderNode(BaseNode):
         with_dive = found is not None and found.topic.decode is not None
         rationed, limited = self._ration.concerns(found), found is None and self._extra.concerns(topic)
 
-        def write(data: bytes, participant: bytes | None = None) -> None:
-            if with_dive and self._is_strangers(found, data, participant):
+        def write(data: bytes, participant: bytes | None = None, stamp_ns: int | None = None) -> None:
+            stamp_ns = clock.now().nanoseconds if stamp_ns is None else stamp_ns
+            if with_dive and (sender := self._sender_of(found, data, participant)) is None:
+                self._held.append(partial(write, data, participant, stamp_ns))
+                return
+            if with_dive and self._is_strangers(found, sender):
                 return
             if found is not None and found.topic.name == "dive":
                 self.senders.introduce(deserialize_message(data, Dive), participant or b"")
+                self._write_held()
+                if self._is_strangers(found, dive_in(data)):
+                    return
             if limited and not self._takes(topic, len(data)):
                 return
-            self._written_ns = clock.now().nanoseconds
+            self._written_ns = stamp_ns
             if not rationed:
                 self._bag.write(topic, self._written_ns, data)
                 return
@@ -163,13 +172,20 @@ class RecorderNode(BaseNode):
             self.get_logger().warning(self._extra.problem)
         return taken
 
-    def _is_strangers(self, found: Found, data: bytes, participant: bytes | None) -> bool:
-        """Whether a message is another dive's. Team mates in the same domain are recorded, too."""
-        sender: str | None = dive_in(data)
-        if found.topic.is_standard:
-            sender = self.senders.sender_of(frame_of(data), participant, time.monotonic())
-        if sender is None:
-            return False
+    def _sender_of(self, found: Found, data: bytes, participant: bytes | None) -> str | None:
+        """The dive that has sent a message; None: its participant may still introduce itself."""
+        if not found.topic.is_standard:
+            return dive_in(data)
+        return self.senders.sender_of(frame_of(data), participant, time.monotonic())
+
+    def _write_held(self) -> None:
+        """Records the messages whose senders have introduced themselves, or had the time for it."""
+        held, self._held = self._held, []
+        for write in held:
+            write()
+
+    def _is_strangers(self, found: Found, sender: str) -> bool:
+        """Whether a message of a dive is another one's. Team mates in the same domain are recorded, too."""
         vehicle, own_vehicle = f"auv{found.vehicle}", vehicle_of(self.dive)
         if found.vehicle and own_vehicle not in ("", vehicle) and vehicle_of(sender) in ("", vehicle):
             return is_simulation(sender)
@@ -200,6 +216,7 @@ class RecorderNode(BaseNode):
 
     def _check_space(self) -> None:
         """Ends the recording if the disk is nearly full, and logs that once."""
+        self._write_held()
         self._bag.check_space()
         if self._bag.problem and not self._reported:
             self._reported = True
@@ -212,6 +229,7 @@ class RecorderNode(BaseNode):
 
     def destroy_node(self) -> None:
         """Records the last maps, closes the recording, then ends the node."""
+        self._write_held()
         for topic, data in self._ration.rest():
             self._bag.write(topic, self._written_ns, data)
         self._bag.close()
