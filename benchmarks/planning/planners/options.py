@@ -41,8 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--legs", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
     group.add_argument("--against", nargs="+", default=["plain", "tour", "fitted_lanes"], metavar="NAME",
                        help="planners that others are compared with (default: %(default)s)")  # fmt: skip
-    group.add_argument(
-        "--out", type=Path, default=Path("runs/benchmarks") / "planners.jsonl", help="missions, continued (%(default)s)"
-    )
+    out = Path("runs/benchmarks/planners.jsonl")
+    group.add_argument("--out", type=Path, default=out, metavar="FILE", help="missions, continued (%(default)s)")
     group.add_argument("--page", type=Path, metavar="FILE.md", help="write the page here (default: print it)")
     group.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
