@@ -178,7 +178,7 @@ class Session:
             return {"error": f"The vehicle's software does not know the request {asked.get('ask')!r}. Update it."}
         try:
             return request(asked)
-        except (OSError, OrderError, FolderError, ParameterError) as error:
+        except (OSError, OrderError, FolderError, ParameterError, RuntimeError) as error:  # rclpy's are RuntimeErrors
             return {"error": error_text(error)}
         except (KeyError, TypeError, AttributeError) as error:
             return {"error": f"The request {asked.get('ask')!r} is incomplete ({error})."}

@@ -197,3 +197,11 @@ def test_a_torn_file_of_orders_leaves_the_one_before(tmp_path: Path, monkeypatch
         ask(session, 2, "hold")
     assert ask(session, 1, "go")["outcome"] == ACTED
     assert OrderStore(tmp_path).read().values()["highest"] == {"one": 1}
+
+
+def test_nodes_that_cannot_be_asked_end_no_session(tmp_path: Path) -> None:
+    class Broken(Noting):
+        def state(self) -> dict[str, object]:
+            raise RuntimeError("failed to initialize ROS")
+
+    assert Session(tmp_path, 1, 230, Broken()).answer({"ask": "state"}) == {"error": "failed to initialize ROS"}
