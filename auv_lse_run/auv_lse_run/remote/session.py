@@ -78,7 +78,7 @@ class Stream:
 
     def __init__(self, read: int, write: int) -> None:
         """Takes open descriptors."""
-        self._read, self._write, self._left = read, write, b""
+        self._read, self._write, self._left = read, write, bytearray()
 
     def line(self, wait_s: float) -> bytes:
         """The next line; b"" if none comes in time, or the other side has closed.
@@ -86,20 +86,18 @@ class Stream:
         Raises:
             WireError: if it is too long.
         """
-        while b"\n" not in self._left:
+        while (end := self._left.find(b"\n")) < 0:
             if len(self._left) > MAX_LINE:
                 raise WireError("the other side sent a line without an end")
             if not self._more(wait_s):
                 return b""
-        line, _, self._left = self._left.partition(b"\n")
-        return line
+        return self._taken(end + 1)[:-1]
 
     def block(self, size: int, wait_s: float) -> bytes:
         """The next `size` bytes; fewer if no more come in time."""
         while len(self._left) < size and self._more(wait_s):
             pass
-        found, self._left = self._left[:size], self._left[size:]
-        return found
+        return self._taken(size)
 
     def send(self, data: bytes) -> None:
         """Writes all bytes.
@@ -110,6 +108,11 @@ class Stream:
         view = memoryview(data)
         while view:
             view = view[os.write(self._write, view) :]
+
+    def _taken(self, size: int) -> bytes:
+        found = bytes(self._left[:size])
+        del self._left[:size]
+        return found
 
     def _more(self, wait_s: float) -> bool:
         if not select.select([self._read], [], [], wait_s)[0]:

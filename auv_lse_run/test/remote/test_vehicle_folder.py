@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
 
 from auv_lse_run.remote import facts
-from auv_lse_run.remote.session import Session
+from auv_lse_run.remote.session import Session, Stream
 from auv_lse_run.remote.vehicle_folder import FolderError, VehicleFolder
 from auv_lse_run.remote.wire import WireError, decoded
 
@@ -78,3 +79,14 @@ def test_findings_are_the_lines_of_a_check_that_matter() -> None:
     text = "mission.yaml\n  error    depth: too deep\n  warning  slots\nMISSING heartbeat\nok      GPS\n1 missing\n"
     found = [(finding["level"], finding["text"]) for finding in facts.findings_in("modem", text)]
     assert found == [("error", "depth: too deep"), ("warning", "slots"), ("error", "heartbeat")]
+
+
+def test_lines_and_bytes_follow_each_other_until_the_other_side_closes() -> None:
+    read, write = os.pipe()
+    stream = Stream(read, write)
+    stream.send(b'{"a":1}\n12345rest\n')
+    assert (stream.line(1.0), stream.block(5, 1.0), stream.line(1.0)) == (b'{"a":1}', b"12345", b"rest")
+    assert stream.line(0.01) == b"", "nothing comes"
+    os.close(write)
+    assert stream.block(5, 1.0) == b"", "the other side has closed"
+    os.close(read)
