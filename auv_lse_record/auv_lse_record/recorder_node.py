@@ -72,6 +72,7 @@ class RecorderNode(BaseNode):
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._written_ns = 0  # stamp of the last message
+        self._ends = False
         self._held: list[Callable[[], None]] = []  # messages whose senders have not introduced themselves yet
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
         self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
@@ -143,10 +144,11 @@ class RecorderNode(BaseNode):
 
         def write(data: bytes, participant: bytes | None = None, stamp_ns: int | None = None) -> None:
             stamp_ns = clock.now().nanoseconds if stamp_ns is None else stamp_ns
-            if with_dive and (sender := self._sender_of(found, data, participant)) is None:
+            sender = self._sender_of(found, data, participant) if with_dive else ""
+            if sender is None and not self._ends:
                 self._held.append(partial(write, data, participant, stamp_ns))
                 return
-            if with_dive and self._is_strangers(found, sender):
+            if with_dive and self._is_strangers(found, sender or ""):
                 return
             if found is not None and found.topic.name == "dive":
                 self.senders.introduce(deserialize_message(data, Dive), participant or b"")
@@ -229,6 +231,7 @@ class RecorderNode(BaseNode):
 
     def destroy_node(self) -> None:
         """Records the last maps, closes the recording, then ends the node."""
+        self._ends = True  # who has not introduced itself yet is a user's driver
         self._write_held()
         for topic, data in self._ration.rest():
             self._bag.write(topic, self._written_ns, data)

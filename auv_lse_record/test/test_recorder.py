@@ -21,7 +21,7 @@ from verb_main import verb_main
 
 from auv_lse_record.bag_writer import BagWriter, RecorderError, message_texts, message_types, unused_folder
 from auv_lse_record.guard import GuardedWriter
-from auv_lse_record.message_types import frame_of
+from auv_lse_record.message_types import dive_in, frame_of
 from auv_lse_record.recording import Recording, RecordingError, recording_in
 from auv_lse_record.recover import recover
 from auv_lse_record.salvage import whole_pieces
@@ -86,9 +86,9 @@ def test_definitions_are_complete_and_keep_their_comments(tmp_path: Path, types:
         stamp=types.types["builtin_interfaces/msg/Time"](sec=3, nanosec=4), frame_id="map"
     )
     raw = {"raw_north_m": 1.5, "raw_east_m": 2.5}
-    message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0, **raw)
+    message = kind(header=header, dive="auv1-1", north_m=1.0, east_m=2.0, depth_m=3.0, **raw)
     data = bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding"))
-    assert frame_of(data) == "map"
+    assert (frame_of(data), dive_in(data)) == ("map", "auv1-1")
     assert frame_of(bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding", little_endian=False))) == "map"
     assert frame_of(data[:12]) == ""
     bag.write("/auv1/sounding", 1, data)
