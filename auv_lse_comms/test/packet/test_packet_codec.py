@@ -573,7 +573,7 @@ def test_a_damaged_tour_has_its_reason() -> None:
 
 
 def load_fuzz() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("comms_fuzz", ROOT / "benchmarks" / "comms_fuzz.py")
+    spec = importlib.util.spec_from_file_location("comms_fuzz", ROOT / "benchmarks" / "faults" / "comms_fuzz.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

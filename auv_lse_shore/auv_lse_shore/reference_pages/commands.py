@@ -20,10 +20,13 @@ def commands() -> str:
     parts = []
     for group, heading in GROUPS.items():
         parts.append(f"## {heading}")
+        last = ""  # exit codes; those of several verbs in a row stand once, above them
         for verb in verbs:
             if verb.group == group:
                 parts.append(f"### auv_lse {verb.name}\n{verb.text[0].upper()}{verb.text[1:]}.")
-                parts.append(_described(parser_of(verb)))
+                usage, codes = _described(parser_of(verb))
+                parts += [usage, *([] if codes in ("", last) else [codes])]
+                last = codes
     parts.append("## Scripts of a checkout")
     for script in sorted((project_folder() / "scripts").iterdir()):
         if script.suffix == "":
@@ -49,15 +52,16 @@ def _one_line(text: str | None) -> str:
     return " ".join((text or "").split())
 
 
-def _described(parser: argparse.ArgumentParser) -> str:
-    """The usage in a code block, and the exit codes."""
+def _described(parser: argparse.ArgumentParser) -> tuple[str, str]:
+    """The usage in a code block, and the exit codes, without those that every command has."""
     text = f"{_one_line(parser.description)} {_one_line(parser.epilog)}"
     codes = re.search(r"Exit codes: .*?\.(?= [A-Z]|$)", text)
     usage = textwrap.wrap(
         f"{parser.prog} {_usage(parser)}", 110, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False
     )
     block = "\n".join(f"    {line}" for line in usage).replace("\0", " ")
-    return f"{block}\n\n{wrapped(codes[0]) if codes else ''}".rstrip()
+    own = re.sub(r"; 2 wrong command line(?=[;.])|; 130 Ctrl-C(?=\.$)", "", codes[0]) if codes else ""
+    return block, wrapped(own)
 
 
 def _usage(parser: argparse.ArgumentParser) -> str:

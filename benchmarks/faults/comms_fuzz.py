@@ -1,6 +1,6 @@
 """Fuzzing of the packet's decoder: from a million damaged inputs only `PacketError` may escape.
 
-    python benchmarks/comms_fuzz.py [inputs] [seed]
+    python -m benchmarks.faults.comms_fuzz [inputs] [seed]
 
 Three requirements are checked with every input: nothing but `PacketError` escapes, its reason is one of
 `REASONS`, and what does decode encodes to the very same bytes and lies within the limits. Where the damage determines
@@ -247,7 +247,7 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the reasons for each kind of damage."""
-    parser = parser_of("benchmarks.comms_fuzz", __doc__)
+    parser = parser_of("benchmarks.faults.comms_fuzz", __doc__)
     parser.add_argument("inputs", type=int, nargs="?", default=1_000_000, metavar="N", help="(default: a million)")
     parser.add_argument("seed", type=int, nargs="?", default=0, metavar="SEED", help="(default: 0)")
     options = parser.parse_args(arguments)
