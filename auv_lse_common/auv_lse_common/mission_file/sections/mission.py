@@ -61,8 +61,8 @@ class MissionConfig:
     goal: str = parameter(
         "chart",
         choices=tuple(METHOD_OF_GOAL),
-        help="what is wanted: 'chart', every location on the right side of the level, or 'line', as much of the "
-        "isobath located as the legs allow; sets planner.method unless that is given",
+        help="'chart': classify every location; 'line': locate as much of the isobath as the legs allow; sets "
+        "planner.method",
     )
     steps: int = parameter(100, low=1, high=65535, help="legs of each vehicle (paper: l)")
     seed: int = parameter(1, low=0, help="seed of every random stream of the mission")

@@ -48,8 +48,7 @@ class PlannerConfig:
     method: str = parameter(
         "tour",
         choices=tuple(METHODS),
-        help="planning method; sets every planner parameter that is left out (docs/design/planner.md); with "
-        "mission.goal line the default is line",
+        help="planning method; sets every planner parameter that is left out (docs/design/planner.md)",
     )
     credit: FromMethod[str] = from_method(
         "whole",
@@ -81,8 +80,7 @@ class PlannerConfig:
     proposals: FromMethod[str] = from_method(
         "path",
         choices=tuple(FAMILIES),
-        help="source of new plans: an optimized tour, a tree search, a naive path, or a next leg, random or with the "
-        "best score",
+        help="source of new plans",
     )
     anytime_weight: float = parameter(
         1.0, low=0.0, help="method tour: additional weight of an early drop of the map's risk over a late one"
