@@ -53,8 +53,8 @@ class PlannerConfig:
     credit: FromMethod[str] = from_method(
         "whole",
         choices=("whole", "beyond"),
-        help="benefit counted at positions on this vehicle's path: 'whole' counts all of it (the paper), 'beyond' only "
-        "what team mates' plans do not already collect",
+        help="benefit counted on this vehicle's path: 'whole' (the paper), or only 'beyond' what team mates' plans "
+        "collect",
     )
     horizon: FromMethod[int] = from_method(3, low=1, high=200, help="planned legs (paper: m)")
     iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations for each decision")
@@ -64,15 +64,11 @@ class PlannerConfig:
     naive_paths: FromMethod[tuple[int, ...]] = from_method(
         LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (docs/reference/packet.md)"
     )
-    incumbent: FromMethod[bool] = from_method(
-        True, help="keep the last plan unless the new one has a higher value on the same data"
-    )
+    incumbent: FromMethod[bool] = from_method(True, help="keep the last plan unless the new one has a higher value")
     exploration: FromMethod[float] = from_method(
         0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
     )
-    samples_per_leg: int = parameter(
-        1, low=1, high=20, help="measurement locations along each leg at which the reward is computed"
-    )
+    samples_per_leg: int = parameter(1, low=1, high=20, help="locations along each leg at which the reward is computed")
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
     map_spacing_m: float = parameter(
         20.0, unit="m", above=0.0, help="spacing of the positions over which the risk is summed"
@@ -82,13 +78,11 @@ class PlannerConfig:
         choices=tuple(FAMILIES),
         help="source of new plans",
     )
-    anytime_weight: float = parameter(
-        1.0, low=0.0, help="method tour: additional weight of an early drop of the map's risk over a late one"
-    )
+    anytime_weight: float = parameter(1.0, low=0.0, help="method tour: additional weight of an early drop of risk")
     own_share: float = parameter(
         1.0,
         low=0.0,
-        help="method tour: weight of the benefit at the next legs' positions, relative to the drop of the map's risk",
+        help="method tour: weight of the benefit at the next legs' positions",
     )
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
@@ -97,8 +91,7 @@ class PlannerConfig:
         2.0,
         unit="s",
         low=0.0,
-        help="wall-clock limit for a decision, which then returns the best plan so far; 2.5 times as "
-        "long for the first; 0: none; ignored in lockstep",
+        help="wall-clock limit for a decision; 2.5 times as long for the first; 0: none; ignored in lockstep",
     )
     replan_lead_s: float = parameter(
         4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
