@@ -31,6 +31,7 @@ KINDS = {
     "water": "packets lost, doubled, late, damaged; a clock off; with --out a picture",
     "flood": "10,000 datagrams a second on the port of the MAVLink link",
     "mixing": "missions that share a ROS domain, in pairs",
+    "files": "damaged area files, bathymetry and logs: errors in a sentence, soon, in bounded memory",
     "sensors": "depth, pressure, altitudes and stamps that are wrong, frozen or missing",
     "field": "a field day over SSH: orders over a link that is cut, ten faults that must be named, and a fetch",
     "forgery": "an attacker with a modem and no key; clocks that are corrected",

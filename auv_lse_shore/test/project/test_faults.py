@@ -18,7 +18,7 @@ from auv_lse_comms.packet.fields import PACKET_BYTES
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
 from benchmarks.faults import __main__ as faults
-from benchmarks.faults import day
+from benchmarks.faults import day, files
 from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
 from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_positions
 from benchmarks.faults.nodes import memory_mb
@@ -388,3 +388,18 @@ def test_an_ended_vehicle_leaves_no_state_in_memory(tmp_path, monkeypatch, end):
     assert len(list(memory.iterdir())) == 1
     end(vehicle)
     assert not list(memory.iterdir())
+
+
+def test_damaged_files_are_read_apart_and_what_breaks_a_reader_is_reported(tmp_path, monkeypatch):
+    options = SimpleNamespace(originals=[], files=4, seed=1)
+    report = files.run(options, tmp_path / "whole", lambda line: None)
+    assert (report.tried, report.survived, report.lost) == (4, 4, [])
+
+    def broken(path):
+        raise KeyError("depth")
+
+    monkeypatch.setattr(files, "_readers", lambda: [(broken, (ValueError,))])
+    report = files.run(options, tmp_path / "broken", lambda line: None)
+    assert report.survived == 0
+    assert "KeyError: 'depth'" in report.lost[0]
+    assert (tmp_path / "broken" / "damaged-0.geojson").is_file()

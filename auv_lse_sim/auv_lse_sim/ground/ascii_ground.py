@@ -31,17 +31,17 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             if not fields:
                 continue
             if fields[0][0].isalpha() and fields[0].lower() != "nan" and not rows:
-                _read_header_line(fields, header, f"{path}:{number}: {line.strip()!r}")
+                _read_header_line(fields, header, f"{path}:{number}: {line.strip()[:80]!r}")
                 check_nodes(str(path), int(header.get("nrows", 1)), int(header.get("ncols", 1)))
                 continue
             try:
                 row = [float(f.replace(",", ".")) for f in fields]
             except ValueError:
                 bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
-                raise GroundError(f"{path}:{number}: {bad!r}; expected a number") from None
+                raise GroundError(f"{path}:{number}: {bad[:40]!r} is no number.") from None
             columns = int(header.get("ncols", 0))
             if columns and len(row) != columns:
-                raise GroundError(f"{path}:{number}: {len(row)} values; expected ncols = {columns}")
+                raise GroundError(f"{path}:{number}: the row has {len(row)} values, and ncols is {columns}.")
             values.extend(row)
             rows += 1
     corner = "xllcorner" in header
@@ -55,7 +55,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             raise GroundError(f"{path}: its header has {given or 'nothing'}, but no {missing}. Add it")
     columns, expected = int(header["ncols"]), int(header["nrows"])
     if rows != expected:
-        raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}")
+        raise GroundError(f"{path}: it has {rows} rows of values, and nrows is {expected}.")
     grid = np.array(values).reshape(rows, columns)[::-1]  # rows run from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     dx, dy = header["dx"], header["dy"]
@@ -79,11 +79,11 @@ def _read_header_line(fields: list[str], header: dict[str, float], where: str) -
     try:
         header[key] = float(fields[1].replace(",", "."))
     except (IndexError, ValueError):
-        raise GroundError(f"{where}; expected a header line 'name number'") from None
+        raise GroundError(f"{where} is no line of a header. Write a name and a number") from None
     if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):
-        raise GroundError(f"{where}; expected a whole number of at least 2")
+        raise GroundError(f"{where}: write a whole number of at least 2")
     if not (math.isfinite(header[key]) or key == "nodata_value"):
-        raise GroundError(f"{where}; expected a finite number")
+        raise GroundError(f"{where}: write a finite number")
 
 
 def _is_number(text: str) -> bool:
