@@ -18,7 +18,20 @@ from rich.table import Table
 from benchmarks.planning.planners.options import add_options
 from benchmarks.rows import KEYS, Row
 
-GROUPS = ("mission", "phases", "vehicle", "fleet", "executor", "gp", "positions", "planner", "comms", "day", "altitude")
+GROUPS = (
+    "mission",
+    "phases",
+    "vehicle",
+    "fleet",
+    "executor",
+    "gp",
+    "positions",
+    "planner",
+    "comms",
+    "day",
+    "altitude",
+    "battery",
+)
 #: Flies planners over grounds and writes a page; it is no group, because it takes hours.
 PLANNERS = "planners"
 #: Modules of groups that are not named after them.
@@ -27,6 +40,7 @@ MODULES = {
     "phases": "mission",
     "day": "planning.day",
     "altitude": "navigation.altitude",
+    "battery": "planning.battery",
 }
 
 

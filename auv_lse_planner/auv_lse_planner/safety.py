@@ -11,6 +11,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_depth
+from auv_lse_common.safety.battery_use import BatteryUse
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.health import Health, Level
@@ -24,6 +25,8 @@ class Safety:
     run: MissionRun
     watch: SafetyWatch
     config: SafetyConfig
+    at_end: Stop
+    battery: BatteryUse
     _rebooted: bool = False  # and it is not known yet where the vehicle is
     _wet_steps: int = 0  # steps under water less those at the surface, since the first known depth
     _since_s: float = math.nan  # since when the mission is in doubt with a known depth
@@ -63,11 +66,14 @@ class Safety:
             run=MissionRun(at_once, on_abort, own.stop_at_end),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot, own.depth_m > 0.0),
             config=safety,
+            at_end=own.stop_at_end,
+            battery=BatteryUse(safety.min_battery),
         )
 
     def step(self, now_s: float) -> None:
         """Checks every limit, and what to do after a reboot or while waiting for a GO that cannot arrive."""
         self.watch.step(now_s, self.run)
+        self._watch_battery()
         under_water = self.watch.under_water
         if under_water is None or not (self._rebooted or self.run.waits_for_go):
             self._wet_steps, self._since_s = 0, math.nan
@@ -84,6 +90,28 @@ class Safety:
         if wet and self.run.waits_for_go:
             reason = "waits for GO under water, where none arrives"
             self.run.trip("waiting", Stop(action=Action.SURFACE), reason)
+
+    def _watch_battery(self) -> None:
+        """Learns how far the battery lasts; ends the mission while it suffices for the way to the recovery position."""
+        way = self.watch.way
+        if way is None or self.config.min_battery <= 0.0 or self.run.status.state is not RunState.RUNNING:
+            return
+        way_m, charge, north_m, east_m = way
+        self.battery.take(charge, way_m)
+        if self.at_end.action is not Action.GO_TO:
+            return
+        home_m = math.dist((north_m, east_m), self.at_end.position_m)
+        if self.battery.must_turn(home_m):
+            self.run.end_early(
+                f"the battery ({charge:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
+            )
+
+    @property
+    def battery_left_m(self) -> float:
+        """Way (m) that the battery lasts before the way to the recovery position; NaN while unknown."""
+        way = self.watch.way
+        goes_home = self.at_end.action is Action.GO_TO and way is not None
+        return self.battery.left_m(math.dist(way[2:], self.at_end.position_m) if goes_home and way else 0.0)
 
     def snapshot(self) -> dict[str, Any]:
         """The mission's and the watch's state, for a state file."""
@@ -135,4 +163,7 @@ class Safety:
         level = max(bad, Level.WARN if self.watch.warnings else Level.OK)
         text = "; ".join(self.problems().values()) or status.reason or "ok"
         action = Action.TRAVEL if status.stop is None else status.stop.action
-        return Health(level=level, text=text, values={"state": status.state.name, "action": action.name})
+        values = {"state": status.state.name, "action": action.name}
+        if self.battery.is_known:
+            values["battery lasts m"] = f"{self.battery_left_m:.0f}"
+        return Health(level=level, text=text, values=values)

@@ -45,6 +45,8 @@ MOST_READINGS = 1000
 CLIMB_S = 12.0
 #: Distance (m) from the first position after which the vehicle has moved; before, its estimate may stand still.
 MOVED_M = 1.0
+#: Positions that are farther apart than this (m) are a jump of the estimate, no way.
+LONGEST_MOVE_M = 10.0
 #: A vehicle is at the surface, or on deck, up to this depth (m).
 AFLOAT_M = 2.0
 #: Below this speed (m/s) a vehicle may stand still.
@@ -133,6 +135,7 @@ class SafetyWatch:
         self._new_positions: deque[tuple[float, float, float]] = deque(maxlen=MOST_READINGS)  # since the last step
         self._first: tuple[float, float, float] | None = None  # first heading (rad), north, east (m)
         self._has_moved = False
+        self._way_m = 0.0
         self._altitude_m = math.nan
         self._altitude_s = math.nan  # time of the last one; NaN before the first
         self._new_altitudes: deque[float] = deque(maxlen=MOST_READINGS)  # since the last step (m)
@@ -167,6 +170,8 @@ class SafetyWatch:
         still = self._position is not None and self._position[:2] == (north_m, east_m)
         if self._has_moved and still and abs(speed_mps) > STANDING_MPS:
             return
+        moved_m = 0.0 if self._position is None else math.dist(self._position[:2], (north_m, east_m))
+        self._way_m += moved_m if moved_m < LONGEST_MOVE_M else 0.0
         self._position = (north_m, east_m, depth_m)
         self._new_positions.append(self._position)
         self._stamp_s = max(self._stamp_s, stamp_s)
@@ -192,6 +197,14 @@ class SafetyWatch:
             self._link_s = report.stamp_s
         self._autopilot = report
         self._link_known = self._link_known or report.heard
+
+    @property
+    def way(self) -> tuple[float, float, float, float] | None:
+        """Way travelled (m), charge (NaN unknown), and the last north and east (m); None without a position."""
+        if self._position is None:
+            return None
+        charge = math.nan if self._autopilot is None else self._autopilot.battery
+        return self._way_m, charge, *self._position[:2]
 
     @property
     def autopilot_known(self) -> bool:

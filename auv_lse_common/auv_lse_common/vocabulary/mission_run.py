@@ -226,6 +226,11 @@ class MissionRun:
             self._apply(command, reason, keep_surface=True)
         self.limits[limit] = reason
 
+    def end_early(self, reason: str) -> None:
+        """Ends a running mission before its last leg: the vehicle does what it does at the end."""
+        if self._state is RunState.RUNNING and not self._paused:
+            self._apply(Command.END, reason)
+
     def snapshot(self) -> dict[str, Any]:
         """The state for a journal, without the autopilot's readiness."""
         stop = None if self._stop is None else [int(self._stop.action), *self._stop.position_m]
