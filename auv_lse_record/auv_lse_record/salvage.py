@@ -50,11 +50,15 @@ def whole_pieces(data: bytes) -> Iterator[Piece]:
     at = len(MAGIC)
     while at < len(data):
         piece = _piece(data, at)
-        if piece is None:
-            at = _next_chunk(data, _after_damaged(data, at))
+        end = _after_damaged(data, at) if piece is None else piece.end
+        # The length of a record without a checksum may be damaged: it must not reach over whole chunks.
+        if (piece is None or data[at] != _CHUNK) and (inside := _whole_chunk(data, at + 1, end)) is not None:
+            at = inside
+        elif piece is None:
+            at = _next_chunk(data, end)
         else:
             yield piece
-            at = piece.end
+            at = end
 
 
 def _piece(data: bytes, at: int) -> Piece | None:
@@ -119,7 +123,9 @@ def _chunk_records(content: bytes) -> list[Any] | None:
     try:
         stream = ReadDataStream(BytesIO(content))
         chunk = Chunk.read(stream)
-        if stream.count != len(content) or chunk.uncompressed_size > _largest(chunk.compression, len(content)):
+        at = _BEFORE_NAME + 4 + len(chunk.compression)
+        size = int.from_bytes(content[at : at + 8], "little")  # the reader takes less, if there is less
+        if at + 8 + size != len(content) or chunk.uncompressed_size > _largest(chunk.compression, len(content)):
             return None
         inner, size = get_chunk_data_stream(chunk, validate_crc=True)
         if size != chunk.uncompressed_size:
@@ -153,6 +159,13 @@ def _next_chunk(data: bytes, at: int) -> int:
                 return int(place)
         at += len(window)
     return len(data)
+
+
+def _whole_chunk(data: bytes, at: int, end: int) -> int | None:
+    """Where the first whole chunk begins in a part of the file; None without one."""
+    places = np.flatnonzero(np.frombuffer(data[at:end], np.uint8) == _CHUNK) + at
+    found = (int(p) for p in places if _looks_like_chunk(data, int(p)) and _piece(data, int(p)) is not None)
+    return next(found, None)
 
 
 def _looks_like_chunk(data: bytes, at: int) -> bool:
