@@ -202,7 +202,9 @@ def _found(e: Evaluation) -> str:
         true = "" if s.isobath_true_m is None else f" The true isobath is {_m(s.isobath_true_m)} long."
         if s.isobath_true_m == 0.0:
             true = " The true ground has none either."
-        limit = f" With 95 % probability, at most {_m(s.isobath_undiscovered_limit_m)} of it is missing."
+        limit = ""
+        if is_length(s.isobath_undiscovered_limit_m):
+            limit = f" With 95 % probability, at most {_m(s.isobath_undiscovered_limit_m)} of it is missing."
         return f"The map shows no {_level(e)} isobath.{limit}{true}"
     some = is_length(s.isobath_found_m)
     text = f"{_team(s)} found {_m(s.isobath_found_m) if some else 'none'} of the {_level(e)} isobath."
