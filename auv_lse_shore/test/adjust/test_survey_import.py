@@ -19,6 +19,7 @@ from auv_lse_shore.export.export import export
 from auv_lse_shore.judge.team_map import team_map
 
 adjust_main = verb_main("adjust")
+export_main = verb_main("export")
 fit = verb_main("fit")
 main = verb_main("import")
 
@@ -384,3 +385,24 @@ def test_the_help_names_the_exit_codes(capsys):
     assert "Exit codes: 0 success; 2" in " ".join(capsys.readouterr().out.split())
     for arguments in (["x", "--from", "9", "--to", "3"], ["x", "--origin", "95", "0"], ["x", "--density", "0"]):
         assert main(arguments) == 2
+
+
+def test_times_stay_utc_to_a_tide_table_and_own_crowdsourced_bathymetry_comes_back_equal(tmp_path):
+    rows = survey()[:60]
+    path, run, back = written(tmp_path, "a.nmea", rows), tmp_path / "run", tmp_path / "back"
+    assert main([str(path), "--out", str(run), *DRAUGHT]) == 0
+    first, last = (f"{np.datetime64(round(rows[i, 0]), 's')}Z" for i in (0, -1))
+    (tmp_path / "tide.csv").write_text(f"time_utc,level_m\n{first},1.0\n{last},3.0\n")
+    tide = ["--water-level", str(tmp_path / "tide.csv"), "--datum", "LN02"]
+    assert export_main([str(run), *tide, "--provider", "Lake Lab", "a@b.ch"]) == 0
+    assert main([str(run / "export/soundings_b12_auv1.geojson"), "--out", str(back)]) == 0
+    before, after = (read_run(folder).vehicles[0].soundings for folder in (run, back))
+    assert len(before) > 50
+    reduced = before.depth_m - np.interp(before.stamp_s, rows[[0, -1], 0], (1.0, 3.0))
+    np.testing.assert_allclose(after.stamp_s, before.stamp_s, atol=2e-3)
+    np.testing.assert_allclose(after.depth_m, reduced, atol=6e-3)
+    features = json.loads((run / "export/soundings_b12_auv1.geojson").read_text())["features"]
+    lon, lat = np.array([feature["geometry"]["coordinates"][:2] for feature in features]).T
+    origin = read_run(back).origin
+    np.testing.assert_allclose(np.column_stack([after.north_m, after.east_m]),
+                               np.column_stack(local_from_geodetic(lat, lon, *origin)), atol=0.02)  # fmt: skip
