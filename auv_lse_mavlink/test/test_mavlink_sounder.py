@@ -7,8 +7,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_mavlink.messages.conversion import altitude_m
 from auv_lse_mavlink.sounder import Sounder
 
 EPOCH_S = 1.7e9
@@ -139,3 +141,11 @@ def test_a_frozen_altimeter_gives_no_soundings_though_the_vehicle_wobbles() -> N
         soundings += len(sounder.odometry(stamp_s, north_m, 0.0, 3.0 + 0.01 * (second % 5)))
     assert soundings == 31, "20, and those before it counts as frozen"
     assert sounder.counts["pings_frozen"] == 28
+
+
+@pytest.mark.parametrize(("quality", "is_used"), [(0, True), (1, False), (24, False), (25, True), (100, True)])
+def test_echoes_of_low_quality_are_left_out(quality, is_used):
+    covariance, down = 255, 25
+    echo = mavlink.MAVLink_distance_sensor_message(5000, 30, 5000, 700, 1, 0, down, covariance, signal_quality=quality)
+    altitude = altitude_m(echo)
+    assert altitude == pytest.approx(7.0) if is_used else math.isnan(altitude)
