@@ -44,7 +44,7 @@ class Rosbag2Writer:
         self._rosbag2 = rosbag2_py
         self.count = 0
         if folder.exists():
-            raise RecorderError(f"record.folder: got {str(folder)!r}, which exists; expected a new folder")
+            raise RecorderError(f"record.folder: {str(folder)!r} exists. Name a new folder.")
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as settings:
             settings.write(_STORAGE)
             settings.flush()

@@ -88,8 +88,8 @@ def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
         if (folder / "mission.yaml").is_file():
             return read_parameter_file(folder / "mission.yaml")
     raise RecordingError(
-        f"{path}: got no mission file (topic {MISSION_FILE}), and no mission.yaml beside it; expected the mission's "
-        f"file: --mission FILE"
+        f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Name the "
+        "mission's file with --mission FILE."
     )
 
 
@@ -116,7 +116,7 @@ def read_bag(
             logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
             last_s = max(last_s, stamp_s)
     if not logs:
-        raise RecordingError(f"{bag}: got no topic /auvN/...; expected the recording of a mission")
+        raise RecordingError(f"{bag} has no topic /auvN/...: it is not the recording of a mission.")
     sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
     received = [
         PacketReceived.of(packet, number)

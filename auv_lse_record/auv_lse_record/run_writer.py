@@ -59,10 +59,10 @@ def write_run(run: RunData, folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / "bag").exists():
-        raise RecordingError(f"{folder / 'bag'}: exists; expected a folder without a recording")
+        raise RecordingError(f"{folder / 'bag'} exists. Choose a folder without a recording.")
     if message_folder() is None:
         raise RecordingError(
-            "auv_lse_msgs: got no .msg files; expected them in the source tree or a sourced ROS workspace"
+            "The .msg files of auv_lse_msgs are missing. Source the ROS workspace, or run from a checkout."
         )
     write_mission_file(folder / "mission.yaml", run.parameters)
     store = project_types()

@@ -90,7 +90,7 @@ def test_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
 
 def test_rosbag2_errors_are_named(tmp_path: Path, calls: Calls) -> None:
     (tmp_path / "bag").mkdir()
-    with pytest.raises(RecorderError, match=r"bag'?, which exists; expected a new folder"):
+    with pytest.raises(RecorderError, match=r"bag'? exists. Name a new folder"):
         Rosbag2Writer(tmp_path / "bag", {})
     with pytest.raises(RecorderError, match="cannot start a recording there: no space"):
         Rosbag2Writer(tmp_path / "forbidden", {})

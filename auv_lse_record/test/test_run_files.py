@@ -214,7 +214,7 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     run = synthetic_run(steps=3)
     write_run(run, tmp_path / "run")
     other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
-    with pytest.raises(RecordingError, match=r"got no mission file .* --mission FILE"):
+    with pytest.raises(RecordingError, match=r"has no mission file .* --mission FILE"):
         read_run(tmp_path / "other")
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
@@ -227,7 +227,7 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
 def test_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     write_run(run, tmp_path)
-    with pytest.raises(RecordingError, match=r"bag: exists"):
+    with pytest.raises(RecordingError, match=r"bag exists"):
         write_run(run, tmp_path)
 
 
@@ -248,7 +248,7 @@ def test_recording_without_a_mission_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     run.vehicles, run.sent, run.received = [], [], []
     write_run(run, tmp_path)
-    with pytest.raises(RecordingError, match="got no topic"):
+    with pytest.raises(RecordingError, match="has no topic"):
         read_bag(tmp_path / "bag", run.parameters)
 
 
