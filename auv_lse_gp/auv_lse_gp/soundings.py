@@ -353,7 +353,7 @@ def _number(text: str, key: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise SoundingsError(f"{where} is {text!r}; expected a finite number")
+        raise SoundingsError(f"{where} is {text[:40]!r}. Write a finite number.")
     if (key == "lat" and abs(value) > 90.0) or (key == "lon" and abs(value) > 360.0):
         raise SoundingsError(f"{where} is {value:g}; expected degrees")
     return value
@@ -366,7 +366,7 @@ def _uncertainty(text: str, where: str) -> float:
     except ValueError:
         value = -1.0
     if value < 0.0 or math.isinf(value):
-        raise SoundingsError(f"{where} is {text!r}; expected a number of at least 0, or nothing")
+        raise SoundingsError(f"{where} is {text[:40]!r}. Write a number of at least 0, or nothing.")
     return value
 
 

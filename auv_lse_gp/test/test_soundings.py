@@ -68,9 +68,9 @@ def test_grid_survey(tmp_path):
     ("text", "message"),
     [
         ("north_m,east_m\n1,2\n", r":1: columns are north_m, east_m; expected east_m,north_m,depth_m"),
-        ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'; expected a finite number"),
+        ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'. Write a finite number"),
         ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2'; expected 3"),
-        ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'; expected a finite number"),
+        ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'. Write a finite number"),
         ("north_m,east_m,depth_m\n", "1 lines; expected a header"),
         ("", "0 lines; expected a header"),
     ],
@@ -137,5 +137,5 @@ def test_uncertainties_may_be_empty_but_not_wrong(tmp_path):
     assert found.tvu_m == pytest.approx([0.6, np.nan], nan_ok=True)
     for wrong in ("-1", "inf", "wide"):
         path.write_text(f"east_m,north_m,depth_m,tvu_m\n0,0,5,{wrong}\n9,0,5,0.6\n")
-        with pytest.raises(SoundingsError, match=r"soundings.csv:2: tvu_m is .*; expected a number of at least 0"):
+        with pytest.raises(SoundingsError, match=r"soundings.csv:2: tvu_m is .*. Write a number of at least 0"):
             read_table(path)

@@ -24,8 +24,8 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
             r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m \(or easting, northing\) or lat,lon,depth_m",
         ),
         ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20'; expected 3"),
-        ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'; expected a finite number"),
-        ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'; expected a finite number"),
+        ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'. Write a finite number"),
+        ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'. Write a finite number"),
         ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m; expected metres, below 11000"),
         ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95; expected degrees"),
         (
