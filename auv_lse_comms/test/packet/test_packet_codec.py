@@ -21,8 +21,6 @@ from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.navigation import MAX_BYTES, Navigation
 
-ROOT = Path(__file__).resolve().parents[3]
-
 # 1 -> 3F800000, -2.5 -> C0200000, 100 -> 42C80000, 15 -> 41700000, 0.5 -> 3F000000, -0.25 -> BE800000,
 # 200 -> 43480000, 16.5 -> 41840000 (IEEE 754 single, by hand), all little-endian
 START = "2a00" + "0000003f" + "0000c842" + "000020c0"  # step 42, heading 0.5, north 100, east -2.5
@@ -573,11 +571,11 @@ def test_a_damaged_tour_has_its_reason() -> None:
 
 
 def load_fuzz() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("comms_fuzz", ROOT / "benchmarks" / "faults" / "comms_fuzz.py")
+    spec = importlib.util.spec_from_file_location("packet_fuzz", Path(__file__).with_name("packet_fuzz.py"))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["comms_fuzz"] = module
+    sys.modules["packet_fuzz"] = module
     spec.loader.exec_module(module)
     return module
 

@@ -77,8 +77,11 @@ class GpConfig:
     max_depth_m: float = parameter(1000.0, unit="m", help="A deeper sounding is refused as implausible.")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")
     publish_period_s: float = parameter(
-        30.0, above=0.0, unit="s", help="Node: time between diagnostics, and maps below 50,000 cells; "
-        "twice as long between maps that only the recorder reads."
+        30.0,
+        above=0.0,
+        unit="s",
+        help="Node: time between diagnostics, and maps below 50,000 cells; "
+        "twice as long between maps that only the recorder reads.",
     )
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
 """Fuzzing of the packet's decoder: from a million damaged inputs only `PacketError` may escape.
 
-    python -m benchmarks.faults.comms_fuzz [inputs] [seed]
+    python auv_lse_comms/test/packet/packet_fuzz.py [inputs] [seed]
 
 Three requirements are checked with every input: nothing but `PacketError` escapes, its reason is one of
 `REASONS`, and what does decode encodes to the very same bytes and lies within the limits. Where the damage determines
@@ -9,6 +9,7 @@ the reason, that reason is required.
 
 from __future__ import annotations
 
+import argparse
 import struct
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -31,7 +32,6 @@ from auv_lse_comms.packet.fields import (
     path_bytes,
     samples_start,
 )
-from benchmarks.command import end_with, parser_of
 
 LIMITS = Limits(
     steps=100,
@@ -247,7 +247,7 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the reasons for each kind of damage."""
-    parser = parser_of("benchmarks.faults.comms_fuzz", __doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("inputs", type=int, nargs="?", default=1_000_000, metavar="N", help="(default: a million)")
     parser.add_argument("seed", type=int, nargs="?", default=0, metavar="SEED", help="(default: 0)")
     options = parser.parse_args(arguments)
@@ -259,4 +259,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    end_with(main)
+    main()
