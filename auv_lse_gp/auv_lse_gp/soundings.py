@@ -414,7 +414,7 @@ def read_npz_grid(path: Path) -> NpzGrid:
             raise
         except _BROKEN_NPZ as error:
             raise SoundingsError(
-                f"{path}: got a file that is damaged or not npz ({error}); expected arrays east_m, north_m, depth_m"
+                f"{path} is damaged or not npz ({str(error)[:80]}). It needs the arrays east_m, north_m, depth_m."
             ) from error
     if arrays is None:
         raise SoundingsError(

@@ -36,7 +36,7 @@ def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
 def test_files_other_than_npz_are_named(tmp_path, data):
     path = tmp_path / "bad.npz"
     path.write_bytes(data)
-    with pytest.raises(ValueError, match=r"bad\.npz: got a file that is damaged or not npz.*expected arrays east_m"):
+    with pytest.raises(ValueError, match=r"bad\.npz is damaged or not npz.*needs the arrays east_m"):
         read_soundings(path)
 
 

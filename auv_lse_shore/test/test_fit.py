@@ -155,7 +155,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     ("arguments", "message"),
     [
         (["absent.csv"], "absent.csv"),
-        (["empty.npz"], "error: empty.npz: got a file that is damaged or not npz"),
+        (["empty.npz"], "error: empty.npz is damaged or not npz"),
         (["."], "holds no recording; expected a run folder"),
         (["few.csv"], "error: few.csv: soundings: got 3; expected at least 10"),
         (["x.csv", "--level", "nan"], "error: --level: got nan; expected a depth in metres"),

@@ -181,3 +181,13 @@ def test_rows_of_a_clock_that_stood_still_keep_their_own_positions(tmp_path):
     for log in found.placed:
         rows = log.soundings
         assert rows[:, 3] == pytest.approx(depth_m(rows[:, 1], rows[:, 2]) - 0.3, abs=0.02)
+
+
+def test_a_quote_over_two_lines_stays_one_cell(tmp_path):
+    found = gathered(tmp_path, 'lat,lon,depth\n46.5,6.6,"5.0\n46.50001,6.6,5.1"\n46.50002,6.6,5.2\n46.50003,6.6,5.3\n')
+    assert found.placed[0].soundings[:, 3].tolist() == [5.2, 5.3]
+
+
+def test_a_column_without_a_number_is_part_of_no_proposal(tmp_path):
+    with pytest.raises(LogError, match="Name them with --columns"):
+        gathered(tmp_path, "a,b,c\n2026-06-14,,1.0\nx,1e999,2.0\n" * 3)

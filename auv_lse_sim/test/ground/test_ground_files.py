@@ -39,7 +39,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
             "east_m,north_m,depth_m\n" + "".join(f"{i * 9e3},{i % 7 * 9e3},3\n" for i in range(60)),
             r"2 x 2 to 5000 x 5000",
         ),
-        ("a.npz", "no zip", r"a\.npz: got a file that is damaged or not npz"),
+        ("a.npz", "no zip", r"a\.npz is damaged or not npz"),
         ("a.pdf", "x", r"ending '\.pdf'; expected one of \.csv"),
         ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x' is no line of a header"),
         ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"but no cellsize, or dx and dy"),

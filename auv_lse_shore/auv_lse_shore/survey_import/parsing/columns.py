@@ -202,6 +202,8 @@ def _time_name(texts: Sequence[str], values: Array) -> str:
             return "date"
         return "datetime" if re.match(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ,]", text) else ""
     known = values[np.isfinite(values)]
+    if not len(known):
+        return ""
     low, high = float(known.min()), float(known.max())
     for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if low * factor >= 3e8 and high * factor <= 4.2e9:

@@ -57,7 +57,7 @@ def lines_of(text: str) -> Iterator[str]:
         if len(line) > _LONGEST:
             continue
         if line[0].isdigit() or ((bare := line.strip()) and not bare.startswith(_COMMENTS) and bare[:4] != "sep="):
-            yield line
+            yield line.rstrip("\n")  # a quoted field that goes on in the next line stays one cell
 
 
 def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:
