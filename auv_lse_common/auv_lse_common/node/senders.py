@@ -7,6 +7,7 @@ their ids. rclpy 7.1 leaves the writer's id out of what it returns with a messag
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 from typing import Any, NamedTuple
@@ -81,10 +82,13 @@ def take(subscription: Subscription) -> Taken | None:
 def take_with_sender(subscription: Subscription) -> Subscription:
     """Lets `StandingExecutor` call the subscription's callback with each message and its participant.
 
-    Only Fast DDS is known to name a participant; with another middleware the callback gets the message alone.
+    Only Fast DDS is known to name a participant; with another middleware, or where rcl cannot be called, the callback
+    gets the message alone.
     """
-    if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
-        subscription.take = functools.partial(take, subscription)
+    with contextlib.suppress(OSError, AttributeError):  # a ROS whose libraries are elsewhere, or differ
+        _rcl()
+        if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+            subscription.take = functools.partial(take, subscription)
     return subscription
 
 

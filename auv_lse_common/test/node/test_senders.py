@@ -48,6 +48,18 @@ def test_another_middleware_than_fast_dds_names_no_participant(monkeypatch):
     assert not hasattr(take_with_sender(SimpleNamespace()), "take"), "its ids of writers share no part"
 
 
+def test_where_rcl_cannot_be_called_messages_come_without_their_participant(monkeypatch):
+    def no_library(name):
+        raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setattr(module.ctypes, "CDLL", no_library)
+    module._rcl.cache_clear()
+    try:
+        assert not hasattr(take_with_sender(SimpleNamespace()), "take")
+    finally:
+        module._rcl.cache_clear()
+
+
 def test_two_participants_on_one_topic_are_told_apart():
     rclpy.init()
     contexts = [Context(), Context()]
