@@ -132,10 +132,16 @@ def _loaded_at_start() -> list[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
 
 
+def _block_interrupts() -> None:
+    """As scripts/auv_lse does; a shell may have started these tests with interrupts ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
 def test_ctrl_c_ends_a_verb_with_one_line(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "auv_lse_run", "fit", str(tmp_path)], stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}),
+        preexec_fn=_block_interrupts,
     )  # fmt: skip
     process.send_signal(signal.SIGINT)  # waits until the command can answer it
     _, err = process.communicate(timeout=60.0)

@@ -45,13 +45,13 @@ def test_every_mission_file_of_the_project_is_right(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("margin_m", "kind", "warns"), [(10.0, "mavlink", False), (5.0, "mavlink", True), (5.0, "direct", False)]
+    ("margin_m", "kind", "warns"), [(10.0, "mavlink", False), (3.0, "mavlink", True), (3.0, "direct", False)]
 )
 def test_a_margin_narrower_than_the_corners_that_an_ardusub_cuts_is_a_warning(
     tmp_path: Path, margin_m: float, kind: str, warns: bool
 ) -> None:
     path = write(tmp_path, area={"margin_m": margin_m}, link={"kind": kind})
-    texts = [text for text in found(path, "warning") if "strays up to 7.2 m" in text]
+    texts = [text for text in found(path, "warning") if "strays up to 4.0 m" in text]
     assert bool(texts) == warns, found(path, "warning")
 
 
@@ -342,7 +342,7 @@ def test_the_recordings_size_is_estimated_and_the_vehicles_disk_is_checked(
     path = tmp_path / "mission.yaml"
     path.write_text("/**:\n  ros__parameters:\n    record: {folder: bag}\n")
     monkeypatch.setattr("auv_lse_shore.check.machine.free_mb", lambda folder: 203.0)
-    assert ("note", "recording: about 7 MB on each vehicle, 21 MB of a simulated mission") in check(path).rows
+    assert ("note", "recording: about 4 MB on each vehicle, 12 MB of a simulated mission") in check(path).rows
     assert not any("record.folder" in text for _, text in check(path).rows), "another machine's disk"
     assert any(
         level == "error" and text.startswith("record.folder: got 3 MB of free space beyond")

@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.mission, pytest.mark.skipif(bool(lack
 MISSION = """\
 /**:
   ros__parameters:
-    mission: {vehicles: 1}
+    mission: {vehicles: 1, steps: 4}
     modem: {kind: direct}
     link: {kind: direct}
     vehicle: {start: on_call}
