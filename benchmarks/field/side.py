@@ -1,6 +1,6 @@
 """The vehicle's side with an actor that notes in a file what it executes, in place of a vehicle's nodes.
 
-Run as `python -m benchmarks.field.side`, with the arguments of auv_lse. Files in the vehicle's folder make its nodes
+The faults of a field day call this module with the arguments of auv_lse. Files in the vehicle's folder make its nodes
 report a state (`STATE`), and put its clock off (`CLOCK`).
 """
 

@@ -26,7 +26,7 @@ def test_grid_times_list_times_seeds(tmp_path):
     assert jobs[7].group == "vehicles 3, method plain, packet_loss 0.5"
     assert jobs[7].varied == {"mission.vehicles": 3, "planner.method": "plain", "sim.channel.packet_loss": 0.5}
     common = jobs[7].patterns["/**"]
-    assert common["mission"] == {"steps": 2, "seed": 5, "vehicles": 3}
+    assert common["mission"] == {"steps": 2, "seed": 5, "vehicles": 3, "goal": "chart"}
     assert common["planner"]["method"] == "plain"
     assert common["sim"]["channel"]["packet_loss"] == 0.5
     assert len({j.id for j in jobs}) == 16

@@ -78,7 +78,8 @@ class VehicleTopics:
     def publish_unread(self, output: VehicleOutput) -> None:
         """Publishes the topics that no node of the vehicle waits for."""
         if "navsat" in self._publishers:
-            self._publish("navsat", GeodeticPosition.of(output.odometry, self._sim.origin_deg))
+            estimate = odometry_of(output.odometry, output.pressure_depth_m)
+            self._publish("navsat", GeodeticPosition.of(estimate, self._sim.origin_deg))
         if self._vehicle not in self._sim.links.autopilots:
             pressure = Pressure(stamp_s=self._sim.now_s, pressure_pa=pressure_pa(output.pressure_depth_m))
             self._publish("pressure", pressure)
