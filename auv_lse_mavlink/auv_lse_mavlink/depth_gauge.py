@@ -10,7 +10,7 @@ surface, the zero.
 refused, with a reason, outside `SURFACE_PA`, if pressure is not steady, and if it is higher than the last zero by more
 than `HIGHEST_RISE_PA`: such a vehicle is under water. A vehicle that floats has its sensor under water: armed, or with
 `link.zero_afloat`, the pressure at `link.sensor_depth_m` is subtracted. Until there is a zero, depth counts from
-standard air pressure, which may be metres wrong, and `problem` says so.
+standard air pressure, which may be metres wrong; `problem` reports it.
 
 *Drift.* At the first GPS fix after a dive, the depth that the gauge shows is reported, and not corrected.
 
@@ -20,7 +20,7 @@ there, so that a gauge that is stuck cannot make a vehicle dive on and on. It fo
 own depth, faster than a vehicle or a gauge, which is one of its datum. Targets at the surface take the smaller of both
 shifts. When the autopilot reboots or gets another origin, its datum may change (`forget`).
 
-*No pressure* for `link.stale_after_s`: depth is the autopilot's own minus the last offset, and `problem` says so.
+*No pressure* for `link.stale_after_s`: depth is the autopilot's own minus the last offset, and `problem` reports it.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ class Senders:
         Args:
             frame: The frame in its header; in recordings of earlier versions it begins with the id.
             participant: The participant that has sent it; None: unknown, as with rclpy's own executor or another
-                middleware than Fast DDS, and taken for one of the own dive.
+                middleware than Fast DDS, and taken for one of this node's dive.
             now_s: A monotonic clock.
 
         Returns:

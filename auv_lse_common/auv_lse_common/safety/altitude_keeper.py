@@ -6,8 +6,8 @@ Theory of operation
 contradicts the ground so far by more than `JUMP_M` and a slope of one counts only if the next one agrees with it.
 
 A straight line is fitted over the last `WINDOW_M` of travel. Ground that rises along it is expected to go on rising for
-`REACH_M` ahead; ground that falls counts as flat. A sounder shows the ground `LAG_S` late: rising ground is expected to
-be higher by as much as it rises on that way, and of the depths within that time the smallest counts.
+`REACH_M` ahead; ground that falls counts as flat. A sounder shows the ground `LAG_S` late. So rising ground is
+expected to have risen further during that time, and the smallest depth within that time counts.
 
 The vehicle is kept `SPARE_M` higher than asked, because the onset of a slope is seen late. Without a ping for
 `SILENT_S` nothing is known about the ground, and the depth is not limited.

@@ -145,7 +145,7 @@ class LineRoutes:
 
 
 def route_along(start_m: Array, stretches: list[Array], length_m: float) -> Route:
-    """A route from a location (2,) along stretches (n, 2), no longer than it must be for `length_m`."""
+    """A greedy route from a location (2,) along stretches (n, 2); it ends once it is `length_m` long."""
     left, here, parts, spans = length_m, start_m, [start_m[None]], []
     rest = list(stretches)
     while rest and left > 0.0:

@@ -83,7 +83,7 @@ def test_its_gradient_is_that_of_its_value() -> None:
 
 
 def test_it_telescopes() -> None:
-    """What is expected before a measurement is the mean of what is expected after it, over its outcomes."""
+    """The expectation before a measurement equals the mean of the expectations after it, over its outcomes."""
     reward, known, points = case()
     reward = AnytimeReward(points, LineLoss(LEVEL_M, 20.0), [], Weighting(1, 0, 1))
     at = np.array([[150.0, 150.0]])
