@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -32,3 +33,21 @@ def end_with(main: Callable[[], int | None]) -> NoReturn:
             print("interrupted", file=sys.stderr)
         code = 130
     sys.exit(code or 0)
+
+
+def call_as_root(needed_by: str, *command: str) -> None:
+    """Runs a program of the system, such as ip or mount.
+
+    Args:
+        needed_by: The command or option that needs it, for the errors.
+        command: The program and its arguments.
+
+    Raises:
+        RuntimeError: if it is missing, or fails.
+    """
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        raise RuntimeError(f"{needed_by} needs the program {command[0]}, which is not installed.") from error
+    if done.returncode:
+        raise RuntimeError(f"{needed_by} needs root: {' '.join(command)}: {done.stderr.strip()}")

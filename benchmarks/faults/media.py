@@ -13,7 +13,6 @@ import contextlib
 import math
 import os
 import shutil
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.support.option_types import whole_from
+from benchmarks.command import call_as_root
 from benchmarks.faults.bed.dive_bed import BACK_S, BOOTED_S, NODES, DiveBed, dive_bed
 from benchmarks.faults.report import Report
 
@@ -45,23 +45,14 @@ def disk(folder: Path) -> Iterator[Path]:
     with image.open("wb") as file:
         file.truncate(_DISK_BYTES)
     try:
-        _call("mkfs.ext4", "-q", "-F", "-m", "0", str(image))
-        _call("mount", "-o", "loop,errors=remount-ro", str(image), str(mounted))
+        call_as_root("faults media", "mkfs.ext4", "-q", "-F", "-m", "0", str(image))
+        call_as_root("faults media", "mount", "-o", "loop,errors=remount-ro", str(image), str(mounted))
         try:
             yield mounted
         finally:
-            _call("umount", "-l", str(mounted))
+            call_as_root("faults media", "umount", "-l", str(mounted))
     finally:
         image.unlink()
-
-
-def _call(*command: str) -> None:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except FileNotFoundError as error:
-        raise RuntimeError(f"{command[0]} is missing: faults media makes a disk of its own") from error
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()} (faults media needs root)")
 
 
 def make_read_only(mounted: Path) -> None:

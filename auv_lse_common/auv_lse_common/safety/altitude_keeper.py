@@ -9,8 +9,8 @@ A straight line is fitted over the last `WINDOW_M` of travel. Ground that rises 
 `REACH_M` ahead; ground that falls counts as flat. A sounder shows the ground `LAG_S` late. So rising ground is
 expected to have risen further during that time, and the smallest depth within that time counts.
 
-The vehicle is kept `SPARE_M` higher than asked, because the onset of a slope is seen late. Without a ping for
-`SILENT_S` nothing is known about the ground, and the depth is not limited.
+The vehicle is kept `SPARE_M` higher than asked, because the onset of a slope is seen late. Without pings the ground
+seen last counts: weed and steep ground return no echo either. Ground out of the sounder's range was seen deep before.
 
 A vehicle whose autopilot travels a straight line in space to its target (`line_end_m`) climbs along that line. If it
 would have to be steeper than `STEEPEST`, it must climb where it is first.
@@ -33,7 +33,7 @@ SPARE_M, LEFT_M = 0.6, 0.3
 WINDOW_M, REACH_M = 4.0, 4.0
 #: Ground that differs by more than this (m), beyond a slope of one, must be seen twice.
 JUMP_M = 0.7
-#: Pings older than this (s) say nothing about the ground here.
+#: After so long (s) without a ping the next one counts whatever it says.
 SILENT_S = 5.0
 #: Steepest line (m/m) along which a vehicle climbs while it travels, and steepest slope that is expected to go on.
 STEEPEST = 0.6
@@ -71,7 +71,7 @@ class AltitudeKeeper:
             moved_m = math.dist(self._last, (north_m, east_m))
             self._way_m += moved_m
             if moved_m > WINDOW_M + 2.0 * max(speed_mps, 1.0):  # a jump of the estimate
-                self._ground.clear()
+                self._keep_last()
         self._now_s, self._last, self._speed_mps = now_s, (north_m, east_m), speed_mps
         self._depths.append((now_s, depth_m))
 
@@ -81,7 +81,8 @@ class AltitudeKeeper:
             return
         depth_m = min(depth for stamp_s, depth in self._depths if stamp_s >= self._depths[-1][0] - LAG_S)
         ground_m = depth_m + altitude_m
-        if self._is_known and not self._agrees(ground_m, self._ground[-1][1], self._way_m - self._ground[-1][0]):
+        is_recent = bool(self._ground) and self._now_s - self._ping_s <= SILENT_S
+        if is_recent and not self._agrees(ground_m, self._ground[-1][1], self._way_m - self._ground[-1][0]):
             doubted_m, self._doubted_m = self._doubted_m, ground_m
             if math.isnan(doubted_m) or not self._agrees(ground_m, doubted_m, 1.0):
                 return
@@ -96,9 +97,11 @@ class AltitudeKeeper:
     def _agrees(ground_m: float, other_m: float, way_m: float) -> bool:
         return abs(ground_m - other_m) <= JUMP_M + way_m
 
-    @property
-    def _is_known(self) -> bool:
-        return bool(self._ground) and self._now_s - self._ping_s <= SILENT_S
+    def _keep_last(self) -> None:
+        """Forgets the slope of the ground, not its depth."""
+        self._rise = 0.0
+        if self._ground:
+            self._ground = deque([(self._way_m, self._ground[-1][1])], maxlen=64)
 
     def _fitted_rise(self) -> float:
         ways, depths = np.array(self._ground).T
@@ -109,8 +112,8 @@ class AltitudeKeeper:
         return min(max(-slope, 0.0), STEEPEST)
 
     def ground_m(self, ahead_m: float = 0.0) -> float:
-        """Depth (m) of the ground expected so far ahead; infinite if nothing is known."""
-        if not self._is_known:
+        """Depth (m) of the ground expected so far ahead; infinite before the first ping."""
+        if not self._ground:
             return math.inf
         return self._ground[-1][1] - self._rise * (min(ahead_m, REACH_M) + self._speed_mps * LAG_S)
 

@@ -41,12 +41,20 @@ def test_a_single_wrong_echo_does_not_count_and_a_step_does():
     assert over.travel(1.0).ground_m() == pytest.approx(17.0)
 
 
-def test_without_echoes_the_depth_is_not_limited():
+def test_without_echoes_the_ground_seen_last_counts():
+    """An echo sounder is silent over weed and steep ground, too: the vehicle must not sink then."""
     over = Over(lambda north: 14.0)
-    assert over.travel(5.0).limited_m(10.0 + 1.0) == pytest.approx(14.0 - 3.0 - SPARE_M)
+    assert over.keeper.deepest_m(0.0) == math.inf, "no ground has been seen"
+    limit_m = over.travel(5.0).limited_m(10.0 + 1.0)
+    assert limit_m == pytest.approx(14.0 - 3.0 - SPARE_M)
     for nothing in (math.nan, 0.0, -1.0, math.inf):
-        over.travel(2.0, altitude_m=nothing)
-    assert over.keeper.deepest_m(0.0) == math.inf
+        over.travel(10.0, altitude_m=nothing)
+        assert over.keeper.limited_m(11.0) == pytest.approx(limit_m)
+    over.north_m += 50.0  # the estimate jumps
+    over.travel(1.0, altitude_m=math.nan)
+    assert over.keeper.limited_m(11.0) == pytest.approx(limit_m)
+    over.ground = lambda north: 30.0
+    assert over.travel(2.0).limited_m(11.0) == 11.0
     assert Over(lambda north: 14.0, least_m=0.0).travel(5.0).limited_m(12.0) == 12.0
 
 

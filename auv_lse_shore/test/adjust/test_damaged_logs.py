@@ -19,6 +19,7 @@ from auv_lse_mavlink.flight_logs import FlightLogError
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
 from auv_lse_shore.survey_import.survey_log import LogError
+from benchmarks.faults.files import damaged
 
 ROWS = survey()[:80]
 FILES = int(os.environ.get("AUV_LSE_DAMAGED", "120"))
@@ -33,31 +34,6 @@ def originals(folder):
     logs["R00001.DAT"] = humminbird(ROWS, folder)
     logs["B001.SON"] = (folder / "R00001" / "B001.SON").read_bytes()
     return logs
-
-
-def damaged(data, rng):
-    """Bytes with some changed, removed, repeated, exchanged or replaced by extremes."""
-    data = bytearray(data)
-    for _ in range(rng.integers(1, 6)):
-        at, size = int(rng.integers(0, max(len(data), 1))), int(rng.integers(1, 200))
-        kind = rng.integers(0, 7)
-        if kind == 0:
-            data[at : at + 1] = bytes([rng.integers(0, 256)])
-        elif kind == 1:
-            del data[at : at + size]
-        elif kind == 2:
-            data[at:at] = data[at : at + size] * int(rng.integers(1, 20))
-        elif kind == 3:
-            data[at : at + size] = rng.bytes(size)
-        elif kind == 4:
-            data[at : at + 4] = [b"\xff\xff\xff\xff", b"\0\0\0\0", b"\xff\xff\xff\x7f"][rng.integers(0, 3)]
-        elif kind == 5:
-            data[at:at] = [b"9" * 400, b"1e999", b"nan", b"-inf", b'"', b"\r\n\r\n", b",,,,", b"[" * 3000][
-                rng.integers(0, 8)
-            ]
-        else:
-            del data[at:]
-    return bytes(data)
 
 
 def test_damaged_files_end_in_one_sentence(tmp_path):

@@ -64,6 +64,9 @@ def test_hemispheres_midnight_units_and_offsets(tmp_path):
     assert keel.rows[:, 1] == pytest.approx([4.0])
     feet = content_of(tmp_path, at + "$SDDBT,10.0,f,,M,,F\n$SDDBT,,f,,M,2.0,F\n").sounders["SDDBT"]
     assert feet.rows[:, 1] == pytest.approx([3.048, 3.6576])
+    damaged = content_of(tmp_path, at + "$SDDBT,abc,f,,M,,F\n")
+    assert "SDDBT" not in damaged.sounders
+    assert damaged.left_out["DBT sentences that are incomplete"] == 1
 
 
 def test_odd_offsets_of_plotters_do_not_cost_the_depth(tmp_path):

@@ -103,7 +103,8 @@ class SentenceReader:
         good = np.isfinite(depths)
         self._incomplete(source[2:], int((~good).sum()))
         table = np.column_stack([at, depths, offsets])[good]
-        self._depths.setdefault(source, array("d")).frombytes(table.tobytes())
+        if len(table):
+            self._depths.setdefault(source, array("d")).frombytes(table.tobytes())
 
     def _add_position_sentences(self, found: Sentences, rows: Numbers, at: Array, source: str) -> Array:
         """Adds the positions of one kind; returns whether each sentence has a fix, NaN for those that are damaged."""
