@@ -35,7 +35,7 @@ class Spun:
         return messages
 
     def until(self, condition: Callable[[], Any], each: Callable[[], None] = lambda: None) -> None:
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 60.0
         while not condition():
             assert time.monotonic() < end, "did not happen in time"
             each()

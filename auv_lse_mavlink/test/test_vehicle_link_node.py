@@ -200,6 +200,7 @@ def test_a_link_without_an_autopilot_logs_and_publishes_what_it_waits_for(
         reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
         text = f"waiting for a device on link.endpoint {endpoint}: no autopilot heard"
         waiting = lambda: [log.msg for log in logs if log.msg.startswith(text)]
-        s.until(lambda: waiting() and len(reports) >= 3)
+        s.until(lambda: len(reports) >= 3)
+        s.until(waiting)
         assert len(waiting()) == 1, "the log has it once"
         assert reports[0].status[0].level == DiagnosticStatus.ERROR

@@ -14,12 +14,13 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.topics.quality import EVERY, INTRODUCTIONS, LATCHED
 from auv_lse_common.topics.ros_conversions import header
-from auv_lse_msgs.msg import MissionCommand, SimStatus
+from auv_lse_msgs.msg import Dive, MissionCommand, SimStatus
 from auv_lse_msgs.srv import RunMission
 from auv_lse_record.run_writer import write_run
 from auv_lse_run.process.domain import node_environment, note_run, own_domain, run_on
@@ -36,7 +37,7 @@ DIVE = "sim-1123-184534-3f2a"
 
 
 def wait_for(condition, what):
-    until = time.monotonic() + 30.0
+    until = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < until, what
         time.sleep(0.05)
@@ -55,10 +56,13 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
         note_run(domain, run, DIVE)
         assert run_on(domain) == run
         assert newest_mission() == RunningMission(domain, run)
-        follower = threading.Thread(target=MissionFollower(timeline, domain, None).follow, args=(stop,))
-        context = Context()
-        rclpy.init(context=context, domain_id=domain)
-        node = Node("mission", context=context)
+        follower = threading.Thread(target=MissionFollower(timeline, domain, None).follow, args=(stop,), daemon=True)
+        context, foreign = Context(), Context()
+        for each in (context, foreign):
+            rclpy.init(context=each, domain_id=domain)
+        node, stranger = Node("mission", context=context), Node("stranger", context=foreign)
+        stranger.create_publisher(Dive, "/auv1/dive", INTRODUCTIONS).publish(Dive(dive="of another dive", node="link"))
+        strangers = stranger.create_publisher(Odometry, "/auv1/odometry", EVERY)
         status = node.create_publisher(SimStatus, "/sim/status", LATCHED)
         odometry = node.create_publisher(Odometry, "/auv1/odometry", EVERY)
         status.publish(SimStatus(dive=DIVE, header=header(0.0), state=SimStatus.WAITING, message="for the nodes"))
@@ -76,17 +80,23 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
             assert events("mission")[0]["name"] == "a run"
             assert [e["t"] for e in events("pose") if e["vehicle"] == 1 and e["t"] < 200.0]
             name = timeline.since("", 0, 1)[0]
-            odometry.publish(Odometry(header=header(5.0)))  # of a stranger, who names no dive
-            odometry.publish(Odometry(header=header(310.0)))
-            wait_for(lambda: [e for e in events("pose") if e["t"] >= 310.0], "odometry is heard")
+            wait_for(strangers.get_subscription_count, "the stranger has a reader")
+            strangers.publish(Odometry(header=header(5.0)))
+            assert strangers.wait_for_all_acked(Duration(seconds=30.0))
+            for stamp_s in (320.0, 330.0):
+                odometry.publish(Odometry(header=header(stamp_s)))
+                wait_for(lambda s=stamp_s: [e for e in events("pose") if e["t"] >= s], "odometry is heard")
             assert timeline.since("", 0, 1)[0] == name, "the same mission"
             odometry.publish(Odometry(header=header(5.0)))
             wait_for(lambda: timeline.since("", 0, 1)[0] != name, "time went back: another mission has begun")
+        except BaseException:
+            stop.set()
+            raise
         finally:
-            node.destroy_node()
-            context.try_shutdown()
-            if not follower.is_alive():
-                stop.set()
+            for each in (node, stranger):
+                each.destroy_node()
+            for each in (context, foreign):
+                each.try_shutdown()
     try:
         wait_for(lambda: not timeline.state["growing"], "the mission has ended")
         assert newest_mission() is None or newest_mission().run != run
