@@ -15,16 +15,16 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from auv_lse_common.support.option_types import whole_from
+from benchmarks.faults.originals import small_files
 from benchmarks.faults.report import Report
 
 SMALL = ("--files", "200")
-_MISSIONS = Path(__file__).parents[2] / "config" / "missions"
 #: Bounds of one file: processor time (s), and memory (bytes) beyond that of the readers themselves.
 MOST_S, MOST_BYTES = 20, 1_000_000_000
 _EXTREMES = (b"9" * 400, b"1e999", b"nan", b"-inf", b'"', b"\r\n\r\n", b",,,,", b"[" * 3000, b"<", b"\xff\xfe", b"null")
@@ -34,7 +34,7 @@ _ENDS = ("content", "refused", "broke")
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of this kind."""
     parser.add_argument("originals", nargs="*", type=Path, metavar="FILE", help="whole files to damage, of any format "
-                        "(default: small ones of each format that needs no other program)")  # fmt: skip
+                        "(default: small ones of 16 formats)")  # fmt: skip
     parser.add_argument("--files", type=whole_from(1), default=2000, metavar="N",
                         help="how many files to damage (default: %(default)s)")  # fmt: skip
 
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     """Damages and reads files; those that broke a reader stay in `folder`."""
     warnings.simplefilter("ignore")
     folder.mkdir(parents=True, exist_ok=True)
-    originals = list(options.originals) or list(_written(folder))
+    originals = list(options.originals) or list(small_files(folder))
     rng = np.random.default_rng(options.seed)
     ends: Counter[str] = Counter()
     lost: list[str] = []
@@ -148,50 +148,3 @@ def _readers() -> list[tuple[Callable[[Path], object], tuple[type[Exception], ..
         (load_ground, (GroundError,)),
         (log, (LogError, FlightLogError)),
     ]
-
-
-def _written(folder: Path) -> Iterator[Path]:
-    """A small file of each format that needs no other program."""
-    yield _MISSIONS / "lake.geojson"
-    lake = _MISSIONS / "lake.nmea"
-    log = folder / "log.nmea"
-    log.write_bytes(lake.read_bytes()[:8000])
-    yield log
-    rng = np.random.default_rng(1)
-    places = np.column_stack([46.5 + 0.01 * rng.random(60), 6.6 + 0.01 * rng.random(60), 5.0 + 20.0 * rng.random(60)])
-    rows = [f"2026-06-14T10:{i // 60:02d}:{i % 60:02d}Z,{a:.6f},{b:.6f},{c:.2f}" for i, (a, b, c) in enumerate(places)]
-    ring = " ".join(f"{b:.6f},{a:.6f},0" for a, b in [(46.5, 6.6), (46.5, 6.62), (46.52, 6.62), (46.5, 6.6)])
-    points = "".join(f'<trkpt lat="{a:.6f}" lon="{b:.6f}"><extensions><depth>{c:.1f}</depth></extensions></trkpt>'
-                     for a, b, c in places)  # fmt: skip
-    features = [{"type": "Feature", "geometry": {"type": "Point", "coordinates": [b, a]},
-                 "properties": {"depth": c, "time": f"2026-06-14T10:00:{i:02d}Z"}}
-                for i, (a, b, c) in enumerate(places.tolist())]  # fmt: skip
-    grid = "\n".join(" ".join(f"{v:.1f}" for v in row) for row in 5.0 + 20.0 * rng.random((12, 12)))
-    texts = {
-        "table.csv": "time_utc,lat,lon,depth_m\n" + "\n".join(rows),
-        "area.kml": '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>lake</name>'
-        f"<Polygon><outerBoundaryIs><LinearRing><coordinates>{ring}</coordinates></LinearRing></outerBoundaryIs>"
-        "</Polygon></Placemark></kml>",
-        "track.gpx": f'<gpx version="1.1"><trk><trkseg>{points}</trkseg></trk></gpx>',
-        "csb.geojson": json.dumps({"type": "FeatureCollection", "features": features}),
-        "area.waypoints": "QGC WPL 110\n" + "\n".join(f"{i}\t0\t3\t5001\t4\t0\t0\t0\t{a}\t{b}\t0\t1"
-                                                     for i, (a, b, _) in enumerate(places[:4].tolist())),
-        "grid.asc": f"ncols 12\nnrows 12\nxllcorner 0\nyllcorner 0\ncellsize 10\n{grid}\n",
-    }  # fmt: skip
-    for name, text in texts.items():
-        (folder / name).write_text(text)
-        yield folder / name
-    yield from _rasters(folder, 5.0 + 20.0 * rng.random((12, 12)))
-
-
-def _rasters(folder: Path, depth_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Iterator[Path]:
-    import rasterio
-
-    size = {"height": depth_m.shape[0], "width": depth_m.shape[1], "crs": "EPSG:32632", "dtype": "float32"}
-    at = rasterio.transform.from_origin(500_000.0, 5_200_000.0, 10.0, 10.0)
-    for name, driver, bands in (("grid.tif", "GTiff", [-depth_m]), ("grid.bag", "BAG", [-depth_m, 0.0 * depth_m])):
-        with rasterio.open(folder / name, "w", driver=driver, count=len(bands), transform=at, nodata=1e6, **size) as f:
-            f.write(np.stack(bands).astype("float32"))
-        yield folder / name
-    np.savez(folder / "grid.npz", north_m=np.arange(12.0), east_m=np.arange(12.0), depth_m=depth_m)
-    yield folder / "grid.npz"

@@ -65,6 +65,7 @@ class PlacedLog:
         track: Rows (time s, north m, east m, course rad, depth of the vehicle m), about one per second.
         track_std_m: Standard deviations north and east (m) of a sounding at the track's rows, (n, 2).
         soundings: Rows (time s, north m, east m, depth m).
+        combined: Number of pings of which the soundings were made; 0 if each is a sounding.
         left_out: Number of positions and depths left out, by reason.
         has_time: Whether the log has times.
         is_utc: Whether they are UTC.
@@ -75,6 +76,7 @@ class PlacedLog:
     track: Array
     track_std_m: Array
     soundings: Array
+    combined: int
     left_out: Counter[str]
     has_time: bool
     is_utc: bool
@@ -108,11 +110,8 @@ def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placemen
     left_out = log.left_out
     chosen, times, track = _track(log, origin, how)
     pings = _pings(log, times, track, how)
-    soundings = (
-        combined(pings)
-        if log.has_time and len(pings) > 1 and np.median(np.diff(pings[:, 0])) < 0.5 * EVERY_S
-        else pings
-    )
+    is_fast = log.has_time and len(pings) > 1 and bool(np.median(np.diff(pings[:, 0])) < 0.5 * EVERY_S)
+    soundings = combined(pings) if is_fast else pings
     if not log.is_checked:
         soundings = _plausible(soundings, left_out)
     if not len(soundings):
@@ -131,6 +130,7 @@ def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placemen
         track=np.column_stack([times, track]),
         track_std_m=stds,
         soundings=soundings,
+        combined=len(pings) if is_fast else 0,
         left_out=left_out,
         has_time=log.has_time,
         is_utc=log.is_utc,
@@ -153,13 +153,16 @@ def _track(
     if origin is not None:
         north, east = local_from_geodetic(north, east, *origin)
     known = np.isfinite(north) & np.isfinite(east) & np.isfinite(times)
+    left_out["positions that are no numbers"] += int((~known).sum())
     near = known & (np.abs(north) < FARTHEST_M) & (np.abs(east) < FARTHEST_M)
     left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the first"] += int((known & ~near).sum())
     known = near & (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
     steady = _steady(times, north, east, log.has_time)
     left_out["positions that jump"] += int((known & ~steady).sum())
     chosen = np.flatnonzero(known & steady)
-    chosen = chosen[np.append(True, np.diff(times[chosen]) > 0.0)] if len(chosen) else chosen
+    later = np.append(True, np.diff(times[chosen]) > 0.0)[: len(chosen)]
+    left_out["positions at the time of the one before, or earlier"] += int((~later).sum())
+    chosen = chosen[later]
     if not len(chosen):
         raise LogError(f"{log.name}: no usable position in the chosen time. Check --from and --to.")
     if log.has_time:
@@ -234,6 +237,7 @@ def _pings(log: SurveyLog, times: Array, track: Array, how: Placement) -> Array:
     placed = (before >= 0) & (times[after] >= stamps) & (times[after] - times[before.clip(0)] <= gap_s)
     left_out[f"depths without positions within {gap_s:g} s"] += int((within & ~placed).sum())
     use = within & placed & np.isfinite(depths)
+    left_out["depths that are no numbers"] += int((within & placed & ~use).sum())
     stamps, depths = stamps[use], depths[use]
     north, east, immersion = (np.interp(stamps, times, track[:, column]) for column in (0, 1, 3))
     course = track[after[use], 2]

@@ -30,6 +30,8 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
         yield f"- {start}{(last_s - first_s) / 60.0:.1f} min"
     else:
         yield "- no times: auv_lse adjust cannot move these soundings"
+    if found.combined:
+        yield f"- pings of each second are one sounding: {found.combined} pings"
     for reason, count in sorted(found.left_out.items()):
         if count:
             yield f"- left out: {count} {reason}"

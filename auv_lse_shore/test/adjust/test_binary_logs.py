@@ -198,3 +198,30 @@ def test_a_log_that_is_cut_off_is_read_up_to_its_end(tmp_path, name):
     path.write_bytes(LOGS[name](ROWS)[: -len(LOGS[name](ROWS)) // 3])
     (log,) = gathered(path).placed
     assert 60 < len(log.soundings) < 100
+
+
+def test_every_depth_and_position_is_a_sounding_or_counted(tmp_path):
+    """Fast pings, positions without an answer, times that stand still, and damaged numbers."""
+    log, rng = Dataflash(), np.random.default_rng(3)
+    fast = np.repeat(ROWS, 5, axis=0)
+    fast[:, 0] += np.tile(np.arange(5) * 0.2, len(ROWS))
+    log.add("MSG", 0, b"ArduRover V4.5.7")
+    for stamp, lat, lon, depth in fast:
+        us = 5_000_000 + round(1e6 * (stamp - START_S))
+        week, of_week = divmod(stamp - 315_964_800 + 18, 604_800)
+        fix = 4 if rng.random() > 0.1 else 1
+        for _ in range(2):
+            log.add("GPS", us, 0, fix, round(of_week * 1000), int(week), 12, 90, round(lat * 1e7), round(lon * 1e7),
+                    37200, 2.0, 0.0, 0.0, 0.0, 1)  # fmt: skip
+        log.add("RFND", us, 0, round(100 * depth), 4 if rng.random() > 0.1 else 2, 25)
+    (tmp_path / "a.bin").write_bytes(log.data)
+    found = gathered(tmp_path / "a.bin")
+    (placed,) = found.placed
+    counts = placed.left_out
+    depths = sum(count for reason, count in counts.items() if reason.startswith("depths"))
+    assert placed.combined + depths == len(fast), counts
+    positions = sum(count for reason, count in counts.items() if reason.startswith("positions"))
+    assert 0.5 * len(fast) < positions < 2 * len(fast)
+    assert counts["positions at the time of the one before, or earlier"] > 0.8 * len(fast)
+    assert len(placed.soundings) + counts["soundings: jump"] == len(ROWS)
+    assert f"- pings of each second are one sounding: {placed.combined} pings" in found.lines
