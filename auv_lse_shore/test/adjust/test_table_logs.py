@@ -148,6 +148,17 @@ def test_local_times_are_asked_about(tmp_path):
     checked(gathered(tmp_path, data, "--utc-offset", "2"))
 
 
+@pytest.mark.parametrize("zone", ["+02", "+0200", "+02:00", " +02:00"])
+def test_zones_in_a_table_count(tmp_path, zone):
+    data = lines(
+        "lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t + 7200).removesuffix('Z')}{zone}"
+    )
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert not any("zone" in line for line in found.lines)
+    assert found.placed[0].soundings[0, 0] == pytest.approx(ROWS[0, 0])
+
+
 def test_absurd_values_are_left_out_and_counted(tmp_path):
     text = TABLES["plain"].replace("\n", f"\n{utc(START_S)}Z,46.5,6.6,99999\n{utc(START_S)}Z,1e308,6.6,5\n", 1)
     text += "1e300,46.5,6.6,5.0\n" + f"{utc(START_S)}Z,46.5\n"

@@ -22,7 +22,7 @@ _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
 _OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?$")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
-_ZONE = re.compile(r"(Z|[+-]\d{2}:?\d{2})$")
+_ZONE = re.compile(r"(?<=[\d:. ]{3})(Z|[+-]\d{2}(?::?\d{2})?)$")
 
 
 def seconds(values: Array) -> Array:
@@ -121,7 +121,7 @@ def _iso(texts: Sequence[str]) -> Array | None:
         return None
     is_utc = texts[0].endswith("Z")
     if any(
-        text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or set(text[19:-1]) & set("-Z") for text in texts
+        text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or set(text[11:-1]) & set("-Z") for text in texts
     ):
         return None
     try:
@@ -135,7 +135,7 @@ def _iso(texts: Sequence[str]) -> Array | None:
 def _zone_s(zone: str) -> float:
     if zone == "Z":
         return 0.0
-    digits = zone[1:].replace(":", "")
+    digits = zone[1:].replace(":", "").ljust(4, "0")
     return (-1.0 if zone[0] == "-" else 1.0) * (int(digits[:2]) * 3600.0 + int(digits[2:]) * 60.0)
 
 
