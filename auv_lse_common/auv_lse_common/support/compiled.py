@@ -127,11 +127,23 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     numba.config.CACHE_DIR = folder  # read when a function is decorated; if it is not writable, numba looks elsewhere
     try:
         result: Callable[..., Any] = numba.njit(cache=True, fastmath=False)(function)
+        _save_if_possible(result)
     except RuntimeError:  # numba found no writable cache folder
         result = numba.njit(fastmath=False)(function)
     finally:
         numba.config.CACHE_DIR = before
     return result
+
+
+def _save_if_possible(dispatcher: Any) -> None:
+    """Lets a function that was compiled on a full disk run all the same: numba raises when it cannot save its code."""
+    save = dispatcher._cache.save_overload
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):
+            save(signature, data)
+
+    dispatcher._cache.save_overload = save_if_possible
 
 
 def plain(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import resource
+import signal
 import tempfile
 from pathlib import Path
 
@@ -70,3 +73,25 @@ def test_a_read_only_package_lends_what_set_up_compiled(nowhere_else: Path, tmp_
     compiled._copy_cache(made, folder)
     assert (folder / "loops.nbi").read_text() == "old", "set up again since"
     compiled._copy_cache(made, tmp_path / "nowhere" / "cache")  # no position: nothing happens
+
+
+def test_a_function_runs_although_the_disk_takes_no_code(tmp_path: Path) -> None:
+    """A vehicle's disk may be full when a function is called for the first time."""
+    pytest.importorskip("numba")
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "loops.py").write_text(
+        "from auv_lse_common.support.compiled import compiled\n\n@compiled\ndef doubled(x):\n    return 2 * x\n"
+    )
+    spec = importlib.util.spec_from_file_location("package.loops", package / "loops.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, unlimited[1]))
+    try:
+        assert module.doubled(21) == 42
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+        signal.signal(signal.SIGXFSZ, ignored)

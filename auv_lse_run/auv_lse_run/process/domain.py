@@ -286,8 +286,17 @@ def note_run(domain: int, run: Path, dive: str, vehicle: int = 0) -> None:
         run: The run folder of a simulation, or that of a vehicle's logs.
         dive: Id of the dive or simulation.
         vehicle: As `lock_file` takes it.
+
+    Raises:
+        DomainError: if the note cannot be written.
     """
-    lock_file(domain, vehicle).write_text(f"{run}\n{dive}\n{os.getpid()}\n")
+    path = lock_file(domain, vehicle)
+    try:
+        path.write_text(f"{run}\n{dive}\n{os.getpid()}\n")
+    except OSError as error:
+        raise DomainError(
+            f"{path}: the note for other commands cannot be written: {error.strerror}. Make space in {path.parent}."
+        ) from error
 
 
 def _notes(domain: int, vehicle: int = 0) -> tuple[str, str]:

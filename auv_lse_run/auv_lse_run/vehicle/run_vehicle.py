@@ -197,7 +197,7 @@ def begun_dive(
         dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
         variables = record.begin(out, dive) | {COPY_VARIABLE: own_copy()}
         note_software(out)
-        with suppress(OSError):  # a full disk must not keep a vehicle from continuing
+        with suppress(DomainError):  # a full disk must not keep a vehicle from continuing
             note_run(domain, out, variables[DIVE_VARIABLE], crew.vehicle)
         try:
             yield domain, variables

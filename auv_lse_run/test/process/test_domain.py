@@ -111,6 +111,12 @@ def test_a_simulated_vehicle_joins_its_simulator_alone(tmp_path: Path) -> None:
         vehicle_domain(domain, 1, simulated=True).__enter__()
 
 
+def test_a_note_that_cannot_be_written_is_an_error_in_words(tmp_path, monkeypatch):
+    monkeypatch.setattr("auv_lse_run.process.domain.lock_file", lambda *_: tmp_path / "missing" / "a.lock")
+    with pytest.raises(DomainError, match="a.lock: the note for other commands cannot be written: No such file"):
+        note_run(91, tmp_path, "sim-1123-184534-3f2a")
+
+
 def test_a_domain_with_nodes_that_reserved_nothing_is_not_taken() -> None:
     """A participant's first UDP port is bound, as by a node that was started by hand."""
     with own_domain() as free, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:

@@ -315,7 +315,7 @@ def a_disk_that_takes(size: int) -> Iterator[None]:
 def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "soundings of é.csv"
     table.write_text("".join(SOUNDINGS))
-    with a_disk_that_takes(100):
+    with a_disk_that_takes(150):
         code = export([str(recorded), "--out", str(tmp_path / "to")])
         fitted = fit([str(table), "--restarts", "1", "--out", str(tmp_path / "gp.yaml")])
     said = capsys.readouterr()
@@ -340,7 +340,7 @@ def test_on_a_full_disk_nothing_half_written_stays(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], int]
 ) -> None:
     shutil.copytree(recorded, tmp_path / "run")
-    with a_disk_that_takes(100):
+    with a_disk_that_takes(150):
         code = command(tmp_path)
     said = capsys.readouterr()
     assert code == 2, said
