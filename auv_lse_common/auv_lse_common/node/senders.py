@@ -2,7 +2,7 @@
 
 A node that publishes such messages for other nodes introduces itself on the topic `dive`. Its readers note the
 participant of the ROS domain from which the introduction came: all writers of a process share the first 12 bytes of
-their ids. rclpy 7.1 leaves the writer's id out of what it returns with a message, so `take` asks rcl for it.
+their ids. rclpy 7.1 leaves the writer's id out of what it returns with a message, so rcl is asked for it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import weakref
 from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
@@ -32,7 +33,7 @@ class _Allocator(ctypes.Structure):
 
 class _Bytes(ctypes.Structure):
     _fields_ = [
-        ("buffer", ctypes.POINTER(ctypes.c_uint8)),
+        ("buffer", ctypes.c_void_p),
         ("length", ctypes.c_size_t),
         ("capacity", ctypes.c_size_t),
         ("allocator", _Allocator),
@@ -65,18 +66,24 @@ class Taken(NamedTuple):
     participant: bytes
 
 
-def take(subscription: Subscription) -> Taken | None:
-    """The next message of a subscription; bytes, if it is a raw one. None: there is none."""
-    take_bytes, utilities = _rcl()
-    data, info = _Bytes(allocator=utilities.rcutils_get_default_allocator()), _MessageInfo()
-    try:
-        if take_bytes(subscription.handle.pointer, ctypes.addressof(data), ctypes.addressof(info), None):
+class _Taker:
+    """Takes the messages of a subscription with their senders; called by `StandingExecutor`."""
+
+    def __init__(self, subscription: Subscription) -> None:
+        self._subscription, self._info = subscription, _MessageInfo()
+        self._take, utilities = _rcl()
+        self._data = _Bytes(allocator=utilities.rcutils_get_default_allocator())  # grows with the longest message
+        self._addresses = ctypes.addressof(self._data), ctypes.addressof(self._info), None
+        weakref.finalize(self, lambda data: utilities.rcutils_uint8_array_fini(ctypes.addressof(data)), self._data)
+
+    def __call__(self) -> Taken | None:
+        """The next message, as bytes if the subscription is a raw one; None: there is none."""
+        subscription = self._subscription
+        if self._take(subscription.handle.pointer, *self._addresses):
             return None
-        message = ctypes.string_at(data.buffer, data.length)
-    finally:
-        utilities.rcutils_uint8_array_fini(ctypes.addressof(data))
-    participant = bytes(info.writer[:_PARTICIPANT])
-    return Taken(message if subscription.raw else deserialize_message(message, subscription.msg_type), participant)
+        message = ctypes.string_at(self._data.buffer, self._data.length)
+        participant = bytes(self._info.writer[:_PARTICIPANT])
+        return Taken(message if subscription.raw else deserialize_message(message, subscription.msg_type), participant)
 
 
 def take_with_sender(subscription: Subscription) -> Subscription:
@@ -88,7 +95,7 @@ def take_with_sender(subscription: Subscription) -> Subscription:
     with contextlib.suppress(OSError, AttributeError):  # a ROS whose libraries are elsewhere, or differ
         _rcl()
         if get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
-            subscription.take = functools.partial(take, subscription)
+            subscription.take = _Taker(subscription)
     return subscription
 
 

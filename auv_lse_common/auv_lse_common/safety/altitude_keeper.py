@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import takewhile
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class AltitudeKeeper:
         self._way_m = self._speed_mps = 0.0
         self._ping_s = -math.inf
         self._now_s = -math.inf
-        self._rise = 0.0  # slope of rising ground (m/m)
+        self._rise: float | None = None  # slope of rising ground (m/m), where it is known for the present ground
 
     def move(self, now_s: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
         """Takes the vehicle's position."""
@@ -79,7 +80,8 @@ class AltitudeKeeper:
         """Takes the altitude (m) at the last position; one that is not positive and finite says nothing."""
         if not (math.isfinite(altitude_m) and altitude_m > 0.0) or not self._depths:
             return
-        depth_m = min(depth for stamp_s, depth in self._depths if stamp_s >= self._depths[-1][0] - LAG_S)
+        from_s = self._depths[-1][0] - LAG_S
+        depth_m = min(depth for _, depth in takewhile(lambda row: row[0] >= from_s, reversed(self._depths)))
         ground_m = depth_m + altitude_m
         is_recent = bool(self._ground) and self._now_s - self._ping_s <= SILENT_S
         if is_recent and not self._agrees(ground_m, self._ground[-1][1], self._way_m - self._ground[-1][0]):
@@ -91,7 +93,7 @@ class AltitudeKeeper:
         self._ground.append((self._way_m, ground_m))
         while self._ground[0][0] < self._way_m - WINDOW_M:
             self._ground.popleft()
-        self._rise = self._fitted_rise()
+        self._rise = None
 
     @staticmethod
     def _agrees(ground_m: float, other_m: float, way_m: float) -> bool:
@@ -99,9 +101,15 @@ class AltitudeKeeper:
 
     def _keep_last(self) -> None:
         """Forgets the slope of the ground, not its depth."""
-        self._rise = 0.0
+        self._rise = None
         if self._ground:
             self._ground = deque([(self._way_m, self._ground[-1][1])], maxlen=64)
+
+    @property
+    def _rising(self) -> float:
+        if self._rise is None:
+            self._rise = self._fitted_rise()
+        return self._rise
 
     def _fitted_rise(self) -> float:
         ways, depths = np.array(self._ground).T
@@ -115,7 +123,7 @@ class AltitudeKeeper:
         """Depth (m) of the ground expected so far ahead; infinite before the first ping."""
         if not self._ground:
             return math.inf
-        return self._ground[-1][1] - self._rise * (min(ahead_m, REACH_M) + self._speed_mps * LAG_S)
+        return self._ground[-1][1] - self._rising * (min(ahead_m, REACH_M) + self._speed_mps * LAG_S)
 
     def deepest_m(self, ahead_m: float, spare_m: float = SPARE_M) -> float:
         """Depth (m) that keeps the altitude so far ahead with something to spare; infinite if there is no limit."""
