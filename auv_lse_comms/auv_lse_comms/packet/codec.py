@@ -87,7 +87,7 @@ REASONS = {
     "stale": "the tag belongs to another slot of its sender: an old packet, or clocks that differ",
     "replay": "received before, or sent in an earlier slot than the last packet of this sender",
     "implausible": "without a tag: its position or step does not follow the last packets of this sender",
-    "unproven": "a clock was set back, and the packet lacks a fresh echo that proves that it is new",
+    "unproven": "a clock was set back, and the packet has neither a later era nor a fresh echo",
 }
 
 

@@ -7,10 +7,12 @@ packet that an attacker withholds and sends within a cycle of its slot, before a
 its content is unchanged.
 
 A clock that is set back makes slots come again. From then on a vehicle's packets are in a new *era*: eight bytes before
-the tag hold a random number, drawn when the clock was set back, and an *echo*, the first bytes of the last tag that the
-vehicle has received from one of its mates, in turn. A receiver accepts a new era only with the echo of one of its own
-last packets, which no packet recorded earlier contains; from then on it accepts that era only, in the order of slots.
-A vehicle that hears a mate in an era, or misses an echo, also begins an era, so that the mate receives echoes.
+the tag hold the era, its number and two random bytes, and an *echo*, the first bytes of the last tag that the vehicle
+has received from one of its mates, in turn. A receiver accepts a later era than the last one of its sender, so that a
+link that works in one direction only needs no answer, and any other era, as of a sender that lost its state, with the
+echo of one of its own last packets, which no packet recorded earlier contains. From then on it accepts that era only,
+in the order of slots. A vehicle that hears a mate in an era, or misses an echo, also begins an era, so that the mate
+receives echoes.
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ from auv_lse_comms.packet.fields import PACKET_BYTES
 
 #: 8 bytes, the size of BLAKE2s's personalization: of packets without an era, and with one.
 _CONTEXT, _ERA_CONTEXT = b"auv_lse2", b"auv_lse3"
-#: Bytes of an era's number, and of an echo.
-ERA_BYTES, ECHO_BYTES = 4, 4
+#: Bytes of an era, of these its number, and of an echo.
+ERA_BYTES, NUMBER_BYTES, ECHO_BYTES = 4, 2, 4
 #: Bytes that an era takes at a packet's end, before the tag.
 TRAILER_BYTES = ERA_BYTES + ECHO_BYTES
 #: Number of own packets whose echo is fresh.
@@ -94,7 +96,8 @@ class Tagger:
     def begin_era(self, anew: bool = False) -> None:
         """Begins an era of own packets; `anew`: also if there is one."""
         if anew or not self.era:
-            self.era = self._draw(ERA_BYTES)
+            number = min(_number(self.era) + 1, 256**NUMBER_BYTES - 1)
+            self.era = number.to_bytes(NUMBER_BYTES, "big") + self._draw(ERA_BYTES - NUMBER_BYTES)
             self._own_tags.clear()
             self.began(self.era)
 
@@ -149,8 +152,8 @@ class Tagger:
 
         Raises:
             PacketError: "length"; "replay" if a packet of this slot or a later one was accepted before; "unproven" if a
-                clock was set back and it has no fresh echo; "stale" if it was sent in one of the other slots; "tag" if
-                its tag is not that of these bytes from this sender.
+                clock was set back and it has neither a later era nor a fresh echo; "stale" if it was sent in one of the
+                other slots; "tag" if its tag is not that of these bytes from this sender.
         """
         if len(data) != PACKET_BYTES:
             raise PacketError("length", f"{len(data)} bytes: expected {PACKET_BYTES}")
@@ -181,7 +184,7 @@ class Tagger:
                     "replay", f"slot at {slot_s:.1f} s of vehicle {source}: the last accepted one is at {last_s:.1f} s"
                 )
             why = f"this vehicle's clock was set back by about {last_s - slot_s:.0f} s"
-        elif proven:
+        elif proven or _number(era) > _number(self.eras.get(source, b"")):
             return
         else:
             why = f"the clock of vehicle {source} was set back, or it has lost its state"
@@ -207,3 +210,8 @@ class Tagger:
                 if hmac.compare_digest(tag, self._tag(source, slot_s, body, context)):
                     return slot_s, context is _ERA_CONTEXT
         return None
+
+
+def _number(era: bytes) -> int:
+    """The number of an era; 0: before the first one."""
+    return int.from_bytes(era[:NUMBER_BYTES], "big")

@@ -113,7 +113,7 @@ def test_a_simulated_vehicle_joins_its_simulator_alone(tmp_path: Path) -> None:
 
 def test_a_note_that_cannot_be_written_is_an_error_in_words(tmp_path, monkeypatch):
     monkeypatch.setattr("auv_lse_run.process.domain.lock_file", lambda *_: tmp_path / "missing" / "a.lock")
-    with pytest.raises(DomainError, match="a.lock: the note for other commands cannot be written: No such file"):
+    with pytest.raises(DomainError, match=r"a\.lock: the note for other commands cannot be written: No such file"):
         note_run(91, tmp_path, "sim-1123-184534-3f2a")
 
 
