@@ -12,7 +12,7 @@ import yaml
 
 from auv_lse_common.mission_file.degrees import AreaReader, in_metres
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
-from auv_lse_common.support.input_bounds import MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
+from auv_lse_common.support.input_bounds import MAX_PATTERNS, MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
 
 
 def read_parameter_file(path: str | Path, read_area: AreaReader | None = None) -> dict[str, dict[str, Any]]:
@@ -35,6 +35,8 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
         raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
+    if len(data) > MAX_PATTERNS:
+        raise ParameterError(f"{where}: has {len(data):,} node patterns, more than {MAX_PATTERNS:,}. Leave out some")
     patterns: dict[str, dict[str, Any]] = {}
     for pattern, body in data.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:

@@ -11,6 +11,8 @@ from pathlib import Path
 MAX_YAML_BYTES = 2_000_000
 #: Values of a YAML file, each alias counted as all that it stands for.
 MAX_YAML_VALUES = 200_000
+#: Node patterns of a mission file.
+MAX_PATTERNS = 2_000
 #: Corners of the operating area and its no-go areas together.
 MAX_CORNERS = 2_000
 #: Nodes of the raster of distances to the area's border.

@@ -202,8 +202,9 @@ def _with_terrain(
         for _ in range(steps):
             slope, seen = terrain.gradient(theta, search.precision)
             gradient, known = search.normal(theta, loss)
-            information = known + seen
-            step = cho_solve(cho_factor(information, lower=True), gradient + slope)
+            together = known + seen
+            step = cho_solve(cho_factor(together, lower=True), gradient + slope)
+            information = together
             if search.converged(step, _TERRAIN_CONVERGED):
                 break
             for _ in range(_HALVINGS):
@@ -214,6 +215,6 @@ def _with_terrain(
             else:
                 break
             theta, now = theta + step, moved
-    except LinAlgError:
+    except (LinAlgError, ValueError):  # ValueError: numbers that are not finite
         pass
     return theta, information

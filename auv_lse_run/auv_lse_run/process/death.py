@@ -26,7 +26,7 @@ _CODES = {
     1: "an error in the program",
     2: "it rejects its parameters",
     126: "its program may not be executed",
-    127: "its program is missing",
+    127: "its program is missing, or the memory that it may use (ulimit -v) is too small for its libraries",
 }
 
 

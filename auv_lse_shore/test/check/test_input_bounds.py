@@ -68,6 +68,13 @@ def test_a_mission_file_of_a_gigabyte_is_not_read(tmp_path: Path) -> None:
     assert MAX_YAML_BYTES < 10**9
 
 
+def test_20_000_node_patterns_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "m.yaml"
+    file.write_text("".join(f"/auv{i}/**: {{ros__parameters: {{a: 1}}}}\n" for i in range(20_000)))
+    with pytest.raises(ParameterError, match=r"m\.yaml: has 20,000 node patterns, more than 2,000"):
+        read_parameter_file(file)
+
+
 def test_a_polygon_of_20_000_corners_is_refused() -> None:
     def flat(number: int) -> tuple[float, ...]:
         angles = [2.0 * math.pi * i / number for i in range(number)]

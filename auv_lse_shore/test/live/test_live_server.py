@@ -240,10 +240,11 @@ def test_several_pages_get_every_event_and_a_reconnected_page_continues():
         timeline.begin({"kind": "mission", "name": "another"})
         told = json.loads(await second.read_message())
         assert (told["from"], [e["name"] for e in told["events"]], told["name"] != name) == (0, ["another"], True)
-        bad = await websocket_connect(url)
-        await bad.write_message("[]")
-        assert await bad.read_message() is None
-        assert bad.close_code == 1003
+        for message in ("[]", '{"name": "a", "have": 1e999}', "[" * 3000):
+            bad = await websocket_connect(url)
+            await bad.write_message(message)
+            assert await bad.read_message() is None
+            assert bad.close_code == 1003, message
 
     served(talk)
 

@@ -228,7 +228,7 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
         try:
             wanted = json.loads(message)
             name, have = str(wanted["name"]), int(wanted["have"])
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
             self.close(1003, 'expected {"name": text, "have": number}')
             return
         if self._sending is None:
