@@ -17,7 +17,7 @@ from auv_lse_run.vehicle.run_vehicle import open_dive, vehicle_number
 
 #: Name of the mission file in a vehicle's folder, and of the folder of its dives.
 MISSION, DIVES = "mission.yaml", "dives"
-#: Time (s) for a start to reserve its domain, and for nodes and recorder to end.
+#: Time (s) for a start to reserve its domain and for its nodes to be ready, and for nodes and recorder to end.
 _START_S, _STOP_S = 15.0, 25.0
 _STEP_S = 0.1
 
@@ -53,14 +53,27 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     except (OSError, ParameterError) as error:
         return REFUSED, f"its nodes cannot be started: {error}"
     end_s = time.monotonic() + _START_S
-    while time.monotonic() < end_s:
-        if (running := vehicle_on(domain, number)) is not None:
-            return ACTED, f"its nodes start, in {out.name}"
-        if process.poll() is not None:
-            lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
-            return REFUSED, f"its nodes did not start: {lines[-1] if lines else f'exit code {process.returncode}'}"
+    while time.monotonic() < end_s and process.poll() is None and not _are_ready(out, name):
         time.sleep(_STEP_S)
+    if process.poll() is not None:
+        lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        errors = [line.strip() for line in lines if "error: " in line]
+        why = [*errors[:1], *lines[-1:], f"exit code {process.returncode}"][0]
+        return REFUSED, f"its nodes did not start: {why}"
+    if vehicle_on(domain, number) is not None:
+        return ACTED, f"its nodes start, in {out.name}"
     return SILENT, f"its nodes have not started within {_START_S:g} s; see {log}"
+
+
+def _are_ready(out: Path, name: str) -> bool:
+    """Whether all nodes have logged that they are ready; a recorder logs something else."""
+    logs = {path.name: path for path in (out / "logs").glob(f"{name}.*.log") if "recorder" not in path.name}
+    if not logs.keys() >= {f"{name}.{node}.log" for node in ("safety_node", "gp_node", "planner_node")}:
+        return False
+    try:
+        return all(b" ready after " in path.read_bytes() for path in logs.values())
+    except OSError:
+        return False
 
 
 def stop(name: str, domain: int) -> tuple[str, str]:
