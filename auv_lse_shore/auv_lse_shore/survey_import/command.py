@@ -16,7 +16,7 @@ from auv_lse_shore.survey_import.formats import formats
 from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import UNITS
-from auv_lse_shore.survey_import.run import check_free, survey_run, write_survey
+from auv_lse_shore.survey_import.run import check_free, survey_run, survey_table, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import vehicles_of
 from auv_lse_shore.survey_import.track import Placement
@@ -121,8 +121,9 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
     if options.dry_run:
         yield "dry run: nothing is written"
         return
-    after = next_lines(folder, float(run.parameters["/**"]["level_set"]["level_m"]))
-    write_survey(run, area, folder, [*found.lines, *lines, *after])
+    table, note = survey_table(run)
+    after = next_lines(folder, float(run.parameters["/**"]["level_set"]["level_m"]), note)
+    write_survey(run, area, table, folder, [*found.lines, *lines, *after])
     yield from after
 
 

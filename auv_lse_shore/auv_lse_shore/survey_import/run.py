@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: Most soundings in the table, and length of a leg (m) by which a dive's steps are proposed.
 MOST_SOUNDINGS, LEG_M = 200_000, 23.6
+#: Smallest cell (m) of a thinned table, and how much larger the next ones are.
+SMALLEST_CELL_M, COARSER = 0.5, 1.5
 #: Number of soundings and of starts with which the Gaussian process is learned.
 FITTED, STARTS = 300, 3
 #: Number of cells of the map, and of kernel centers, beyond which both get coarser.
@@ -111,8 +113,15 @@ def check_free(folder: Path) -> None:
             raise LogError(f"--out {folder} has a {name} already. Choose another name.")
 
 
-def write_survey(run: RunData, area: SurveyedArea, folder: Path, summary: Sequence[str]) -> None:
+def write_survey(run: RunData, area: SurveyedArea, table: Array, folder: Path, summary: Sequence[str]) -> None:
     """Writes mission files, recording, soundings, picture and `import.md`; all of them or nothing.
+
+    Args:
+        run: The survey.
+        area: Its area.
+        table: The rows of `survey_table`.
+        folder: The run folder.
+        summary: The lines of `import.md`.
 
     Raises:
         OSError: if the folder cannot be written.
@@ -123,7 +132,7 @@ def write_survey(run: RunData, area: SurveyedArea, folder: Path, summary: Sequen
         with written_whole(folder) as part:
             write_run(run, part)
             (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
-            _write_soundings(run, part / SOUNDINGS)
+            _write_soundings(table, run.origin, part / SOUNDINGS)
             write_mission_file(part / DIVE, dive_parameters(run, area, folder.resolve() / SOUNDINGS))
             draw_survey(run, area, part / PICTURE)
     except BaseException:
@@ -158,16 +167,27 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
     return parameters
 
 
-def _write_soundings(run: RunData, path: Path) -> None:
-    """Writes all soundings as a table for `gp.survey_file` and `--bathymetry`; of a large survey one of each cell."""
+def survey_table(run: RunData) -> tuple[Array, str]:
+    """Rows (north m, east m, depth m) of the survey's table, and a sentence if some soundings are left out.
+
+    The table is for `gp.survey_file` and `--bathymetry`. That of a large survey has one sounding of each cell.
+    """
     points = np.concatenate([vehicle.soundings.points_m for vehicle in run.vehicles])
-    cell_m = 0.5
-    chosen = points
+    chosen, cell_m = points, SMALLEST_CELL_M
     while len(chosen) > MOST_SOUNDINGS:
         chosen = chosen[one_of_each_cell(chosen[:, :2], cell_m)]
-        cell_m *= 1.5
+        cell_m *= COARSER
+    if len(chosen) == len(points):
+        return points, ""
+    return chosen, (
+        f"{SOUNDINGS} has {len(chosen):,} of {len(points):,} soundings, one of each cell of {cell_m / COARSER:.2g} m; "
+        "the recording has all"
+    )
+
+
+def _write_soundings(rows: Array, origin: tuple[float, float] | None, path: Path) -> None:
     names, formats = "north_m,east_m,depth_m", "%.3f,%.3f,%.3f"
-    if run.origin is not None:
-        chosen = np.column_stack([chosen, *geodetic_from_local(chosen[:, 0], chosen[:, 1], *run.origin)])
+    if origin is not None:
+        rows = np.column_stack([rows, *geodetic_from_local(rows[:, 0], rows[:, 1], *origin)])
         names, formats = names + ",lat,lon", formats + ",%.8f,%.8f"
-    np.savetxt(path, chosen, fmt=formats, header=names, comments="")
+    np.savetxt(path, rows, fmt=formats, header=names, comments="")

@@ -72,12 +72,13 @@ def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:
     return lines
 
 
-def next_lines(folder: Path, level_m: float) -> Sequence[str]:
-    """The commands from here to a mission, with paths filled in."""
+def next_lines(folder: Path, level_m: float, note: str) -> Sequence[str]:
+    """What was written, with a note on the table, and the commands from here to a mission with paths filled in."""
     at, dive, soundings = (shlex.quote(str(path)) for path in (folder, folder / DIVE, folder / SOUNDINGS))
     lake = shlex.quote(f"{folder}-dive")
     return [
         f"written: {folder} (import.md repeats this; {PICTURE} shows tracks, depths and area)",
+        *([note] if note else []),
         "next:",
         f"  auv_lse fit {soundings} --level {level_m:g} --out {shlex.quote(str(folder / 'gp.yaml'))}",
         f"  auv_lse check {dive} --map {shlex.quote(str(folder / 'dive-map.png'))}",

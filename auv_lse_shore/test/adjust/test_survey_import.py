@@ -406,3 +406,13 @@ def test_times_stay_utc_to_a_tide_table_and_own_crowdsourced_bathymetry_comes_ba
     origin = read_run(back).origin
     np.testing.assert_allclose(np.column_stack([after.north_m, after.east_m]),
                                np.column_stack(local_from_geodetic(lat, lon, *origin)), atol=0.02)  # fmt: skip
+
+
+def test_the_table_of_a_large_survey_has_one_sounding_of_each_cell_and_tells(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("auv_lse_shore.survey_import.run.MOST_SOUNDINGS", 100)
+    path = written(tmp_path, "a.csv")
+    assert main([str(path), "--out", str(tmp_path / "run")]) == 0
+    rows = (tmp_path / "run" / "soundings.csv").read_text().splitlines()[1:]
+    assert 20 < len(rows) <= 100
+    assert f"soundings.csv has {len(rows)} of {len(survey())} soundings, one of each cell of" in capsys.readouterr().out
+    assert len(read_run(tmp_path / "run").vehicles[0].soundings) == len(survey())
