@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.support.option_types import whole_from
-from benchmarks.faults.originals import small_files
+from benchmarks.faults.bed.originals import small_files
 from benchmarks.faults.report import Report
 
 SMALL = ("--files", "200")

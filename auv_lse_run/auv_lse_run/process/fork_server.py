@@ -39,6 +39,8 @@ from auv_lse_run.process.processes import LaunchError, Process, die_with_parent,
 _COMMAND_ROOM = 4000
 #: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, for minutes where slow.
 _START_S = 600.0
+#: Longest wait (s) for processes that end with the server.
+_END_S = 5.0
 #: Module prepared after those of the nodes, for all nodes.
 _OF_ALL = "auv_lse_common.node.entry_point"
 
@@ -209,8 +211,29 @@ class ForkServer:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._server.wait(1.0)
         end([self._server])
+        left = {forked for forked in self._started if forked.returncode is None}
         self.read(1.0)
         self._server.stdout.close()
+        _wait_for_end([forked.pid for forked in left if forked.begun])
+
+
+def _wait_for_end(pids: Iterable[int]) -> None:
+    """Waits until processes have ended that get SIGTERM from Linux at the server's end; kills them if that is late."""
+    until = time.monotonic() + _END_S
+    for pid in pids:
+        while _lives(pid):
+            if time.monotonic() > until:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.01)
+
+
+def _lives(pid: int) -> bool:
+    """Whether a process of ours has not ended; a zombie has."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (OSError, IndexError):
+        return False
 
 
 #: The server of `load_early`, until a `ForkServer` uses it.
@@ -313,11 +336,12 @@ def serve(modules: Sequence[str]) -> int:
                 if later and numbers:
                     _load(later)
                     later = []
+                server = os.getpid()
                 pid = os.fork()
                 if pid == 0:
                     os.close(woken)
                     os.close(wake)
-                    _run(request, terminal)
+                    _run(request, terminal, server)
                 numbers[pid] = request["number"]
                 _answer(number=request["number"], pid=pid)
 
@@ -364,11 +388,13 @@ def _answer(**answer: Any) -> None:
     os.write(sys.stdout.fileno(), json.dumps(answer).encode() + b"\n")
 
 
-def _run(request: Mapping[str, Any], terminal: int) -> None:
+def _run(request: Mapping[str, Any], terminal: int, server: int) -> None:
     """In the forked process: runs the node, and does not return.
 
     Args:
+        request: What to run.
         terminal: Where its output goes if its log file cannot be written.
+        server: Process id of the fork server.
     """
     code = 1
     try:
@@ -376,6 +402,8 @@ def _run(request: Mapping[str, Any], terminal: int) -> None:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         os.setsid()
         die_with_parent()
+        if os.getppid() != server:  # it has ended already, so Linux will not tell
+            os._exit(0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         nothing = os.open(os.devnull, os.O_RDONLY)
         with open_log(Path(request["log"]), terminal, append=request["append"]) as log:

@@ -29,7 +29,10 @@ RUNS = ["modem_node", "--ros-args", "-r", "__ns:=/auv7", "-p", "mission.vehicles
 
 
 def _command_line(pid: int) -> list[str]:
-    return Path(f"/proc/{pid}/cmdline").read_text().rstrip("\0").split("\0")
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text().rstrip("\0").split("\0")
+    except (FileNotFoundError, ProcessLookupError):
+        return []
 
 
 def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> None:
@@ -63,6 +66,23 @@ def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> N
         assert time.monotonic() < until, "a process outlives the server"
         time.sleep(0.05)
     assert last.poll() is not None
+
+
+def test_what_is_forked_while_the_server_closes_ends_with_it(tmp_path: Path) -> None:
+    """Ctrl-C while the nodes are being started: the last of them must not write when the run folder is cleared."""
+    for number in range(5):
+        server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+        command = [*RUNS, "-p", f"packet.session:={tmp_path}"]
+        assert server.start(MODEM, command, tmp_path / "first.log").pid, "the server has loaded its modules"
+        later = [server.start(MODEM, command, tmp_path / f"{number} {k}.log") for k in range(6)]
+        server.close()
+        left = [pid for pid in _pids() if "modem_node" in (line := _command_line(pid)) and command[-1] in line]
+        assert not left, number
+        assert all(forked.poll() is not None for forked in later)
+
+
+def _pids() -> list[int]:
+    return [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit() and (path / "cmdline").exists()]
 
 
 def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:

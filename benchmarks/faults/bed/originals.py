@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import netcdf_file
 
-_MISSIONS = Path(__file__).parents[2] / "config" / "missions"
+_MISSIONS = Path(__file__).parents[3] / "config" / "missions"
 Depths = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
