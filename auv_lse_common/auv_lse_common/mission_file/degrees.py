@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
 
 #: How to name what is in a file; ends messages about features that are not understood.
-NAMING = "Name it 'no-go ...' if vehicles must stay out, or 'shore ...', or remove it from the file"
+NAMING = "Name a polygon 'no-go ...' if vehicles must stay out, 'shore ...' if it is a shore, or remove it"
 
 
 @dataclass(kw_only=True)

@@ -120,7 +120,7 @@ def test_an_area_may_mention_other_things(tmp_path, known):
 
 def test_an_unnamed_zone_beside_a_given_area_is_refused(tmp_path):
     geojson(tmp_path / "a.geojson", ({"name": "Felsen"}, "Polygon", [ISLANDS[0]]))
-    with pytest.raises(ParameterError, match=r"polygon_m is given, but the polygon 'Felsen' .*Name it 'no-go"):
+    with pytest.raises(ParameterError, match=r"polygon_m is given, but the polygon 'Felsen' .*Name a polygon 'no-go"):
         read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
     geojson(tmp_path / "a.geojson", ({"name": "no-go Felsen"}, "Polygon", [ISLANDS[0]]))
     read = read_parameter_file(mission(tmp_path, f"file: a.geojson, {METRES}"), read_area)
