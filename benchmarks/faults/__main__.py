@@ -122,7 +122,7 @@ def _run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) 
     """Runs the requested kinds and prints the table; returns the reports, and whether Ctrl-C ended it."""
     if options.kind != "all":
         report: Report = _kind(options.kind).run(options, folder, say)
-        print("\n".join(report.lines))
+        print("\n".join([*report.lines, *(f"lost: {text}" for text in report.lost)]))
         return [report], False
     reports, interrupted = run_all(options.seed, folder, say)
     for name, report in reports.items():

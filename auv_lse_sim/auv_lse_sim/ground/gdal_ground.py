@@ -56,8 +56,10 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
                 variable, driver = _variable(data.subdatasets, path), data.driver
             with rasterio.open(variable, driver=driver) as data:
                 return _ground(data, path, config, origin)
-    except (RasterioError, MemoryError) as error:
-        raise GroundError(f"{path}: is not a readable raster: {error}") from error
+    except GroundError:
+        raise
+    except (RasterioError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:  # damaged
+        raise GroundError(f"{path}: is not a readable raster: {type(error).__name__}: {error}") from error
 
 
 @contextmanager

@@ -271,3 +271,12 @@ def test_a_raster_that_is_no_grid_is_refused(tmp_path, rows, step, expected):
         file.write(-DEPTH[:rows], 1)
     with pytest.raises(GroundError, match=expected):
         load_ground(tmp_path / "g.tif")
+
+
+def test_a_projection_that_is_no_text_is_refused_in_words(tmp_path):
+    path = tif(tmp_path / "a.tif", -DEPTH, crs="+proj=tmerc +lon_0=9.1 +k=0.9996 +x_0=500000 +ellps=WGS84")
+    data = path.read_bytes()
+    assert b"unknown" in data, "the projection's name"
+    path.write_bytes(data.replace(b"unknown", b"unkn\xf4wn"))
+    with pytest.raises(GroundError, match=r"a\.tif: is not a readable raster: UnicodeDecodeError"):
+        load_ground(path)
