@@ -30,10 +30,10 @@ SMALL = ("--sequences", "4000")
 FAULTS = (
     "depth", "fence", "altitude", "battery", "leak", "autopilot", "pressure", "link", "mission time",
     "odometry with old stamps", "odometry silent", "odometry frozen", "odometry impossible",
-    "altimeter silent", "altimeter frozen", "depth gauge frozen",
+    "altimeter silent", "altimeter frozen", "depth gauge frozen", "heading jumping",
 )  # fmt: skip
 #: Limits whose response is always "warn".
-WARNINGS = ("altimeter", "depth gauge")
+WARNINGS = ("altimeter", "depth gauge", "heading")
 #: While a sensor is silent its last reading counts, which may be an outlier: then these limits may trip, too.
 STANDING = {f"odometry {how}": ("depth", "fence") for how in ("silent", "frozen", "impossible")}
 STANDING["altimeter silent"] = ("altitude",)
@@ -162,7 +162,8 @@ class Sequence:
                 depth_m += 16.0 * self._is_bad("depth")
             if not self._has("odometry frozen"):
                 north_m -= 400.0 * self._is_bad("fence")
-            self._watch.odometry(self._now_s - age_s, 0.3, north_m, east_m, depth_m, self._speed_mps)
+            heading_rad = 0.3 + math.pi * (self._has("heading jumping") and rng.random() < 0.5)
+            self._watch.odometry(self._now_s - age_s, heading_rad, north_m, east_m, depth_m, self._speed_mps)
         if not self._has("altimeter silent"):
             if not self._has("altimeter frozen"):
                 low_m = rng.choice([0.5, 0.0, -1.0])

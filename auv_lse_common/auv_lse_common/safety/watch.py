@@ -30,13 +30,14 @@ from auv_lse_common.safety.exceeded_time import ExceededTime
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.frames import is_possible
 from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
+from auv_lse_common.vocabulary.jumping_heading import JumpingHeading
 from auv_lse_common.vocabulary.mission_run import STOPS, Action, MissionRun, RunState, Stop
 from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 #: A longer step (s), or a negative one, means that the clock was set.
 LONGEST_STEP_S = 10.0
-#: Limits of states, which are known at each step; the others have readings.
-STATES = ("depth gauge", "altimeter", "odometry", "link", "autopilot", "battery", "leak", "pressure", "mission time")
+#: Limits of which each reading counts; the others are states, which are known at each step.
+READINGS = ("depth", "fence", "altitude")
 #: Share of a step's readings that makes an exceeded limit a warning.
 WARNING_SHARE = 0.5
 #: At most this many readings of a sensor count in one step, the newest.
@@ -119,6 +120,7 @@ class SafetyWatch:
             "altitude": config.altitude_response,
             "depth gauge": "warn",
             "altimeter": "warn",
+            "heading": "warn",
             "odometry": config.odometry_response,
             "link": config.link_response,
             "autopilot": config.autopilot_response,
@@ -141,7 +143,8 @@ class SafetyWatch:
         self._new_altitudes: deque[float] = deque(maxlen=MOST_READINGS)  # since the last step (m)
         self._altimeter = FrozenSensor(FLATTEST)
         self._depth_gauge = FrozenSensor(STEADIEST, STEADY_M)
-        self._altitude_frozen = self._depth_frozen = False
+        self._heading = JumpingHeading()
+        self._altitude_frozen = self._depth_frozen = self._heading_jumps = False
         self._autopilot: AutopilotReport | None = AutopilotReport(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
         self._stamp_s = -math.inf  # newest stamp of odometry since the last step
@@ -160,7 +163,8 @@ class SafetyWatch:
 
         Estimates with an old stamp are checked, but count as old odometry. Impossible estimates are ignored. So are
         estimates of a frozen estimator: the same position to the last digit with a speed, once the vehicle has moved.
-        A depth that has varied and then stays the same under water while the vehicle moves is a warning.
+        A depth that has varied and then stays the same under water while the vehicle moves is a warning, and so are
+        headings that jump.
         """
         if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
             return
@@ -175,6 +179,7 @@ class SafetyWatch:
         self._position = (north_m, east_m, depth_m)
         self._new_positions.append(self._position)
         self._stamp_s = max(self._stamp_s, stamp_s)
+        self._heading_jumps = self._heading.update(stamp_s, heading_rad)
         frozen = self._depth_gauge.update(depth_m, north_m, east_m)
         self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
 
@@ -318,7 +323,7 @@ class SafetyWatch:
     def _check_states(self) -> None:
         """Compares ages, devices and the mission's time with their limits."""
         found = self._exceeded_states()
-        for name in STATES:
+        for name in self._times.keys() - set(READINGS):
             self._add(name, found.get(name, ""))
 
     def _add(self, name: str, reason: str) -> None:
@@ -328,12 +333,14 @@ class SafetyWatch:
             self._reasons[name] = reason
 
     def _exceeded_states(self) -> dict[str, str]:
-        """The exceeded limits among `STATES`, each with the reason."""
+        """The exceeded limits of states, each with the reason."""
         config, found = self._config, {}
         if self._depth_frozen and self._position is not None:
             found["depth gauge"] = _frozen_text("depth", self._position[2], self._depth_gauge)
         if self._altitude_frozen:
             found["altimeter"] = _frozen_text("altitude", self._altitude_m, self._altimeter)
+        if self._heading_jumps:
+            found["heading"] = f"heading jumps by up to {self._heading.largest_deg:.0f} deg; check the compass"
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
             found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:

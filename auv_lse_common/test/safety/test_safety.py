@@ -291,6 +291,18 @@ def cruise(vehicle: Vehicle, metres: float, altitude_m: float | None = None, dep
     return vehicle
 
 
+@pytest.mark.parametrize(("apart_s", "is_told"), [(0.3, True), (3.0, True), (20.0, False)])
+def test_a_heading_that_jumps_again_and_again_is_told_and_trips_nothing(apart_s: float, is_told: bool) -> None:
+    vehicle = Vehicle().wait(5.0)
+    for _ in range(6):
+        vehicle.heading_rad = (vehicle.heading_rad + math.pi) % (2.0 * math.pi)
+        vehicle.wait(apart_s)
+    assert (vehicle.watch.warnings == {"heading": "heading jumps by up to 179 deg; check the compass"}) == is_told
+    assert (vehicle.watch.warnings == {}) == (not is_told)
+    assert vehicle.run.limits == {}
+    assert vehicle.wait(12.0).watch.warnings == {}, "it has passed"
+
+
 def test_an_altimeter_that_hangs_while_the_vehicle_moves_counts_as_none() -> None:
     vehicle = cruise(Vehicle(), 40.0)
     assert vehicle.watch.warnings == {}
