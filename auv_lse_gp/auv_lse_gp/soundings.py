@@ -331,7 +331,8 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
     wanted |= {"depth": column(_ELEVATION) if depth is None else depth, "time": column(("time_s",))}
     indices = {key: index for key, index in wanted.items() if index is not None}
     if "depth" not in indices or not {"north", "lat"} & set(indices):
-        raise SoundingsError(f"{where}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
+        shown = ", ".join(name[:40] for name in header[:30])
+        raise SoundingsError(f"{where}: columns are {shown}; expected {_EXPECTED_COLUMNS}")
     return indices
 
 

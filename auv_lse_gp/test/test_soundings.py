@@ -68,6 +68,7 @@ def test_grid_survey(tmp_path):
     ("text", "message"),
     [
         ("north_m,east_m\n1,2\n", r":1: columns are north_m, east_m; expected east_m,north_m,depth_m"),
+        ("north_m," + "[" * 3000 + "\n1,2\n", r":1: columns are north_m, \[{40}; expected east_m,north_m,depth_m"),
         ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'. Write a finite number"),
         ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2'; expected 3"),
         ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'. Write a finite number"),

@@ -155,7 +155,8 @@ def _band(data: Any, path: Path) -> tuple[int, list[str]]:
     fit = [k for k, name in enumerate(names, 1) if not is_other(name)]
     named = [k for k in fit if text_says_up(names[k - 1]) is not None] or fit
     if not named:
-        raise GroundError(f"{path}: its bands are {', '.join(names)}; none holds depths or elevations")
+        shown = ", ".join(name[:40] for name in names[:30])
+        raise GroundError(f"{path}: its bands are {shown}; none holds depths or elevations")
     if data.count == 1:
         return named[0], []
     return named[0], [f"band {named[0]} of {data.count}{f' ({names[named[0] - 1]})' if names[named[0] - 1] else ''}"]
