@@ -54,6 +54,7 @@ class Banks:
         before = np.concatenate([np.vstack([line[:1], line[:-1]]) for line in locations])
         after = np.concatenate([np.vstack([line[1:], line[-1:]]) for line in locations])
         self._pieces_m = np.stack([before, after]) - self._locations_m
+        self._last: tuple[Array, Array] | None = None  # the locations that were asked for last, and their factors
 
     @classmethod
     def of(cls, area: AreaConfig, level_m: float) -> Banks | None:
@@ -62,14 +63,19 @@ class Banks:
         return cls(shores, area.shore_depth_m, level_m) if shores else None
 
     def factor(self, locations_m: Array) -> Array:
-        """Factor s (P,) at locations (P, 2)."""
+        """Factor s (P,) at locations (P, 2), read-only. A map asks several times for those of its cells."""
+        if self._last is not None and np.array_equal(self._last[0], locations_m):
+            return self._last[1]
         _, nearest = self._tree.query(locations_m, k=np.arange(1, min(_NEAREST, self._tree.n) + 1))
         pieces, off = self._pieces_m[:, nearest], np.asarray(locations_m)[:, None] - self._locations_m[nearest]
         squares = np.maximum(np.einsum("spkd,spkd->spk", pieces, pieces), 1e-12)
         along = np.clip(np.einsum("spkd,pkd->spk", pieces, off) / squares, 0.0, 1.0)
         rest = off - along[..., None] * pieces
         distance = np.sqrt(np.einsum("spkd,spkd->spk", rest, rest).min(axis=(0, 2)))
-        return np.asarray(np.maximum(1.0 - np.exp(-distance / BANK_M), LEAST))
+        factors: Array = np.maximum(1.0 - np.exp(-distance / BANK_M), LEAST)
+        factors.setflags(write=False)
+        self._last = (np.array(locations_m), factors)
+        return factors
 
     def mean(self, open_ground: PriorMean) -> PriorMean:
         """Prior mean of the relative depth, from that of open ground."""
