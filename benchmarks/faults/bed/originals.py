@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Iterator
+from functools import reduce
+from operator import xor
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +19,6 @@ Depths = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 def small_files(folder: Path) -> Iterator[Path]:
     """Writes a small file of each format that can be written here; yields their paths."""
     yield _MISSIONS / "lake.geojson"
-    lake = _MISSIONS / "lake.nmea"
-    log = folder / "log.nmea"
-    log.write_bytes(lake.read_bytes()[:8000])
-    yield log
     rng = np.random.default_rng(1)
     places = np.column_stack([46.5 + 0.01 * rng.random(60), 6.6 + 0.01 * rng.random(60), 5.0 + 20.0 * rng.random(60)])
     rows = [f"2026-06-14T10:{i // 60:02d}:{i % 60:02d}Z,{a:.6f},{b:.6f},{c:.2f}" for i, (a, b, c) in enumerate(places)]
@@ -31,7 +29,9 @@ def small_files(folder: Path) -> Iterator[Path]:
                  "properties": {"depth": c, "time": f"2026-06-14T10:00:{i:02d}Z"}}
                 for i, (a, b, c) in enumerate(places.tolist())]  # fmt: skip
     grid = "\n".join(" ".join(f"{v:.1f}" for v in row) for row in 5.0 + 20.0 * rng.random((12, 12)))
+    sentences = [text for i, (a, b, c) in enumerate(places) for text in _sentences(i, a, b, c)]
     texts = {
+        "log.nmea": "".join(f"${text}*{reduce(xor, text.encode()):02X}\r\n" for text in sentences),
         "table.csv": "time_utc,lat,lon,depth_m\n" + "\n".join(rows),
         "area.kml": '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>lake</name>'
         f"<Polygon><outerBoundaryIs><LinearRing><coordinates>{ring}</coordinates></LinearRing></outerBoundaryIs>"
@@ -50,6 +50,14 @@ def small_files(folder: Path) -> Iterator[Path]:
     yield folder / "area.kmz"
     yield from _layers(folder, places[:4, 1::-1])
     yield from _rasters(folder, 5.0 + 20.0 * rng.random((12, 12)))
+
+
+def _sentences(second: int, lat_deg: float, lon_deg: float, depth_m: float) -> tuple[str, str]:
+    lat, lon = (f"{int(deg):0{digits}d}{deg % 1.0 * 60.0:07.4f}" for deg, digits in ((lat_deg, 2), (lon_deg, 3)))
+    return (
+        f"GPGGA,10{second // 60:02d}{second % 60:02d},{lat},N,{lon},E,2,9,0.9,372,M,48,M,,",
+        f"SDDBT,,f,{depth_m:.1f},M,,F",
+    )
 
 
 def _layers(folder: Path, corners: Depths) -> Iterator[Path]:
