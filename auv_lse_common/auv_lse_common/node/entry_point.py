@@ -151,6 +151,7 @@ class Main:
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that; restore the signal.
     stopping = Stopping()
+    sys.dont_write_bytecode = True  # Python would replace a module's cache by what a full disk takes of it
     try:
         refuse_mixture()
         confine()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 
 from auv_lse_common.node import latest_writer, state_memory, state_slots
 from auv_lse_common.node.state_file import StateFile, read_state
@@ -169,18 +169,11 @@ def test_a_full_disk_stops_the_allocation_but_no_write(tmp_path: Path) -> None:
     """A limit on the size of files stands in for the disk: files that have their size can be written."""
     path = tmp_path / "safety.state"
     state = StateFile(path, MISSION)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_BYTES, limits[1]))
-    try:
+    with full_disk(FILE_BYTES):
         for number in range(3):
             assert state.write({"number": number})
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        with pytest.raises(OSError, match=r"bytes written|too large"):
-            create(tmp_path / "other.state", b"{}")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, handler)
+    with full_disk(1000), pytest.raises(OSError, match=r"bytes written|too large"):
+        create(tmp_path / "other.state", b"{}")
     assert list(tmp_path.iterdir()) == [path]
     assert StateFile(path, MISSION).values == {"number": 2}
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import resource
-import signal
 import tempfile
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 
 from auv_lse_common.support import compiled
 
@@ -87,11 +86,5 @@ def test_a_function_runs_although_the_disk_takes_no_code(tmp_path: Path) -> None
     spec = importlib.util.spec_from_file_location("package.loops", package / "loops.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, unlimited[1]))
-    try:
+    with full_disk(100):
         assert module.doubled(21) == 42
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-        signal.signal(signal.SIGXFSZ, ignored)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import resource
-import signal
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 from verb_main import verb_main
 
 from auv_lse_comms.packet.key import KeyFileError, make_key, read_key
@@ -86,13 +85,6 @@ def test_a_key_is_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 def test_a_key_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyFileError, match="cannot be created: No such file or directory"):
         make_key(tmp_path / "no" / "key")
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10, unlimited[1]))  # as on a full disk: it takes ten bytes
-    try:
-        with pytest.raises(KeyFileError, match="cannot be written: File too large"):
-            make_key(tmp_path / "key")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-        signal.signal(signal.SIGXFSZ, ignored)
+    with full_disk(10), pytest.raises(KeyFileError, match="cannot be written: File too large"):
+        make_key(tmp_path / "key")
     assert not (tmp_path / "key").exists()

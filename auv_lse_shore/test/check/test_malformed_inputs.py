@@ -5,17 +5,15 @@ Mission files have a test of their own (test_malformed_files.py).
 
 from __future__ import annotations
 
-import contextlib
 import io
 import random
-import resource
 import shutil
-import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameters import ParameterError
@@ -299,23 +297,10 @@ def test_an_incomplete_run_is_refused(
 # Disks ----------------------------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def a_disk_that_takes(size: int) -> Iterator[None]:
-    """No file of this process can be longer than `size` bytes: what a full disk does, for root as well."""
-    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, unlimited[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-        signal.signal(signal.SIGXFSZ, ignored)
-
-
 def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "soundings of é.csv"
     table.write_text("".join(SOUNDINGS))
-    with a_disk_that_takes(150):
+    with full_disk(150):
         code = export([str(recorded), "--out", str(tmp_path / "to")])
         fitted = fit([str(table), "--restarts", "1", "--out", str(tmp_path / "gp.yaml")])
     said = capsys.readouterr()
@@ -340,7 +325,7 @@ def test_on_a_full_disk_nothing_half_written_stays(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], int]
 ) -> None:
     shutil.copytree(recorded, tmp_path / "run")
-    with a_disk_that_takes(150):
+    with full_disk(150):
         code = command(tmp_path)
     said = capsys.readouterr()
     assert code == 2, said
