@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -20,6 +21,8 @@ MISSION, DIVES = "mission.yaml", "dives"
 #: Time (s) for a start to reserve its domain and for its nodes to be ready, and for nodes and recorder to end.
 _START_S, _STOP_S = 15.0, 25.0
 _STEP_S = 0.1
+#: Nodes that every vehicle has.
+_NODES = ("safety_node", "gp_node", "planner_node")
 
 
 def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
@@ -39,7 +42,7 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     try:
         out = _dive_to_continue(folder, name, mission) or folder / DIVES / f"{datetime.now():%Y-%m-%d-%H%M%S}-{name}"
         out.parent.mkdir(exist_ok=True)
-        log = out.with_suffix(".start.log")
+        log, logged = out.with_suffix(".start.log"), _sizes(out, name)
         arguments = ("vehicle", name, str(mission), "--out", str(out), "--domain", str(domain), "--wait")
         with log.open("w") as output:
             process = subprocess.Popen(
@@ -53,7 +56,9 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     except (OSError, ParameterError) as error:
         return REFUSED, f"its nodes cannot be started: {error}"
     end_s = time.monotonic() + _START_S
-    while time.monotonic() < end_s and process.poll() is None and not _are_ready(out, name):
+    while time.monotonic() < end_s and process.poll() is None:
+        if vehicle_on(domain, number) is not None and _are_ready(out, name, logged):
+            break
         time.sleep(_STEP_S)
     if process.poll() is not None:
         lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
@@ -65,13 +70,21 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     return SILENT, f"its nodes have not started within {_START_S:g} s; see {log}"
 
 
-def _are_ready(out: Path, name: str) -> bool:
-    """Whether all nodes have logged that they are ready; a recorder logs something else."""
-    logs = {path.name: path for path in (out / "logs").glob(f"{name}.*.log") if "recorder" not in path.name}
-    if not logs.keys() >= {f"{name}.{node}.log" for node in ("safety_node", "gp_node", "planner_node")}:
-        return False
+def _sizes(out: Path, name: str) -> dict[Path, int]:
+    """The size (bytes) of each log of a vehicle's nodes; a recorder, which logs something else, is left out."""
+    logs = (path for path in (out / "logs").glob(f"{name}.*.log") if "recorder" not in path.name)
+    return {path: path.stat().st_size for path in logs}
+
+
+def _are_ready(out: Path, name: str, before: Mapping[Path, int]) -> bool:
+    """Whether all nodes have logged that they are ready since their logs had the sizes `before`."""
     try:
-        return all(b" ready after " in path.read_bytes() for path in logs.values())
+        sizes = _sizes(out, name)
+        if not {f"{name}.{node}.log" for node in _NODES} <= {path.name for path in sizes}:
+            return False
+        old = {path: before.get(path, 0) for path in sizes}
+        old = {path: size if size <= sizes[path] else 0 for path, size in old.items()}  # 0: it was begun anew
+        return all(b" ready after " in path.read_bytes()[size:] for path, size in old.items())
     except OSError:
         return False
 
