@@ -137,7 +137,7 @@ BAD = {
     "one_swapped": (geojson(feature("a", "Polygon", [[*LAKE[:3], [47.3, 8.5]]])), "swapped in one of its features"),
     "two_areas": (
         geojson(feature("a", "Polygon", [LAKE]), feature("b", "Polygon", [ISLAND])),
-        "'a', 'b'. Name it",
+        "'a', 'b'. Name a polygon",
     ),
     "two_starts": (geojson(feature("start 1", "Point", START), feature("start 1", "Point", START)), "second start"),
     "nothing": (geojson(feature("harbor", "Point", START)), "has no polygon, only 'harbor'"),

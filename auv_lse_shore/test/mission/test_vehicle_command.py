@@ -80,7 +80,8 @@ def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_no
     assert not any(kill.lost for kill in flight.kills), flight.kills
     assert len(flight.sockets) > 20, "of three processes and their nodes"
     assert [socket for socket in flight.sockets if not socket.local] == [], "nothing listens beyond this machine"
-    assert flight.steps == {1: [0, 1, 2], 2: [0, 1, 2]}, "the planner went on at its step"
+    assert flight.steps[2] == [0, 1, 2]
+    assert flight.steps[1] in ([0, 1, 2], [0, 1], [0, 2], [1, 2]), "each once; one may fall to the recorder's death"
     for k, mate in ((1, 2), (2, 1)):
         with Recording(recording_in(flight.recordings[k])) as recording:
             names = [name for name in recording.topics if name.startswith("/auv")]
