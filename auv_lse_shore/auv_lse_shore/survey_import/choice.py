@@ -210,17 +210,17 @@ def _is_good(rows: Array, scale: float, least_percent: float) -> NDArray[np.bool
 
 def _refer_to_surface(log: SurveyLog, sounder: Sounder, choice: Choice) -> None:
     """Adds the transducer's or the keel's depth, and asks for it if it is unknown."""
-    if sounder.reference is Reference.SURFACE:
+    if sounder.reference is Reference.SURFACE and choice.draught_m is None:
         log.notes.append("below the surface as the log has it")
-        if choice.draught_m is None:
-            return
+        return
     if choice.draught_m is None:
         log.questions.append(
             f"depths are below {sounder.reference.value}, whose depth is unknown: 0 m is assumed; --draught gives it"
         )
         return
-    log.depths[:, 1] += choice.draught_m
-    log.notes.append(f"{choice.draught_m:g} m added (--draught)")
+    log.depths[:, 1] += choice.draught_m - sounder.offset_m
+    instead = f" instead of the {sounder.offset_m:g} m that the log states" if sounder.offset_m else ""
+    log.notes.append(f"{choice.draught_m:g} m added{instead} (--draught)")
 
 
 def _add_immersion(log: SurveyLog, content: LogContent, density_kgpm3: float) -> None:

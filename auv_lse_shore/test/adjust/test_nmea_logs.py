@@ -184,6 +184,14 @@ def test_all_depths_end_at_the_surface_and_an_unknown_draught_is_asked_for(tmp_p
     assert any("depths are below the keel, whose depth is unknown" in line for line in gathered(tmp_path, text).lines)
 
 
+def test_a_given_draught_replaces_the_one_that_the_log_states(tmp_path):
+    rows = survey()[:60]
+    text = "".join(gga(*r[:3]) + sentence(f"SDDPT,{r[3]:.2f},0.3") for r in rows)
+    found = gathered(tmp_path, text, "--draught", "0.5")
+    assert found.placed[0].soundings[:, 3] == pytest.approx(rows[:, 3] + 0.5, abs=0.011)
+    assert "0.5 m added instead of the 0.3 m that the log states (--draught)" in found.lines[0]
+
+
 def test_a_log_without_dates_asks_for_them(tmp_path):
     text = "".join(line for line in nmea(survey()[:60]).splitlines(keepends=True) if "RMC" not in line)
     assert "times of day and no date: --date 2026-06-14 gives it" in gathered(tmp_path, text).lines[-1]

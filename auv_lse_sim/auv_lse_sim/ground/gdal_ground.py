@@ -58,7 +58,7 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
                 return _ground(data, path, config, origin)
     except GroundError:
         raise
-    except (RasterioError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:  # damaged
+    except (RasterioError, RuntimeError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise GroundError(f"{path}: is not a readable raster: {type(error).__name__}: {error}") from error
 
 

@@ -178,7 +178,8 @@ class SentenceReader:
         if source.endswith("DPT") and offset_m > 0.0:
             reference = Reference.SURFACE
             content.notes.append(f"{source} depths plus the transducer's depth that they state, {offset_m:g} m")
-        content.sounders[source] = Sounder(reference=reference)
+        stated_m = offset_m if reference is Reference.SURFACE and source.endswith("DPT") else 0.0
+        content.sounders[source] = Sounder(reference=reference, offset_m=stated_m)
         stamps, before = rows[:, 0], np.zeros(len(rows), dtype=bool)
         if len(epochs[0]):
             stamps, before = _spread(rows[:, 0], *epochs)
