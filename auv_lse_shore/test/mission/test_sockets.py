@@ -103,6 +103,8 @@ def test_every_executable_started_bare(tmp_path: Path, vehicles_file: Path) -> N
             arguments = ["--ros-args", "-r", "__ns:=/auv1", "--params-file", str(vehicles_file)]
             if executable == "micromodem_node":
                 arguments += ["-p", "modem.kind:=micromodem", "-p", "modem.port:=/dev/ttyMISSING"]
+            if executable == "sim_node":  # it refuses hardware
+                arguments += ["-p", "link.kind:=direct", "-p", "modem.kind:=direct"]
             running[executable] = stack.enter_context(started([str(path), *arguments], log, environment)), log
         for executable, (process, log) in running.items():
             assert beyond(sockets_of(process, 1, log)) == [], executable
