@@ -21,8 +21,7 @@ def bucket(tmp_path):
     ports = {1: PtyPort(tmp_path / "modem1"), 2: TcpServerPort()}
     over, racks = threading.Event(), []
     desk = threading.Thread(
-        daemon=True,
-        target=lambda: racks.append(modem_desk.run(ports, 0.01, time.time, lambda: not over.is_set()))
+        daemon=True, target=lambda: racks.append(modem_desk.run(ports, 0.01, time.time, lambda: not over.is_set()))
     )
     addresses = [port.port for port in ports.values()]
     desk.start()
@@ -64,7 +63,7 @@ def test_two_modems_in_a_bucket(bucket, tmp_path, capsys):
         daemon=True,
         target=lambda: codes.append(
             main([second, "--vehicle", "2", "--mission", str(mission), "--listen", "60", "--count", "1"])
-        )
+        ),
     )
     listener.start()
     printed = ""
