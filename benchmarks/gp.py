@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 import os
 import subprocess
 import sys
@@ -40,6 +41,9 @@ from auv_lse_gp import (
     read_soundings,
 )
 from auv_lse_gp.inference.local_subset import predict_locally
+from auv_lse_gp.inference.work import Job
+from auv_lse_gp.map.quality import QualityJudge
+from auv_lse_gp.map.quality_watch import SLICE
 from benchmarks.rows import Row, row
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -59,6 +63,7 @@ class Sizes:
         cells: Cells of the map in north and east.
         data: Numbers of centers of the maps.
         running: Centers of the map that is kept up to date in real time.
+        judged: Centers of the map whose quality is judged.
         queries: Locations at which the local subset is compared with all centers.
         every: Every how many soundings of the survey are used.
         soundings: Soundings of the fit.
@@ -70,6 +75,7 @@ class Sizes:
     cells: tuple[int, int] = (400, 250)
     data: tuple[int, ...] = (500, 1000, 2000)
     running: int = 2000
+    judged: int = 12000
     queries: int = 3000
     every: int = 1
     soundings: int = 500
@@ -79,7 +85,16 @@ class Sizes:
 
 FULL = Sizes()
 SMOKE = Sizes(
-    evaluations=2_000, cells=(16, 10), data=(30,), running=40, queries=20, every=4, soundings=40, restarts=1, repeats=1
+    evaluations=2_000,
+    cells=(16, 10),
+    data=(30,),
+    running=40,
+    judged=60,
+    queries=20,
+    every=4,
+    soundings=40,
+    restarts=1,
+    repeats=1,
 )
 
 
@@ -125,6 +140,7 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
         *accuracy(sizes),
         *maps(sizes),
         *real_time(sizes),
+        judgement(sizes),
         *local_subset(survey, sizes),
         *planned(sizes),
     ]
@@ -479,6 +495,26 @@ def real_time(sizes: Sizes = FULL) -> list[Row]:
         ),
         row("the same, slowest of 20", slowest, "s", goal="< 1 s", holds=slowest < 1.0),
     ]
+
+
+def judgement(sizes: Sizes = FULL) -> Row:
+    """The longest slice of a judgement of the map's quality, of corrected positions."""
+    side_m = 22.0 * math.sqrt(sizes.judged)
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, side_m, 0.0, side_m, side_m, 0.0, side_m)))
+    rng = np.random.default_rng(6)
+    locations = rng.uniform(0.0, side_m, (sizes.judged, 2))
+    depths = 15.0 + 6.0 * np.sin(locations[:, 0] / 170.0) * np.cos(locations[:, 1] / 230.0)
+    effect = 0.05 * rng.standard_normal((sizes.judged, 40))
+    judge = QualityJudge(GpConfig(), LevelSet(), area)
+    judge.judge(Centers(locations[:20], depths[:20], np.full(20, 0.3)))  # loads compiled code
+    job = Job(judge.judge_in_parts(Centers(locations, depths, np.full(sizes.judged, 0.3), effect)))
+    times, done = [], False
+    while not done:
+        begin = clock()
+        done = job.advance(SLICE)
+        times.append(clock() - begin)
+    name = f"longest of {len(times)} slices of a judgement, n = {sizes.judged}"
+    return row(name, 1e3 * max(times), "ms", goal="<= 100 ms", holds=max(times) <= 0.1)
 
 
 # ---------------------------------------------------------------- choices

@@ -81,7 +81,7 @@ class Factor:
         old, new = self.size, self.size + len(own)
         if new == old:
             return
-        self._reserve(new)
+        self.reserve(new)
         rows = self.solve(cross.T).T
         remainder = own - rows @ rows.T
         # Reject pivots of the size of their rounding error, about n eps k(p, p).
@@ -178,7 +178,8 @@ class Factor:
             self._blocks.append((np.asfortranarray(inverse.T), np.asfortranarray(multiplier.T)))
         self._blocked = self.size
 
-    def _reserve(self, size: int) -> None:
+    def reserve(self, size: int) -> None:
+        """Makes room for `size` rows in all."""
         if size <= len(self._buffer):
             return
         grown = np.zeros((max(size, len(self._buffer) * 5 // 4),) * 2)

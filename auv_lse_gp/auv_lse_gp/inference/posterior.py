@@ -83,6 +83,7 @@ class Posterior:
         self._appended = 0
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
         self._position_white: Array | None = None  # L^-1 E, computed on first use
+        self._position_weights: Array | None = None  # L^-T L^-1 E, likewise
 
     # ---------------------------------------------------------------- measurements
 
@@ -143,7 +144,7 @@ class Posterior:
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
             self._centers = self._centers.slice(0, size)
-            self._position_white = None
+            self._position_white = self._position_weights = None
             self._whitened = self._whitened[:size]
 
     def follow(self, centers: Centers) -> int:
@@ -209,7 +210,7 @@ class Posterior:
     def _set_data(self, centers: Centers, same: int) -> None:
         """Sets the depths of `centers`, whose rows are in the factor; the first `same` depths are unchanged."""
         self._centers = centers
-        self._position_white = None
+        self._position_white = self._position_weights = None
         if same == len(centers) == len(self._whitened):
             return
         changed = self.relative(centers.slice(same, len(centers)))
@@ -300,9 +301,10 @@ class Posterior:
         """Variance (P,) that uncertain positions of the centers add at scaled locations (P, 2)."""
         if not self.positions_uncertain:
             return np.zeros(len(scaled))
-        weights = self._factor.solve_transposed(self.white_position_effect, self.data_rows)
-        off = np.zeros((weights.shape[1], len(scaled)))
-        self.kernel.subtract_weighted(self._scaled[: self.data_rows], weights, scaled, off)
+        if self._position_weights is None:
+            self._position_weights = self._factor.solve_transposed(self.white_position_effect, self.data_rows)
+        off = np.zeros((self._position_weights.shape[1], len(scaled)))
+        self.kernel.subtract_weighted(self._scaled[: self.data_rows], self._position_weights, scaled, off)
         return np.asarray(np.einsum("rp,rp->p", off, off))
 
     def slopes(self, locations_m: ArrayLike) -> Array:

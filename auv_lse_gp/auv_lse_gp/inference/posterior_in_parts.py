@@ -11,16 +11,19 @@ from auv_lse_gp.inference.work import FUNCTION, Work, rows_per_part
 
 Array = NDArray[np.float64]
 
-#: Number of centers that `extend_in_parts` takes together.
+#: Largest number of centers that `extend_in_parts` takes together.
 ROWS = 512
 
 
 def extend_in_parts(posterior: Posterior, centers: Centers) -> Work[None]:
-    """As `Posterior.extend`, `ROWS` centers at a time; if it raises, those before remain."""
-    for first in range(0, len(centers), ROWS):
-        part = centers.slice(first, min(first + ROWS, len(centers)))
-        before, new = posterior.data_rows, len(part)
-        posterior.extend(part)
+    """As `Posterior.extend`, at most `ROWS` centers at a time; if it raises, those before remain."""
+    first = 0
+    posterior.factor.reserve(posterior.data_rows + len(centers))
+    while first < len(centers):
+        before = posterior.data_rows
+        new = min(ROWS, len(centers) - first, rows_per_part((FUNCTION + 0.5 * before) * before))
+        posterior.extend(centers.slice(first, first + new))
+        first += new
         yield new * ((FUNCTION + 0.5 * before) * before + (FUNCTION + new) * new)
 
 

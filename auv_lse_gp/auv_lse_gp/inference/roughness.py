@@ -230,8 +230,12 @@ def _precision(posterior: Posterior, used: NDArray[np.int64]) -> Work[Array]:
         return np.asarray(np.tril(half) + np.tril(half, -1).T)
     units = np.zeros((n, len(used)))
     units[used, np.arange(len(used))] = 1.0
-    columns = posterior.factor.solve_in_place(units)
-    yield 0.5 * n * n * len(used)
+    columns, each = np.empty((n, len(used))), 0.5 * n * n
+    width = rows_per_part(each)
+    for first in range(0, len(used), width):
+        part = slice(first, min(first + width, len(used)))
+        columns[:, part] = posterior.factor.solve_in_place(np.ascontiguousarray(units[:, part]))
+        yield each * (part.stop - first)
     product = columns.T @ columns
     yield float(n) * len(used) ** 2
     return np.asarray(product)

@@ -41,6 +41,8 @@ SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
 CLOSE_SHARE = 0.25
 #: Tiles on each side of the squares in which many planned locations are taken together.
 PLANNED_TILES = 2
+#: Operations of finding a tile's data, in functions (`inference/work.py`), however few they are.
+DATA = 8000.0
 #: A tile is recomputed if the location effect of a center near it has changed by this share of the largest.
 EFFECT_SHARE = 0.02
 
@@ -383,7 +385,7 @@ class TiledMoments:
         for corner in homes.keys() - self._tiles.keys():
             self._tiles[corner] = _Tile(np.zeros(0, dtype=np.int64))
         self._turn += 1
-        for each in self._chosen(most_work):
+        for each in _chosen((yield from self._stale_in_parts()), most_work):
             yield from self._compute(each)
         mean, variance, position_variance = np.empty((3, len(self._locations_m)))
         for tile in self._tiles.values():
@@ -409,30 +411,18 @@ class TiledMoments:
                 if tile.sums is None or tile.summed != summed:
                     tile.sums, tile.summed = near.sums(own), summed
                 sums[tile.locations] = tile.sums
-                yield FUNCTION * len(own) + 100.0 * len(everywhere.squares)
+                yield FUNCTION * (len(own) + 60.0 * len(near.squares)) + 100.0 * len(everywhere.squares)
         return scale_of(sums, steep, float(everywhere.squares.sum()), len(everywhere.squares), worth)
 
-    def _chosen(self, most_work: float) -> list[_Stale]:
-        """The tiles to recompute."""
+    def _stale_in_parts(self) -> Work[list[_Stale]]:
+        """The tiles whose results are not those of their data."""
         stale = []
         for corner, tile in self._tiles.items():
             data = self._posterior.data_of(corner)
             if tile.data is None or not data.same(tile.data):
                 stale.append(_Stale(corner, tile, data))
-        chosen = {each.corner: each for each in stale if each.tile.data is None}
-        changed = [each for each in stale if each.tile.data is not None]
-        spent = 0.0
-        for share, order in (
-            (0.5, sorted(changed, key=lambda each: -each.gained)),
-            (1.0, sorted(changed, key=lambda each: each.tile.turn)),
-        ):
-            for each in order:
-                if spent >= share * most_work:
-                    break
-                if each.corner not in chosen:
-                    chosen[each.corner] = each
-                    spent += each.work
-        return list(chosen.values())
+            yield FUNCTION * (DATA + 4.0 * data.count)
+        return stale
 
     def _compute(self, stale: _Stale) -> Work[None]:
         tile, local = stale.tile, self._posterior.blank()
@@ -458,3 +448,21 @@ class TiledMoments:
             home[members] = corner == stale.corner
         tile.roughness = yield from Roughness.in_parts(local, self._length_m, home)
         tile.data, tile.turn = stale.data, self._turn
+
+
+def _chosen(stale: list[_Stale], most_work: float) -> list[_Stale]:
+    """The tiles to recompute, of those that are not up to date."""
+    chosen = {each.corner: each for each in stale if each.tile.data is None}
+    changed = [each for each in stale if each.tile.data is not None]
+    spent = 0.0
+    for share, order in (
+        (0.5, sorted(changed, key=lambda each: -each.gained)),
+        (1.0, sorted(changed, key=lambda each: each.tile.turn)),
+    ):
+        for each in order:
+            if spent >= share * most_work:
+                break
+            if each.corner not in chosen:
+                chosen[each.corner] = each
+                spent += each.work
+    return list(chosen.values())

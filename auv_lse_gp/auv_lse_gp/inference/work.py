@@ -17,8 +17,8 @@ Work = Generator[float, None, T]
 
 #: Operations of one covariance, or of another exponential, sine or cosine.
 FUNCTION = 250.0
-#: Operations of a part, at most about: 25 ms on a core of 2024. What is longer is split.
-PART = 5e8
+#: Operations of a part, at most about: 15 ms on a core of 2024. What is longer is split.
+PART = 3e8
 
 
 def finish(work: Work[T]) -> T:

@@ -216,7 +216,7 @@ def undiscovered_in_parts(
         freedom = degrees_of_freedom(posterior, config)
         for depth in (yield from draws_in_parts(posterior, cells, scales, count, freedom)):
             drawn.append(outside_m(grid, depth, level_m, located))
-            yield FUNCTION * len(cells)
+            yield 10.0 * FUNCTION * len(cells)
     expected_m, mean_m = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
     limit_m = expected_m * float(np.quantile(drawn, LIMIT_PROBABILITY)) / mean_m if mean_m > 0.0 else expected_m

@@ -14,6 +14,7 @@ from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.vocabulary.map_quality import Quality
+from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.inference.work import PART, Job
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import quality as quality_module
@@ -123,10 +124,15 @@ def test_no_part_of_a_judgement_is_long_and_tiles_give_the_quality_of_the_whole(
     depth_map.add_soundings(np.column_stack([np.arange(float(count)), at, depth]))
     judge = QualityJudge(depth_map.gp.config, LEVELS, area)
     parts: list[float] = []
+    searched: list[object] = []  # tiles whose data were searched in this part
+    data_of = TiledPosterior.data_of
+    monkeypatch.setattr(TiledPosterior, "data_of", lambda tiled, tile: searched.append(tile) or data_of(tiled, tile))
     work = judge.judge_in_parts(depth_map.centers)
     while True:
+        searched.clear()
         try:
             parts.append(next(work))
+            assert len(searched) <= 1
         except StopIteration as stop:
             found = stop.value
             break
