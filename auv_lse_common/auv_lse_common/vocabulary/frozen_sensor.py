@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 #: A frozen sensor repeats its value more often than this, while the vehicle moves at least this far (m).
 REPEATS = 10
 MOVED_M = 5.0
@@ -48,3 +51,26 @@ class FrozenSensor:
         self._repeats += 1
         self.moved_m = math.hypot(north_m - self._first[1], east_m - self._first[2])
         return self._repeats > REPEATS and self.moved_m > max(self._least_m, self._step_m / self._flattest)
+
+
+def frozen_values(
+    values_m: NDArray[np.float64],
+    north_m: NDArray[np.float64],
+    east_m: NDArray[np.float64],
+    flattest: float,
+    least_m: float = MOVED_M,
+) -> NDArray[np.bool_]:
+    """What a new `FrozenSensor` returns for each of many values, shape (n,) each; all at once.
+
+    Raises:
+        ValueError: if the arrays differ in length.
+    """
+    changes = np.diff(values_m)
+    is_new = np.append(True, changes != 0.0)[: len(values_m)]
+    starts = np.flatnonzero(is_new)
+    first = starts[np.cumsum(is_new) - 1]
+    steps_m = np.append(COARSEST_M, np.where(changes != 0.0, np.abs(changes), np.inf))[: len(values_m)]
+    moved_m = np.hypot(north_m - north_m[first], east_m - east_m[first])
+    far_m = np.maximum(least_m, np.minimum.accumulate(steps_m) / flattest)
+    frozen: NDArray[np.bool_] = (np.arange(len(values_m)) - first > REPEATS) & (moved_m > far_m)
+    return frozen

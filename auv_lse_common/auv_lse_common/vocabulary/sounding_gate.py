@@ -18,7 +18,10 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor, frozen_values
 
 #: Steepest ground (m per m) along a track, and the margin (m) for noise and position errors.
 SLOPE = 1.0
@@ -57,6 +60,10 @@ class SoundingGate:
         if self._sounder.update(row[3], row[1], row[2]):
             self.counts["frozen"] += 1
             return False
+        return self._follows(row)
+
+    def _follows(self, row: Sequence[float]) -> bool:
+        """Whether a sounding of a working sounder is plausible after the earlier ones."""
         last = self._last
         problem = "" if last is None else _problem(last, row)
         if problem:
@@ -81,3 +88,32 @@ def _problem(last: Sequence[float], row: Sequence[float]) -> str:
     if row[0] < last[0]:
         return "late"
     return "jump" if abs(row[3] - last[3]) > SLOPE * _apart_m(last, row) + SPREAD_M else ""
+
+
+def passing(rows: NDArray[np.float64]) -> tuple[NDArray[np.bool_], Counter[str]]:
+    """What a new `SoundingGate` does with a whole survey: mask of the rows that pass, and the counts of the others.
+
+    Python looks only at soundings that are implausible after the one before, and at those until the next that passes.
+
+    Args:
+        rows: Stamp (s), north, east, depth (m) of each, shape (n, 4), in order of arrival.
+    """
+    gate, passes = SoundingGate(), np.ones(len(rows), dtype=bool)
+    finite = np.flatnonzero(np.isfinite(rows).all(axis=1))
+    frozen = frozen_values(rows[finite, 3], rows[finite, 1], rows[finite, 2], FLATTEST)
+    passes[finite[frozen]] = False
+    gate.counts["frozen"] += int(frozen.sum())
+    working = finite[~frozen]
+    steps = np.diff(rows[working], axis=0)
+    jumps = np.abs(steps[:, 3]) > SLOPE * np.hypot(steps[:, 1], steps[:, 2]) + SPREAD_M
+    done = 0
+    for odd in (np.flatnonzero(jumps | (steps[:, 0] < 0.0)) + 1).tolist():
+        if odd < done:
+            continue
+        gate._last = rows[working[odd - 1]].tolist()
+        for done in range(odd, len(working)):
+            passes[working[done]] = gate._follows(rows[working[done]].tolist())
+            if passes[working[done]]:
+                break
+        done += 1
+    return passes, +gate.counts

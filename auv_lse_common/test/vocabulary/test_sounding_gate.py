@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from auv_lse_common.vocabulary.frozen_sensor import REPEATS
-from auv_lse_common.vocabulary.sounding_gate import AGREEING, SoundingGate
+from auv_lse_common.vocabulary.sounding_gate import AGREEING, SoundingGate, passing
 
 Row = tuple[float, float, float, float]
 
@@ -77,3 +78,29 @@ def test_sounder_with_decimetre_resolution_passes_over_flat_ground() -> None:
     hangs = SoundingGate()
     passed = hangs.passed(track([*ground, *[ground[-1]] * 100]))
     assert len(passed) < len(ground) + 40, "one that hangs is found after 50 m"
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_whole_survey_passes_as_its_soundings_do_one_by_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(0, 300))
+    rows = np.column_stack([np.arange(n), *np.cumsum(rng.normal(0.0, 1.5, (2, n)), axis=1), np.zeros(n)])
+    rows[:, 3] = np.round(15.0 + np.cumsum(rng.normal(0.0, 0.3, n)), int(rng.integers(0, 3)))
+    for _ in range(int(rng.integers(0, 8))) if n else ():
+        at, many = rng.integers(n), rng.integers(1, 12)
+        kind = rng.integers(5)
+        if kind == 0:
+            rows[at : at + many, 3] += rng.normal(0.0, 30.0, len(rows[at : at + many]))  # spikes
+        elif kind == 1:
+            rows[at:, 3] += 12.0  # a step
+        elif kind == 2:
+            rows[at : at + 8 * many, 3] = rows[at, 3]  # frozen
+        elif kind == 3:
+            rows[at : at + many, 0] -= 50.0  # late
+        else:
+            rows[at, rng.integers(4)] = rng.choice([np.nan, np.inf])
+    gate = SoundingGate()
+    one_by_one = np.array([bool(gate.passed([row])) for row in rows.tolist()], dtype=bool)
+    passes, counts = passing(rows)
+    assert passes.tolist() == one_by_one.tolist()
+    assert counts == gate.counts

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.pings import period_of
-from auv_lse_common.vocabulary.sounding_gate import SLOPE, SPREAD_M, SoundingGate
+from auv_lse_common.vocabulary.sounding_gate import passing
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError, SurveyLog
 
 Array = NDArray[np.float64]
@@ -28,6 +28,8 @@ Mask = NDArray[np.bool_]
 GAPS, LEAST_GAP_S, LARGEST_GAP_S = 3.0, 5.0, 120.0
 #: Pieces of track between jumps need so many positions.
 LEAST_POSITIONS = 5
+#: The first position of a log that does not jump is usually among so many.
+_FIRST_POSITIONS = 10_000
 #: A repeated position is an old one if the step after it is this much faster than the boat.
 STALE = 1.6
 #: The course comes from positions at least this far apart (m).
@@ -94,10 +96,13 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
         raise LogError(f"{names}: positions are metres, and latitude and longitude in the other logs. Import it alone.")
     if not logs[0].is_geodetic:
         return None
-    log = logs[0]
-    middle = np.median(log.positions[:, 1:], axis=0)
-    north, east = local_from_geodetic(log.positions[:, 1], log.positions[:, 2], float(middle[0]), float(middle[1]))
-    kept = log.positions[_steady(log.positions[:, 0], north, east, log.has_time)]
+    middle = np.median(logs[0].positions[:, 1:], axis=0)
+    for positions in (logs[0].positions[:_FIRST_POSITIONS], logs[0].positions):
+        times, north, east = positions.T
+        north, east = local_from_geodetic(north, east, float(middle[0]), float(middle[1]))
+        kept = positions[_steady(times, north, east, logs[0].has_time)]
+        if len(kept) >= LEAST_POSITIONS:  # so many are never left for want of a longer piece
+            break
     return float(kept[0, 1]), float(kept[0, 2])
 
 
@@ -139,9 +144,10 @@ def placed_log(log: SurveyLog, origin: tuple[float, float] | None, how: Placemen
 
 
 def _first_of_each(times: Array, period_s: float) -> NDArray[np.int64]:
-    """Numbers of the first time in each period that has any, and of the last time."""
-    first = np.unique(np.floor((times - times[0]) / period_s), return_index=True)[1]
-    return np.unique(np.append(first, len(times) - 1))
+    """Numbers of the first of the rising times (n,) in each period that has any, and of the last."""
+    is_first = np.append(True, np.diff(np.floor((times - times[0]) / period_s)) != 0.0)[: len(times)]
+    is_first[-1:] = True
+    return np.flatnonzero(is_first)
 
 
 def _track(
@@ -259,19 +265,10 @@ def combined(pings: Array) -> Array:
 
 def _plausible(soundings: Array, left_out: Counter[str]) -> Array:
     """The soundings (n, 4) that pass the gate."""
-    if len(soundings) < 2:
-        return soundings
-    steps = np.diff(soundings, axis=0)
-    jumps = np.abs(steps[:, 3]) > SLOPE * np.hypot(steps[:, 1], steps[:, 2]) + SPREAD_M
-    if not jumps.any() and (steps[:, 0] >= 0.0).all() and (steps[:, 3] != 0.0).mean() > 0.9:
-        longest = np.diff(np.flatnonzero(np.append(np.append(True, steps[:, 3] != 0.0), True))).max()
-        if longest <= 10:  # the gate rejects no shorter repetition
-            return soundings
-    gate = SoundingGate()
-    passed = np.array(gate.passed([tuple(row) for row in soundings.tolist()])).reshape(-1, 4)
-    for reason, count in gate.counts.items():
+    passes, counts = passing(soundings)
+    for reason, count in counts.items():
         left_out[f"soundings: {reason}"] += count
-    return passed
+    return soundings[passes]
 
 
 def _with_uncertainty(

@@ -50,12 +50,12 @@ def _contents(
     used = list(columns.values())
     parts: dict[str, list[NDArray[np.str_] | Array]] = {role: [] for role in columns}
     texts = {role for role in columns if role.startswith(tv.TEXT_ROLES)}
-    read = 0
+    read, lines = 0, text.count("\n") + 1
     for piece in columns_of(text, dialect, [column.number for column in used]):
         for role, cells in zip(columns, piece, strict=True):
             parts[role].append(np.array(cells) if role in texts else tv.values_of(role, cells, dialect.decimal_comma))
-        read += sum(len(cells) + sum(map(len, cells)) for cells in piece)
-        file.progress(min(read / len(text), 1.0))
+        read += len(piece[0])
+        file.progress(min(read / lines, 1.0))
     if not read:
         raise LogError(f"{file.path} has a header and no rows of values.")
     table = tv.Table(

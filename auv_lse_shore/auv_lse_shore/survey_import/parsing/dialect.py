@@ -22,8 +22,8 @@ _COMMENTS = ("#", "//", "%", "!", "'", ";;")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _MARK = re.compile(r"[+-]?\d[\d:/.T+-]*Z?$")
-#: Rows that are converted at once.
-_ROWS = 50_000
+#: Rows that are converted at once: few, because Python searches many small lists for cycles again and again.
+_ROWS = 2_000
 #: The longest line of a table.
 _LONGEST = 20_000
 
@@ -53,11 +53,17 @@ class Dialect:
 
 def lines_of(text: str) -> Iterator[str]:
     """The lines that may hold values."""
-    for line in io.StringIO(text, newline=None):
-        if len(line) > _LONGEST:
-            continue
-        if line[0].isdigit() or ((bare := line.strip()) and not bare.startswith(_COMMENTS) and bare[:4] != "sep="):
-            yield line.rstrip("\n")  # a quoted field that goes on in the next line stays one cell
+    lines = io.StringIO(text, newline=None)
+    while piece := list(itertools.islice(lines, _ROWS)):
+        # a quoted field that goes on in the next line stays one cell
+        yield from [
+            line.rstrip("\n") for line in piece if (line[0].isdigit() or _may_hold_values(line)) and len(line) <= _LONGEST
+        ]
+
+
+def _may_hold_values(line: str) -> bool:
+    bare = line.strip()
+    return bool(bare) and not bare.startswith(_COMMENTS) and bare[:4] != "sep="
 
 
 def fields_of(lines: Iterator[str] | Sequence[str], delimiter: str) -> Iterator[list[str]]:
@@ -150,28 +156,27 @@ def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[l
     rows = itertools.islice(rows, dialect.first, None)
     width = max(wanted) + 1
     while True:
-        piece = []
+        piece: list[list[str]] = []
         try:
-            for row in itertools.islice(rows, _ROWS):
-                piece.append(row if len(row) >= width else row + [""] * (width - len(row)))
+            piece.extend(itertools.islice(rows, _ROWS))
         except csv.Error:  # a quote that is not closed: the line is lost
             if not piece:
                 continue
         if not piece:
             return
-        yield [[row[i] for row in piece] for i in wanted]
+        if min(map(len, piece)) < width:
+            piece = [row + [""] * (width - len(row)) for row in piece]
+        columns = list(zip(*piece, strict=False))
+        yield [list(columns[i]) for i in wanted]
 
 
 def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
     """Numbers of texts, shape (n,); NaN for those that are none."""
-    joined = "\n".join(texts)
-    if decimal_comma:
-        joined = joined.replace(",", ".")
-    cells = joined.split("\n")
+    cells = "\n".join(texts).replace(",", ".").split("\n") if decimal_comma else texts
     try:
-        return np.array(cells, dtype="U24" if max(map(len, cells), default=0) > 24 else None).astype(float)
+        return np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
-        return np.array([_number(cell) for cell in cells])
+        return np.fromiter(map(_number, cells), float, len(cells))
 
 
 def _number(text: str) -> float:

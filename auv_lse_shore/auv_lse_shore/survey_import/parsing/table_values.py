@@ -298,6 +298,10 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
         if found and (best is None or order.index(found[0]) < order.index(best[0])):
             best = found
     if best is None:
+        for role in candidates:
+            text = next((text for text in table.values[role].tolist() if text.strip()), "")
+            known = f"{text[:20]!r} is no time" if text else "it is empty"
+            content.notes.append(f"column {table.columns[role].name} is ignored: {known}")
         content.clock = Clock.NONE
         return np.arange(table.count, dtype=float)
     content.clock, times = best

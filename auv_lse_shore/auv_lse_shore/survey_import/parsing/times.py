@@ -119,10 +119,9 @@ def _iso(texts: Sequence[str]) -> Array | None:
     """Seconds since 1970 if all texts are ISO 8601, all in UTC or all without a zone; else None."""
     if not texts or len(texts[0]) < 19 or texts[0][4:5] != "-" or texts[0][10] not in "T ":
         return None
-    is_utc = texts[0].endswith("Z")
-    if any(
-        text.endswith("Z") != is_utc or len(text) < 19 or "+" in text or set(text[11:-1]) & set("-Z") for text in texts
-    ):
+    is_utc, joined = texts[0].endswith("Z"), "\n".join([*texts, ""])
+    zones = (joined.count("Z\n"), joined.count("Z"), joined.count("+"), joined.count("-") - 2 * len(texts))
+    if zones != (len(texts) * is_utc, len(texts) * is_utc, 0, 0) or min(map(len, texts)) < 19:
         return None
     try:
         stamps = np.array([text[:-1] for text in texts] if is_utc else texts, dtype="datetime64[us]")
