@@ -46,7 +46,7 @@ def dataflash_messages(
     Args:
         path: The log.
         kinds: Names of the messages to read.
-        damage: Takes the number of bytes that are no message.
+        damage: Takes the number of damaged bytes and messages.
         progress: Takes the share that has been read.
 
     Raises:
@@ -74,18 +74,22 @@ def dataflash_messages(
                 f"{path}: got a damaged dataflash log ({error}); expected an ArduPilot .bin. Copy it again"
             ) from error
         complaints.seek(0)
-        damage["bytes that are no message"] += sum(1 for _ in complaints)
+        damage["damaged bytes or messages"] += sum(1 for _ in complaints)
 
 
 @contextlib.contextmanager
 def _complaints() -> Iterator[IO[bytes]]:
-    """A file that takes what is written to stderr: pymavlink, partly in C, writes a line for each bad byte."""
+    """A file that takes what is printed meanwhile: pymavlink, partly in C, prints a line for each bad byte or message."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
         before = os.dup(2)
         os.dup2(file.fileno(), 2)
         try:
-            with io.TextIOWrapper(os.fdopen(os.dup(2), "wb")) as text, contextlib.redirect_stderr(text):
+            with (
+                io.TextIOWrapper(os.fdopen(os.dup(2), "wb"), write_through=True) as text,
+                contextlib.redirect_stderr(text),
+                contextlib.redirect_stdout(text),
+            ):
                 yield file
         finally:
             os.dup2(before, 2)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import io
-from xml.etree.ElementTree import Element, ParseError, iterparse
+from array import array
+from xml.etree.ElementTree import ParseError, XMLParser
 
 import numpy as np
+from numpy.typing import NDArray
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
@@ -15,6 +16,8 @@ from auv_lse_shore.survey_import.survey_log import LogError
 #: Names of extensions that hold a depth (m), without their namespace.
 _DEPTHS = ("depth", "waterdepth", "water_depth")
 _POINTS = ("trkpt", "wpt", "rtept")
+#: Bytes that are parsed at once.
+_AT_ONCE = 1 << 20
 
 
 def recognizes(file: LogFile) -> bool:
@@ -29,59 +32,81 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         LogError: if it is not XML.
         OSError: if it cannot be read.
     """
-    found: dict[str, list[tuple[str, list[float]]]] = {name: [] for name in _POINTS}
-    content = LogContent(file.path.name)
-    data = file.data
-    stream = io.BytesIO(data)
+    content, points = LogContent(file.path.name), _Points()
+    parser, data = XMLParser(target=points), file.data
     try:
-        for number, (_, element) in enumerate(iterparse(stream)):
-            name = element.tag.rpartition("}")[2]
-            if name in _POINTS:
-                _add(content, found[name], element)
-                element.clear()
-            elif name == "trkseg":
-                element.clear()
-            if number % 20_000 == 0:
-                file.progress(stream.tell() / max(len(data), 1))
+        for start in range(0, len(data), _AT_ONCE):
+            parser.feed(data[start : start + _AT_ONCE])
+            file.progress(start / len(data))
+        parser.close()
     except (ParseError, RecursionError, LookupError, ValueError) as error:
-        if not any(found.values()):
+        if not any(points.stamps.values()):
             raise LogError(f"{file.path} is damaged GPX ({error}). Copy it again.") from error
         content.left_out["points after the file is damaged or cut off"] += 1
-    points = next((rows for rows in found.values() if any(row[1][2] == row[1][2] for row in rows)), None)
-    if points is None:
-        count = sum(map(len, found.values()))
-        raise LogError(f"{file.path} has {count} points without a depth. Export them with depths from the plotter.")
-    _fill(content, points)
-    return [content]
+    content.left_out["points that are incomplete"] += points.incomplete
+    for name, stamps in points.stamps.items():
+        rows = np.frombuffer(points.rows[name], dtype=float).reshape(-1, 3)
+        if np.isfinite(rows[:, 2]).any():
+            _fill(content, stamps, rows)
+            return [content]
+    count = sum(map(len, points.stamps.values()))
+    raise LogError(f"{file.path} has {count} points without a depth. Export them with depths from the plotter.")
 
 
-def _add(content: LogContent, rows: list[tuple[str, list[float]]], point: Element) -> None:
-    """Adds a point: its time, latitude, longitude and depth (NaN: none)."""
-    depth, stamp = float("nan"), ""
-    try:
-        position = [float(point.attrib["lat"]), float(point.attrib["lon"])]
-        for child in point.iter():
-            name = child.tag.rpartition("}")[2].lower()
-            if name in _DEPTHS and child.text:
-                depth = float(child.text.replace(",", "."))
-            elif name == "time":
-                stamp = (child.text or "").strip()
-    except (KeyError, ValueError):
-        content.left_out["points that are incomplete"] += 1
-        return
-    rows.append((stamp, [*position, depth]))
+class _Points:
+    """The points of each kind: their times, and rows (latitude, longitude deg, depth m or NaN) one after another.
+
+    A parser calls `start`, `data` and `end`, so that no tree of a large file is kept.
+    """
+
+    def __init__(self) -> None:
+        self.stamps: dict[str, list[str]] = {name: [] for name in _POINTS}
+        self.rows = {name: array("d") for name in _POINTS}
+        self.incomplete = 0
+        self._names: dict[str, str] = {}
+        self._point: dict[str, str] | None = None  # what is known of the current point
+        self._text: list[str] = []
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        """An element begins."""
+        name = self._names.setdefault(tag, tag.rpartition("}")[2])
+        if name in self.rows:
+            self._point = attributes
+        self._text = []
+
+    def data(self, text: str) -> None:
+        """Text of an element."""
+        self._text.append(text)
+
+    def end(self, tag: str) -> None:
+        """An element ends."""
+        point, name = self._point, self._names[tag]
+        if point is None:
+            return
+        if name in self.rows:
+            self._point = None
+            self._add(name, point)
+        elif (key := name.lower()) == "time" or key in _DEPTHS:
+            point["time" if key == "time" else "depth"] = "".join(self._text)
+
+    def _add(self, name: str, point: dict[str, str]) -> None:
+        try:
+            depth = float(point.get("depth", "nan").strip().replace(",", ".") or "nan")
+            self.rows[name].extend((float(point["lat"]), float(point["lon"]), depth))
+        except (KeyError, ValueError):
+            self.incomplete += 1
+        else:
+            self.stamps[name].append(point.get("time", "").strip())
 
 
-def _fill(content: LogContent, points: list[tuple[str, list[float]]]) -> None:
+def _fill(content: LogContent, stamps: list[str], rows: NDArray[np.float64]) -> None:
     """Adds positions and depths, with times or as numbered points."""
-    times = datetimes([stamp for stamp, _ in points], None)[0]
-    rows = np.array([row for _, row in points])
+    times = datetimes(stamps, None)[0]
     if not np.isfinite(times).mean() > 0.5:
         content.clock, times = Clock.NONE, np.arange(len(rows), dtype=float)
     timeless = ~np.isfinite(times)
     content.left_out["points without a time"] += int(timeless.sum())
-    for stamp_s, (lat, lon, _) in zip(times[~timeless].tolist(), rows[~timeless].tolist(), strict=True):
-        content.position("points", stamp_s, lat, lon)
+    content.add_positions("points", np.column_stack([times, rows[:, :2]])[~timeless])
     with_depth = ~timeless & np.isfinite(rows[:, 2])
     if content.clock is Clock.NONE:
         with_depth &= (rows[:, :2] != 0.0).any(axis=1)

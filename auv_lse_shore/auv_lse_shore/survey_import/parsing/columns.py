@@ -174,7 +174,7 @@ def proposal(dialect: Dialect, rows: Sequence[Sequence[str]]) -> list[str]:
     names = ["-"] * width
     for i, column in enumerate(texts):
         names[i] = _time_name(column, values[i]) or "-"
-    free = [i for i in range(width) if names[i] == "-" and np.isfinite(values[i]).mean() > 0.5]
+    free = [i for i in range(width) if names[i] == "-" and 2 * np.isfinite(values[i]).sum() > len(values[i])]
     for a, b in itertools.pairwise(free):
         if pair := _pair(values[a], values[b]):
             names[a], names[b] = pair

@@ -57,7 +57,9 @@ def lines_of(text: str) -> Iterator[str]:
     while piece := list(itertools.islice(lines, _ROWS)):
         # a quoted field that goes on in the next line stays one cell
         yield from [
-            line.rstrip("\n") for line in piece if (line[0].isdigit() or _may_hold_values(line)) and len(line) <= _LONGEST
+            line.rstrip("\n")
+            for line in piece
+            if (line[0].isdigit() or _may_hold_values(line)) and len(line) <= _LONGEST
         ]
 
 
