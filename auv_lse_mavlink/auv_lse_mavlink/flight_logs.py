@@ -79,14 +79,14 @@ def dataflash_messages(
 
 @contextlib.contextmanager
 def _complaints() -> Iterator[IO[bytes]]:
-    """A file that takes what is printed meanwhile: pymavlink, partly in C, prints a line for each bad byte or message."""
+    """A file that takes what is printed: pymavlink, partly in C, prints a line for each bad byte or message."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
         before = os.dup(2)
         os.dup2(file.fileno(), 2)
         try:
             with (
-                io.TextIOWrapper(os.fdopen(os.dup(2), "wb"), write_through=True) as text,
+                io.TextIOWrapper(os.fdopen(os.dup(2), "wb", buffering=0), write_through=True) as text,
                 contextlib.redirect_stderr(text),
                 contextlib.redirect_stdout(text),
             ):
