@@ -93,7 +93,7 @@ def in_metres(
                 position = _numbers(vehicle.pop(f"{name}_deg"), f"{where}: vehicle.{name}_deg")
                 if len(position) != 1:
                     raise ParameterError(
-                        f"{where}: vehicle.{name}_deg: got {len(position)} positions; expected lat, lon"
+                        f"{where}: vehicle.{name}_deg has {len(position)} positions; give one latitude and longitude"
                     )
                 vehicle.update(_metres(name, (position[0, 0], position[0, 1]), origin))
     if content is None:
@@ -104,7 +104,7 @@ def in_metres(
     if content.no_go:
         given = area.get("no_go", {})
         if not isinstance(given, Mapping):
-            raise ParameterError(f"{where}: area.no_go: got {given!r}; expected corners by name")
+            raise ParameterError(f"{where}: area.no_go must map names to corners, not {given!r}")
         area["no_go"] = dict(given)
         for name, ring in content.no_go.items():
             add_no_go(area["no_go"], name, _flat(ring, origin))
@@ -180,7 +180,7 @@ def _content_of(area: dict[str, Any], folder: Path, where: str, read_area: AreaR
         content.area = _numbers(area.pop("polygon_deg"), f"{where}: area.polygon_deg")
     no_go = area.pop("no_go_deg", {})
     if not isinstance(no_go, Mapping):
-        raise ParameterError(f"{where}: area.no_go_deg: got {no_go!r}; expected corners by name")
+        raise ParameterError(f"{where}: area.no_go_deg must map names to corners, not {no_go!r}")
     for k, ring in no_go.items():
         add_no_go(content.no_go, str(k), _numbers(ring, f"{where}: area.no_go_deg.{k}"))
     if content.area is not None and "polygon_m" in area:
@@ -201,8 +201,8 @@ def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str) ->
         return float(position[0, 0]), float(position[0, 1])
     if content is None or content.area is None:
         raise ParameterError(
-            f"{where}: area.origin_lat_deg, origin_lon_deg: got {origin[0]!r}, {origin[1]!r}; expected both, since "
-            "positions are given in degrees"
+            f"{where}: positions in degrees need area.origin_lat_deg and area.origin_lon_deg, which are "
+            f"{origin[0]!r} and {origin[1]!r}"
         )
     middle = (content.area.min(axis=0) + content.area.max(axis=0)) / 2.0
     return round(float(middle[0]), 5), round(float(middle[1]), 5)
@@ -223,13 +223,15 @@ def _flat(ring: Array, origin: tuple[float, float]) -> list[float]:
 def _numbers(value: Any, key: str) -> Array:
     """Positions (n, 2) of a list: latitude, longitude, latitude, longitude, ... (deg)."""
     if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
-        raise ParameterError(f"{key}: got {value!r}; expected latitude, longitude, ... in deg")
+        raise ParameterError(f"{key} must be a list of latitude, longitude, ... in degrees, not {value!r}")
     try:
         flat = np.array([float(v) for v in value])
     except (TypeError, ValueError, OverflowError) as error:
-        raise ParameterError(f"{key}: got {str(value)[:80]}; expected latitude, longitude, ... in deg") from error
+        raise ParameterError(
+            f"{key} must be a list of latitude, longitude, ... in degrees, not {str(value)[:80]}"
+        ) from error
     if len(flat) % 2 or not len(flat):
-        raise ParameterError(f"{key}: got {len(flat)} numbers; expected latitude, longitude of each position")
+        raise ParameterError(f"{key} has {len(flat)} numbers; give latitude and longitude of each position")
     return checked(flat.reshape(-1, 2), key)
 
 

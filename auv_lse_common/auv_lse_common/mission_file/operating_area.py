@@ -125,13 +125,13 @@ class OperatingArea:
             ParameterError: if the resolution is not positive, there are too many cells, or no center is in the area.
         """
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
-            raise ParameterError(f"{name}: got {resolution_m!r}; expected a finite number > 0")
+            raise ParameterError(f"{name} must be a finite number > 0, not {resolution_m!r}")
         low_n, high_n, low_e, high_e = self.extent_m
         cells = (high_n - low_n) * (high_e - low_e) / resolution_m**2
         if cells > MAX_CELLS:
             raise ParameterError(
-                f"{name}: got {resolution_m!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would have "
-                f"{cells:.3g} cells; expected at most {MAX_CELLS:,}. Choose a larger resolution"
+                f"{name}: cells of {resolution_m!r} m divide the area of {high_n - low_n:.0f} m x "
+                f"{high_e - low_e:.0f} m into {cells:.3g}, more than {MAX_CELLS:,}. Choose a larger resolution"
             )
         axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):
@@ -141,7 +141,9 @@ class OperatingArea:
         mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
         inside = self.contains(mesh).reshape(len(north), len(east))
         if not np.any(inside):
-            raise ParameterError(f"{name}: got {resolution_m!r}; no cell center of that size is in the area")
+            raise ParameterError(
+                f"{name}: no center of a {resolution_m!r} m cell lies in the area. Choose smaller cells"
+            )
         return Grid(north, east, inside, resolution_m)
 
     def _raster(self) -> None:
@@ -152,8 +154,9 @@ class OperatingArea:
         columns = math.ceil((high_e - low_e) / step) + 3
         if rows * columns > MAX_RASTER_NODES:
             raise ParameterError(
-                f"area.raster_m: got {step!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would need "
-                f"{rows * columns} raster nodes; expected at most {MAX_RASTER_NODES}: choose a larger raster_m"
+                f"area.raster_m: {step!r} m needs {rows * columns} raster nodes for the area of "
+                f"{high_n - low_n:.0f} m x {high_e - low_e:.0f} m, more than {MAX_RASTER_NODES}. Choose a larger "
+                "raster_m"
             )
         north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
         east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
@@ -165,8 +168,8 @@ class OperatingArea:
         self._nodes = np.where(inside, distance, -distance)
         if not np.any(self._nodes > 0.0):
             raise ParameterError(
-                "area.no_go: got areas that cover the whole polygon; expected some free area. If there is "
-                f"some, decrease area.raster_m (now {step!r})."
+                "area.no_go covers the whole polygon. If some of the area is free, decrease area.raster_m (now "
+                f"{step!r})"
             )
 
 

@@ -34,16 +34,16 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
     data = _parse_yaml(text, where)
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
-        raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
+        raise ParameterError(f"{where} {'is empty' if data is None else f'holds {repr(data)[:60]}'}; write {shape}")
     if len(data) > MAX_PATTERNS:
         raise ParameterError(f"{where}: has {len(data):,} node patterns, more than {MAX_PATTERNS:,}. Leave out some")
     patterns: dict[str, dict[str, Any]] = {}
     for pattern, body in data.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
-            raise ParameterError(f"{where}: under {pattern!r}: expected {shape}")
+            raise ParameterError(f"{where}: {pattern!r} must hold 'ros__parameters:' alone; write {shape}")
         values = body["ros__parameters"]
         if not isinstance(values, Mapping | None):
-            raise ParameterError(f"{where}: under {pattern!r}: ros__parameters: got {values!r}; expected parameters")
+            raise ParameterError(f"{where}: {pattern!r}: ros__parameters must hold parameters, not {values!r}")
         patterns[str(pattern)] = {str(name): value for name, value in (values or {}).items()}
     return patterns
 
@@ -98,7 +98,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
     def get_single_node(self) -> yaml.Node | None:
         node: yaml.Node | None = super().get_single_node()
         if node is not None and (number := _count_values(node, {})) > MAX_YAML_VALUES:
-            what = f"got {number:.3g} values, aliases included; expected at most {MAX_YAML_VALUES}"
+            what = f"too many values: {number:.3g}, aliases included; at most {MAX_YAML_VALUES} are read"
             raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
         return node
 
@@ -106,7 +106,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
         seen: set[tuple[str, str]] = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
-                what = f"the key {key.value!r} appears twice; expected each key once"
+                what = f"the key {key.value!r} appears twice; remove one"
                 raise yaml.constructor.ConstructorError(problem=what, problem_mark=key.start_mark)
             seen.add((key.tag, str(key.value)))
         found: dict[Any, Any] = super().construct_mapping(node, deep)

@@ -80,7 +80,7 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
             values[name] = _convert(hints[name], mapping[name], key, field)
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
             if not dataclasses.is_dataclass(hints[name]):
-                raise ParameterError(f"{key}: missing; expected {_expected(hints[name], field)}")
+                raise ParameterError(f"{key} is missing; set it to {_allowed(hints[name], field)}")
             values[name] = from_mapping(typing.cast(type, hints[name]), {}, key)
     try:
         return cls(**values)
@@ -103,7 +103,9 @@ def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
         for parent in parents:
             level = level.setdefault(parent, {})
             if not isinstance(level, dict):
-                raise ParameterError(f"{name}: got {value!r}; expected '{parent}' to be a section, but it has a value")
+                raise ParameterError(
+                    f"{name} (value {value!r}): '{parent}' is already a value, so it cannot be a section"
+                )
         level[leaf] = value
     return nested
 
@@ -221,7 +223,7 @@ def _declared(cls: type, mapping: Any, where: str) -> tuple[dict[str, Any], dict
         ParameterError: if `mapping` is not a mapping.
     """
     if not isinstance(mapping, Mapping):
-        raise ParameterError(f"{where}: got {mapping!r}; expected a mapping of parameters")
+        raise ParameterError(f"{where} must be a mapping of parameters, not {mapping!r}")
     return typing.get_type_hints(cls), {f.name: f for f in dataclasses.fields(cls) if f.init}
 
 
@@ -241,7 +243,7 @@ def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> Paramete
     return ParameterError(f"{where}.{key}: unknown parameter (value {value!r}); {hint}")
 
 
-def _expected(hint: Any, field: dataclasses.Field[Any]) -> str:
+def _allowed(hint: Any, field: dataclasses.Field[Any]) -> str:
     """Text for the values of a field: "a number from 0 to 1", "a list of numbers in m"."""
     meta = field.metadata
     if meta.get("choices"):
@@ -278,19 +280,19 @@ def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> 
         return None if value is None else _convert(_without_none(hint), value, key, field)
     if origin is dict:
         if not isinstance(value, Mapping):
-            raise ParameterError(f"{key}: got {value!r}; expected a mapping of names to values")
+            raise ParameterError(f"{key} must map names to values, not {value!r}")
         return {str(k): _convert(typing.get_args(hint)[1], v, f"{key}.{k}", field) for k, v in value.items()}
-    refusal = f"; expected {_expected(hint, field)}"
     if origin is tuple:
         if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
-            raise ParameterError(f"{key}: got {value!r}{refusal}")
+            raise ParameterError(f"{key} must be {_allowed(hint, field)}, not {value!r}")
         element = typing.get_args(hint)[0]
-        return tuple(_scalar(element, v, f"{key}[{i}]", field.metadata, refusal) for i, v in enumerate(value))
-    return _scalar(hint, value, key, field.metadata, refusal)
+        allowed = _allowed(element, field)
+        return tuple(_scalar(element, v, f"{key}[{i}]", field.metadata, allowed) for i, v in enumerate(value))
+    return _scalar(hint, value, key, field.metadata, _allowed(hint, field))
 
 
-def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], refusal: str) -> Any:
-    error = ParameterError(f"{key}: got {value!r}{refusal}")
+def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], allowed: str) -> Any:
+    error = ParameterError(f"{key} must be {allowed}, not {value!r}")
     if (new := replacement(key, value)) is not None:
         raise ParameterError(f"{error}. {value!r} was replaced by {new!r}")
     if hint in (bool, str):
@@ -309,7 +311,7 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], refusal: s
         if not math.isfinite(value):
             raise error
     elif abs(value) >= _INTEGERS:
-        raise ParameterError(f"{key}: got {value!r}; expected a whole number that 64 bits can hold, as in ROS 2")
+        raise ParameterError(f"{key}: {value!r} does not fit 64 bits, which ROS 2 has for a whole number")
     low, high, above = (meta.get(name) for name in ("low", "high", "above"))
     if (low is not None and value < low) or (high is not None and value > high):
         raise error

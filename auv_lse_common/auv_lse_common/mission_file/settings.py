@@ -111,7 +111,7 @@ class Settings(TeamSections):
             ValueError: if there is no such vehicle.
         """
         if not 1 <= number <= len(self.vehicles):
-            raise ValueError(f"vehicle {number}: expected 1 to {len(self.vehicles)}")
+            raise ValueError(f"vehicle {number} does not exist; the mission has vehicles 1 to {len(self.vehicles)}")
         return self.vehicles[number - 1]
 
     def planner_settings(self, number: int) -> PlannerSettings:
@@ -219,19 +219,21 @@ def check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles:
         name = _VEHICLE_NAME.fullmatch(pattern.lstrip("/"))
         if name:
             raise ParameterError(
-                f"{where}: {pattern}: matches only a node with the name {pattern}; expected '/auv{name[1]}/**', which "
-                f"matches every node of vehicle {name[1]}"
+                f"{where}: {pattern} matches only a node with the name {pattern}; write '/auv{name[1]}/**', "
+                f"which matches every node of vehicle {name[1]}"
             )
-        raise ParameterError(f"{where}: {pattern}: expected '/**' (all vehicles) or a pattern like '/auv1/**'")
+        raise ParameterError(
+            f"{where}: {pattern} matches no vehicle; write '/**' (all vehicles) or a pattern such as '/auv1/**'"
+        )
     if number == 0:
-        raise ParameterError(f"{where}: {pattern}: vehicle 0; expected 1 to {vehicles}")
+        raise ParameterError(f"{where}: {pattern}: there is no vehicle 0; the mission has vehicles 1 to {vehicles}")
     nested = nest(values)
     check_sections(nested, f"{where}: {pattern}", ignore=("use_sim_time",))
     if number is not None:
         for name_of_section in nested:
             if name_of_section not in VEHICLE_SECTIONS:
                 raise ParameterError(
-                    f"{where}: {pattern}: {name_of_section}: is the same for the whole team; expected it under '/**' "
+                    f"{where}: {pattern}: {name_of_section} is the same for the whole team; move it to '/**' "
                     f"(vehicles may differ in {', '.join(VEHICLE_SECTIONS)})"
                 )
     return number
@@ -246,7 +248,7 @@ def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]
         elif isinstance(values, Mapping):
             found.append((f"/{name}/**", dict(values)))
         else:
-            raise ParameterError(f"{name}: got {values!r}; expected parameters, such as {name}.vehicle.depth_m")
+            raise ParameterError(f"{name} must hold parameters, such as {name}.vehicle.depth_m, not {values!r}")
     return found
 
 

@@ -227,7 +227,7 @@ class BaseNode(Node):
                 )
                 return SetParametersResult(successful=False, reason=reason)
             if changed[name] is None:
-                reason = f"{name}: got no value; expected one, since parameters cannot be unset while the node runs"
+                reason = f"{name}: parameters cannot be unset while the node runs; set a value"
                 return SetParametersResult(successful=False, reason=reason)
         if changed and self._apply is not None:
             wanted = merge(self.parameters, nest(changed))

@@ -94,8 +94,8 @@ def make_executor() -> Executor:
     missing = missing_of(plain)
     if missing:
         get_logger("auv_lse").warning(
-            f"this rclpy has no {', '.join(missing)} (expected: rclpy 7.1, ROS 2 Jazzy); callbacks are served by "
-            "rclpy's SingleThreadedExecutor, which takes more processor time"
+            f"this rclpy has no {', '.join(missing)}, unlike rclpy 7.1 (ROS 2 Jazzy); rclpy's "
+            "SingleThreadedExecutor serves the callbacks and takes more processor time"
         )
         return plain
     plain.shutdown()

@@ -111,8 +111,8 @@ class VehicleNode(BaseNode):
         digits = namespace[len(namespace.rstrip("0123456789")) :]
         if not digits or not 1 <= int(digits) <= 255:
             raise ParameterError(
-                f"{self.get_name()}: got namespace {namespace!r}; expected one that ends in the vehicle's number, 1 to "
-                "255. Start it with --ros-args -r __ns:=/auv1"
+                f"{self.get_name()}: the namespace {namespace!r} does not end in the vehicle's number, 1 to 255. "
+                "Start the node with --ros-args -r __ns:=/auv1"
             )
         return int(digits)
 

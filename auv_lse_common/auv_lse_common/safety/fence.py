@@ -21,7 +21,7 @@ class Fence:
             corners.pop()
         if len(flat) % 2 or len(corners) < 3 or not all(map(math.isfinite, flat)):
             raise ValueError(
-                f"area.polygon_m: got {list(polygon_m)}; expected north, east (m) of each of at least 3 corners"
+                f"area.polygon_m: {list(polygon_m)} is not a polygon; give north, east (m) of at least 3 corners"
             )
         self.margin_m = margin_m
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))

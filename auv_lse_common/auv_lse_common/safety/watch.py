@@ -300,22 +300,22 @@ class SafetyWatch:
         for north_m, east_m, depth_m in self._new_positions:
             why = ""
             if depth_m > self._deepest_m:
-                why = f"depth {depth_m:.1f} m; expected at most {self._deepest_m:.1f} m"
+                why = f"depth {depth_m:.1f} m, deeper than {self._deepest_m:.1f} m"
             self._add("depth", why)
             outside_m, margin_m = self._fence.outside_m(north_m, east_m), self._fence.margin_m
             self._was_inside = self._was_inside or outside_m <= margin_m
             why = ""
             if self._was_inside and outside_m > margin_m:
                 why = (
-                    f"{outside_m:.0f} m outside the area (north {north_m:.0f}, east {east_m:.0f} m); expected at "
-                    f"most {margin_m:.0f} m"
+                    f"{outside_m:.0f} m outside the area (north {north_m:.0f}, east {east_m:.0f} m), more than "
+                    f"{margin_m:.0f} m"
                 )
             self._add("fence", why)
         least_m = self._config.min_altitude_m
         for altitude_m in self._new_altitudes:
             why = ""
             if altitude_m < least_m and least_m > 0.0:
-                why = f"altitude {altitude_m:.1f} m; expected at least {least_m:.1f} m"
+                why = f"altitude {altitude_m:.1f} m, lower than {least_m:.1f} m"
             self._add("altitude", why)
         self._new_positions.clear()
         self._new_altitudes.clear()
@@ -342,23 +342,23 @@ class SafetyWatch:
         if self._heading_jumps:
             found["heading"] = f"heading jumps by up to {self._heading.largest_deg:.0f} deg; check the compass"
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
-            found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
+            found["altimeter"] = f"no altitude for {age_s:.0f} s, longer than {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
-            found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
+            found["odometry"] = f"no usable odometry for {age_s:.0f} s, longer than {config.odometry_age_s:g} s"
             if self._stamps_behind_s > config.odometry_age_s:
                 found["odometry"] += f". It arrives with stamps {self._stamps_behind_s:.0f} s old: check its clock"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
-            found["link"] = f"no autopilot heartbeat for {age_s:.0f} s; expected one every {config.link_age_s:g} s"
+            found["link"] = f"no autopilot heartbeat for {age_s:.0f} s, longer than {config.link_age_s:g} s"
         if self._autopilot is not None and self._autopilot.disobeys and not self._link_lost:
             found["autopilot"] = self._autopilot.disobeys
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:
-            found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
+            found["battery"] = f"battery at {self._autopilot.battery:.0%}, below {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:
             found["leak"] = "the autopilot reports a leak"
         if self._autopilot is not None and self._autopilot.depth_problem and not self._link_lost:
             found["pressure"] = self._autopilot.depth_problem
         if 0.0 < config.mission_time_s < self._ran_s:
-            found["mission time"] = f"running for {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
+            found["mission time"] = f"running for {self._ran_s:.0f} s, longer than {config.mission_time_s:g} s"
         return found
 
 

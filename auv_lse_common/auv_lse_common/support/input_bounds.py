@@ -34,4 +34,8 @@ def over_size(path: Path, most_bytes: int) -> str:
         OSError: if it cannot be read.
     """
     size = path.stat().st_size
-    return f"{path}: got {size / 1e6:,.0f} MB; expected at most {most_bytes / 1e6:,.0f} MB" if size > most_bytes else ""
+    return (
+        f"{path} is too large: {size / 1e6:,.0f} MB, at most {most_bytes / 1e6:,.0f} MB are read"
+        if size > most_bytes
+        else ""
+    )

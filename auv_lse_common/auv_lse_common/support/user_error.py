@@ -9,7 +9,7 @@ def error_text(error: BaseException) -> str:
     """An error as one line. An OSError becomes "FILE: No such file or directory", without "[Errno 2]"."""
     if isinstance(error, OSError) and error.strerror:
         if isinstance(error, FileExistsError) and error.filename is not None and Path(error.filename).is_file():
-            return f"{error.filename}: got a file; expected a folder, or an unused name"
+            return f"{error.filename} is a file, not a folder; choose another name"
         files = [str(name) for name in (error.filename, error.filename2) if name is not None]
         return ": ".join([*files, error.strerror])
     return str(error) or type(error).__name__

@@ -294,10 +294,7 @@ def columns_of(message: Any, kind: str, names: tuple[str, ...]) -> list[NDArray[
     """
     columns = [np.asarray(getattr(message, name)) for name in names]
     if len({len(column) for column in columns}) != 1:
-        raise ValueError(
-            f"{kind}: {', '.join(names)} have {[len(column) for column in columns]} values; expected the same number "
-            "of each"
-        )
+        raise ValueError(f"{kind}: {', '.join(names)} differ in length: {[len(column) for column in columns]}")
     return columns
 
 

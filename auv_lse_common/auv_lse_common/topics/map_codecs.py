@@ -45,8 +45,8 @@ def decode_centers(message: Any) -> CentersReport:
     effect = np.asarray(_field(message, "position_effect_m", ()), dtype=float)
     if len(effect) != modes * len(north):
         raise ValueError(
-            f"KernelCenters: position_effect_m has {len(effect)} values; expected position_modes = {modes} for each of "
-            f"{len(north)} centers"
+            f"KernelCenters: position_effect_m has {len(effect)} values, not position_modes = {modes} for each "
+            f"of {len(north)} centers"
         )
     return CentersReport(
         stamp_s=seconds(message.header.stamp),

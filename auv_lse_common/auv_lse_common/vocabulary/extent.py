@@ -22,7 +22,7 @@ class Extent:
     def __post_init__(self) -> None:
         """Rejects an empty rectangle."""
         if not (self.north_min_m < self.north_max_m and self.east_min_m < self.east_max_m):
-            raise ValueError(f"extent: {self} is empty; expected min < max in north and in east")
+            raise ValueError(f"extent: {self} is empty; min must be below max in north and in east")
 
     @property
     def height_m(self) -> float:

@@ -104,9 +104,9 @@ class Stop:
             ValueError: naming the action or the position.
         """
         if self.action is Action.TRAVEL:
-            raise ValueError("stop: got TRAVEL; expected HOLD, SURFACE or GO_TO")
+            raise ValueError("stop: TRAVEL does not stop a vehicle; use HOLD, SURFACE or GO_TO")
         if self.action is Action.GO_TO and not all(map(math.isfinite, self.position_m)):
-            raise ValueError(f"stop: got GO_TO with the position {self.position_m}; expected its north and east (m)")
+            raise ValueError(f"stop: GO_TO needs a finite north and east (m), not {self.position_m}")
 
     def __eq__(self, other: object) -> bool:
         """Compares the action and, for GO_TO, the position."""
@@ -308,10 +308,10 @@ class MissionRun:
         """Why a command is refused; "" if it is not."""
         if TRANSITIONS[command].get(self._state, self._state) is None:
             if self._state is RunState.ABORTED:
-                return f"the mission is aborted ({self._reason}); expected RESET first"
+                return f"the mission is aborted ({self._reason}); send RESET first"
             return "the mission has ended; restart the nodes for a new one"
         if command is Command.GO and self.limits:
-            return f"limits have tripped: {'; '.join(self.limits.values())}; expected RESET first"
+            return f"limits have tripped: {'; '.join(self.limits.values())}; send RESET first"
         return ""
 
     def _apply(self, command: Command, reason: str, keep_surface: bool = False) -> None:

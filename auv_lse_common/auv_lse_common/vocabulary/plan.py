@@ -87,8 +87,8 @@ class Tour:
         """
         if not self.is_sound:
             raise ValueError(
-                f"{self}: expected segment_legs 1..{MAX_SEGMENT_LEGS} and 1..{MAX_SEGMENTS} bearings of "
-                f"0..{BEARINGS - 1}"
+                f"{self} is out of range: segment_legs must be 1..{MAX_SEGMENT_LEGS}, with 1..{MAX_SEGMENTS} "
+                f"bearings of 0..{BEARINGS - 1}"
             )
         segment_m = self.segment_legs * float(leg_m)
         north, east = float(start_m[0]), float(start_m[1])
@@ -120,9 +120,9 @@ class Tour:
         """
         corners = np.asarray(waypoints_m, dtype=float)
         if corners.ndim != 2 or corners.shape[1:] != (2,) or not len(corners) or not np.isfinite(corners).all():
-            raise ValueError(f"waypoints_m of shape {corners.shape}: expected finite north, east, shape (n, 2)")
+            raise ValueError(f"waypoints_m must be finite north, east of shape (n, 2); its shape is {corners.shape}")
         if not 1 <= segment_legs <= MAX_SEGMENT_LEGS:
-            raise ValueError(f"segment_legs = {segment_legs}: expected 1..{MAX_SEGMENT_LEGS}")
+            raise ValueError(f"segment_legs must be 1..{MAX_SEGMENT_LEGS}, not {segment_legs}")
         segment_m = segment_legs * float(leg_m)
         on_line, *ahead = [(north, east) for north, east in corners.tolist()]
         north, east = on_line
@@ -139,8 +139,8 @@ class Tour:
                 break
             if len(bearings) == MAX_SEGMENTS:
                 raise ValueError(
-                    f"a polyline of {length_m(corners):.0f} m: expected at most {MAX_SEGMENTS} segments of "
-                    f"{segment_m:g} m; fix: longer segments (segment_legs = {segment_legs})"
+                    f"a polyline of {length_m(corners):.0f} m needs more than {MAX_SEGMENTS} segments of "
+                    f"{segment_m:g} m; choose longer segments (segment_legs is {segment_legs})"
                 )
             bearing = round(math.atan2(on_line[1] - east, on_line[0] - north) * (BEARINGS / math.tau)) % BEARINGS
             bearings.append(bearing)
@@ -149,7 +149,7 @@ class Tour:
             if not ahead:
                 break
         if not bearings:
-            raise ValueError(f"waypoints_m {corners.tolist()}: expected a polyline that leads away from its start")
+            raise ValueError(f"waypoints_m {corners.tolist()} never leave the start; give a polyline of some length")
         return cls(segment_legs=segment_legs, bearings=tuple(bearings))
 
 

@@ -57,7 +57,7 @@ class Soundings:
             kind = np.int64 if column.name == "vehicle" else np.float64
             values = np.asarray(getattr(self, column.name), dtype=kind)
             if values.shape not in ((), (count,)):
-                raise ValueError(f"soundings: {column.name} got shape {values.shape}; expected ({count},)")
+                raise ValueError(f"soundings: {column.name} has shape {values.shape}, not ({count},)")
             object.__setattr__(self, column.name, np.full(count, values) if values.ndim == 0 else values)
 
     @classmethod
@@ -71,7 +71,7 @@ class Soundings:
         if table.size == 0:
             table = np.empty((0, 4))
         if table.ndim != 2 or table.shape[1] not in (4, 6, 7):
-            raise ValueError(f"soundings: got rows of shape {table.shape}; expected (n, 4), (n, 6) or (n, 7)")
+            raise ValueError(f"soundings: rows must have the shape (n, 4), (n, 6) or (n, 7), not {table.shape}")
         columns: dict[str, Any] = dict(zip(Sounding._fields, table.T, strict=False))
         return cls(**columns)
 

@@ -57,9 +57,9 @@ def test_grid_covers_the_area():
     filled = grid.fill(np.arange(len(grid.locations_m), dtype=float))
     assert np.array_equal(filled[grid.inside], np.arange(len(grid.locations_m)))
     assert np.all(np.isnan(filled[~grid.inside]))
-    with pytest.raises(ValueError, match=r"resolution_m: got 0\.0; expected a finite number > 0"):
+    with pytest.raises(ValueError, match=r"resolution_m must be a finite number > 0, not 0\.0"):
         area.grid(0.0)
-    with pytest.raises(ValueError, match="no cell center of that size is in the area"):
+    with pytest.raises(ValueError, match="no center of a 500.0 m cell lies in the area"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 3.0, 0.0, 3.0, 3.0), raster_m=0.5)).grid(500.0)
 
 
@@ -74,9 +74,9 @@ def test_raster_represents_a_thin_wall():
 @pytest.mark.parametrize(
     ("polygon", "message"),
     [
-        ((0.0, 0.0, 1.0, 1.0), r"area\.polygon_m: got 4 numbers; expected north, east of at least 3 corners"),
-        ((0.0, 0.0, 1.0, 1.0, 2.0, 0.0, 1.0), r"got 7 numbers"),
-        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"corner 2 is \(1\.0, nan\); expected finite"),
+        ((0.0, 0.0, 1.0, 1.0), r"area\.polygon_m has 4 numbers; give north, east of at least 3 corners"),
+        ((0.0, 0.0, 1.0, 1.0, 2.0, 0.0, 1.0), "has 7 numbers"),
+        ((0.0, 0.0, 1.0, math.nan, 2.0, 0.0), r"corner 2 is \(1\.0, nan\); coordinates must be finite"),
         (
             (0.0, 0.0, 10.0, 10.0, 10.0, 0.0, 0.0, 10.0),
             r"itself: the edge from corner 1 \(0, 0\) to corner 2 .* meets the edge from corner 3 .* to corner 4",
@@ -84,22 +84,22 @@ def test_raster_represents_a_thin_wall():
         ((0.0, 0.0, 10.0, 0.0, 20.0, 0.0), r"crosses itself|has no area"),
         ((0.0, 0.0, 0.0, 0.0, 10.0, 5.0), r"corner 1 \(0\.0, 0\.0\) is given twice in a row"),
         ((0.0, 0.0, 10.0, 0.0, 5.0, 0.0, 5.0, 5.0), r"crosses itself"),
-        ((0.0, 0.0, 1e7, 0.0, 1e7, 1e7), r"expected finite, within 1000 km"),
+        ((0.0, 0.0, 1e7, 0.0, 1e7, 1e7), "must be finite and within 1000 km"),
     ],
 )
 def test_invalid_polygons_are_named(polygon, message):
     with pytest.raises(ParameterError, match=message):
         AreaConfig(polygon_m=polygon)
-    with pytest.raises(ParameterError, match=r"area\.no_go\.reef: "):
+    with pytest.raises(ParameterError, match=r"area\.no_go\.reef "):
         AreaConfig(no_go={"reef": polygon})
 
 
 def test_other_invalid_arguments():
-    with pytest.raises(ParameterError, match=r"origin_lon_deg: got 17\.0, None; expected both or neither"):
+    with pytest.raises(ParameterError, match=r"origin_lon_deg are 17\.0, None, so one is missing"):
         AreaConfig(origin_lat_deg=17.0)
-    with pytest.raises(ParameterError, match=r"area\.raster_m: got 0\.1; .*choose a larger raster_m"):
+    with pytest.raises(ParameterError, match=r"area\.raster_m: 0\.1 m needs .*Choose a larger raster_m"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 5000.0, 0.0, 5000.0, 5000.0), raster_m=0.1))
-    with pytest.raises(ParameterError, match="no_go: got areas that cover the whole polygon"):
+    with pytest.raises(ParameterError, match="no_go covers the whole polygon"):
         OperatingArea(
             AreaConfig(polygon_m=(0.0, 0.0, 9.0, 0.0, 9.0, 9.0), no_go={"all": (-9.0, -9.0, 50.0, -9.0, 9.0, 50.0)})
         )
@@ -154,11 +154,11 @@ def test_raster_distance_equals_the_minimum_over_all_edges(seed):
     [
         (
             {"shore": {"west": (0.0, 0.0)}},
-            r"area\.shore\.west: got 2 numbers; expected finite north, east of at least 2",
+            r"area\.shore\.west has 2 numbers; give finite north, east of at least 2",
         ),
-        ({"shore": {"west": (0.0, 0.0, 1.0, math.nan)}}, "expected finite north, east"),
-        ({"shore_depth_m": math.inf}, r"area\.shore_depth_m: got inf"),
-        ({"shore": {"west": (0.0, 1.0) * 2001}}, r"got 2,0\d\d corners in total"),
+        ({"shore": {"west": (0.0, 0.0, 1.0, math.nan)}}, "give finite north, east"),
+        ({"shore_depth_m": math.inf}, r"area\.shore_depth_m must be a finite number, not inf"),
+        ({"shore": {"west": (0.0, 1.0) * 2001}}, r"have 2,0\d\d corners together"),
     ],
 )
 def test_an_unusable_shore_is_refused(area, match):

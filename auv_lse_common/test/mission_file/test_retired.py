@@ -88,7 +88,7 @@ def test_a_retired_value_is_replaced_in_recordings_and_refused_in_mission_files(
         assert notes_on_retired({"/**": given}) == [
             f"Recorded by an earlier version with {name} {value!r}; this version reads it as {new!r}."
         ]
-    with pytest.raises(ParameterError, match=f"got {value!r}; expected one of .* {value!r} was replaced by {new!r}"):
+    with pytest.raises(ParameterError, match=f"must be one of .*, not {value!r}. {value!r} was replaced by {new!r}"):
         from_mapping(SECTIONS[section], {key: value}, f"my.yaml (auv2): {section}")
 
 

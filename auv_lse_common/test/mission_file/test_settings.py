@@ -107,21 +107,21 @@ def test_parameters_of_a_vehicle_apply_only_to_it(tmp_path):
     [
         ("/**: {ros__parameters: {missions: {seed: 1}}}", r"missions: unknown section; did you mean 'mission'"),
         ("/**: {ros__parameters: {sim: {dvl: {noise: 1.0}}}}", r"sim\.dvl\.noise: unknown parameter .*noise_mps"),
-        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"got -1\.0; expected a number >= 0 m/s"),
-        ("/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}", r"dropout_min_s: got 3; expected at most"),
-        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed: got 1\.5; expected a whole number"),
-        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal: got 1; expected true or false"),
-        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma: is the same for the whole team"),
-        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: is the same for the whole team"),
-        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all ve"),
-        ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"vehicle 0; expected 1 to 3"),
-        ("/auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2: .*matches only a node.*expected '/auv2/\*\*'"),
-        ("auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"auv2: .*matches only a node.*expected '/auv2/\*\*'"),
-        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\*: expected '/\*\*' \(all vehicles\)"),
-        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\*: expected '/\*\*' \(all vehicles\)"),
-        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\*: expected '/\*\*' \(all vehicles\)"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"must be a number >= 0 m/s, not -1\.0"),
+        ("/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}", r"dropout_min_s is 3 s, but must not exceed dropout_max_s"),
+        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed must be a whole number >= 0, not 1\.5"),
+        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal must be true or false, not 1"),
+        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma is the same for the whole team"),
+        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim is the same for the whole team"),
+        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node matches no vehicle; write '/\*\*' \(all ve"),
+        ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"there is no vehicle 0; the mission has vehicles 1 to 3"),
+        ("/auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2 matches only a node.*write '/auv2/\*\*'"),
+        ("auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"auv2 matches only a node.*write '/auv2/\*\*'"),
+        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\* matches no vehicle; write '/\*\*' \(all vehicles\)"),
+        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\* matches no vehicle; write '/\*\*' \(all vehicles\)"),
+        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\* matches no vehicle; write '/\*\*' \(all vehicles\)"),
         ("/auv2/**: {ros__parameters: {vehicle: {depht_m: 1.0}}}", r"auv2.*depht_m: unknown parameter .*depth_m"),
-        ("", r"is empty; expected a ROS 2 parameter file"),
+        ("", "is empty; write a ROS 2 parameter file"),
     ],
 )
 def test_errors_name_the_problem_and_the_expectation(tmp_path, text, match):
@@ -143,9 +143,9 @@ def test_override_of_one_vehicle_replaces_all_patterns(tmp_path, text):
 
 
 def test_overrides_are_checked_like_the_file(tmp_path):
-    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: is the same for the whole team"):
+    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma is the same for the whole team"):
         Settings.load(None, {"auv2.tdma.slot_s": 20.0})
-    with pytest.raises(ParameterError, match="vehicle 0; expected 1 to 3"):
+    with pytest.raises(ParameterError, match="there is no vehicle 0; the mission has vehicles 1 to 3"):
         Settings.load(None, {"auv0.vehicle.depth_m": 2.0})
 
 
@@ -161,7 +161,7 @@ def test_reading_a_mission_file_imports_no_recorder_cluster_or_drawing():
 
 
 def test_unknown_vehicle_is_rejected():
-    with pytest.raises(ValueError, match="vehicle 4: expected 1 to 3"):
+    with pytest.raises(ValueError, match="vehicle 4 does not exist; the mission has vehicles 1 to 3"):
         Settings.load().vehicle(4)
 
 

@@ -89,7 +89,7 @@ def test_tunable_parameter_without_a_value_can_be_set(make: Callable[[str], Base
     assert change(node, "planner.naive_paths", [0xF4, 0xF5]).successful
     assert now == Config(iterations=4000, naive_paths=(0xF4, 0xF5), deadline_s=1.5)
     assert node.get_parameter("planner.iterations").value == 4000
-    for value, reason in ((0, "got 0"), ("many", "got 'many'"), (2.5, "got 2.5"), (None, "cannot be unset")):
+    for value, reason in ((0, "not 0"), ("many", "not 'many'"), (2.5, "not 2.5"), (None, "cannot be unset")):
         result = change(node, "planner.iterations", value)
         assert not result.successful
         assert reason in result.reason
@@ -131,10 +131,10 @@ def test_change_rejected_with_a_value_error_does_not_end_the_node(make: Callable
 
 def test_node_with_invalid_parameters_ends_with_a_message(signals: None, capfd: pytest.CaptureFixture[str]) -> None:
     def make() -> BaseNode:
-        raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
+        raise ValueError("vehicle is 4; mission.vehicles is 3")
 
     assert Main(make)(arguments=[]) == 2
-    assert capfd.readouterr().err == "error: vehicle: got 4; expected 1 to mission.vehicles = 3\n"
+    assert capfd.readouterr().err == "error: vehicle is 4; mission.vehicles is 3\n"
 
 
 class Closing(BaseNode):

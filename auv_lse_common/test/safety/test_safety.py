@@ -86,15 +86,15 @@ def late(vehicle: Vehicle) -> None:
 @pytest.mark.parametrize(
     ("fault", "limit", "words", "state", "stop"),
     [
-        (too_deep, "depth", "depth 12.0 m; expected at most 10.0 m", RunState.HOLDING, SURFACE),
-        (too_low, "altitude", "altitude 0.4 m; expected at least 1.0 m", RunState.HOLDING, Stop(action=Action.HOLD)),
+        (too_deep, "depth", "depth 12.0 m, deeper than 10.0 m", RunState.HOLDING, SURFACE),
+        (too_low, "altitude", "altitude 0.4 m, lower than 1.0 m", RunState.HOLDING, Stop(action=Action.HOLD)),
         (outside, "fence", "200 m outside", RunState.HOLDING, SURFACE),
         (blind, "odometry", "no usable odometry for 3", RunState.HOLDING, SURFACE),
         (silent, "link", "no autopilot heartbeat for 3", RunState.HOLDING, Stop(action=Action.HOLD)),
-        (drained, "battery", "battery 10%; expected at least 20%", RunState.HOLDING, SURFACE),
+        (drained, "battery", "battery at 10%, below 20%", RunState.HOLDING, SURFACE),
         (disobeyed, "autopilot", "ignores the stop", RunState.HOLDING, SURFACE),
         (leaking, "leak", "reports a leak", RunState.ABORTED, SURFACE),
-        (late, "mission time", "expected at most 500 s", RunState.ABORTED, SURFACE),
+        (late, "mission time", "longer than 500 s", RunState.ABORTED, SURFACE),
     ],
 )
 def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, stop) -> None:  # type: ignore[no-untyped-def]
@@ -230,7 +230,7 @@ def test_odometry_with_old_stamps_is_old(late_s: float) -> None:
     vehicle.late_s = late_s
     assert vehicle.wait(29.0).watch.warnings == {}
     assert vehicle.wait(2.0).watch.warnings == {
-        "odometry": "no usable odometry for 31 s; expected one every 30 s. "
+        "odometry": "no usable odometry for 31 s, longer than 30 s. "
         f"It arrives with stamps {late_s:.0f} s old: check its clock"
     }
     assert set(vehicle.wait(4.0).run.limits) == {"odometry"}
@@ -275,7 +275,7 @@ def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
     vehicle.now_s -= 3600.0  # the clock is set
     vehicle.wait(1.0)
     vehicle.wait(30.0)
-    assert vehicle.watch.warnings == {"altimeter": "no altitude for 60 s; expected one every 30 s"}
+    assert vehicle.watch.warnings == {"altimeter": "no altitude for 60 s, longer than 30 s"}
     assert vehicle.run.limits == {}
     vehicle.watch.altitude(12.0)
     assert vehicle.wait(0.2).watch.warnings == {}

@@ -19,11 +19,11 @@ def test_file_instead_of_a_folder_is_reported(tmp_path: Path) -> None:
     file.write_text("")
     with pytest.raises(FileExistsError) as caught:
         file.mkdir()
-    assert error_text(caught.value) == f"{file}: got a file; expected a folder, or an unused name"
+    assert error_text(caught.value) == f"{file} is a file, not a folder; choose another name"
     assert error_text(FileExistsError("there already")) == "there already"
 
 
 def test_error_text_is_the_message_or_the_class_name() -> None:
-    assert error_text(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
+    assert error_text(ValueError("--rate must be above 0")) == "--rate must be above 0"
     assert error_text(OSError("the disk is full")) == "the disk is full"
     assert error_text(RuntimeError()) == "RuntimeError"

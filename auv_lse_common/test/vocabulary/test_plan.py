@@ -135,13 +135,13 @@ def test_polyline_back_to_its_start_is_one_segment():
 @pytest.mark.parametrize(
     ("waypoints_m", "legs", "message"),
     [
-        ([[0.0, 0.0], [0.0, 660.0]], 1, "a polyline of 660 m: expected at most 64 segments of 10 m; fix: longer"),
-        ([[0.0, 0.0], [0.0, math.nan]], 1, r"shape \(2, 2\): expected finite"),
-        ([[0.0, 0.0, 1.0]], 1, r"shape \(1, 3\)"),
-        ([[1.0, 2.0]], 1, "leads away from its start"),
-        ([[1.0, 2.0], [1.0, 2.0]], 1, "leads away from its start"),
-        ([[0.0, 0.0], [0.0, 60.0]], 0, "segment_legs = 0: expected 1..255"),
-        ([[0.0, 0.0], [0.0, 60.0]], 256, "segment_legs = 256"),
+        ([[0.0, 0.0], [0.0, 660.0]], 1, "a polyline of 660 m needs more than 64 segments of 10 m; choose longer"),
+        ([[0.0, 0.0], [0.0, math.nan]], 1, r"must be finite north, east of shape \(n, 2\); its shape is \(2, 2\)"),
+        ([[0.0, 0.0, 1.0]], 1, r"its shape is \(1, 3\)"),
+        ([[1.0, 2.0]], 1, "never leave the start"),
+        ([[1.0, 2.0], [1.0, 2.0]], 1, "never leave the start"),
+        ([[0.0, 0.0], [0.0, 60.0]], 0, "segment_legs must be 1..255, not 0"),
+        ([[0.0, 0.0], [0.0, 60.0]], 256, "segment_legs must be 1..255, not 256"),
     ],
 )
 def test_invalid_polylines_are_rejected(waypoints_m: list[list[float]], legs: int, message: str):
@@ -155,7 +155,7 @@ def test_invalid_polylines_are_rejected(waypoints_m: list[list[float]], legs: in
 def test_invalid_tour_has_no_waypoints(legs: int, bearings: tuple[int, ...]):
     tour = Tour(segment_legs=legs, bearings=bearings)
     assert not tour.is_sound
-    with pytest.raises(ValueError, match=r"expected segment_legs 1\.\.255 and 1\.\.64 bearings of 0\.\.255"):
+    with pytest.raises(ValueError, match=r"segment_legs must be 1\.\.255, with 1\.\.64 bearings of 0\.\.255"):
         tour.waypoints_m(np.zeros(2), LEG_M)
 
 

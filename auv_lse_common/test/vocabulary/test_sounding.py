@@ -60,7 +60,7 @@ def test_a_number_applies_to_every_sounding():
 
 
 def test_invalid_soundings_are_rejected():
-    with pytest.raises(ValueError, match=r"north_m got shape \(1,\); expected \(2,\)"):
+    with pytest.raises(ValueError, match=r"north_m has shape \(1,\), not \(2,\)"):
         Soundings(stamp_s=0.0, north_m=[1.0], east_m=[1.0, 2.0], depth_m=[1.0, 2.0])
-    with pytest.raises(ValueError, match=r"rows of shape \(2, 5\); expected \(n, 4\)"):
+    with pytest.raises(ValueError, match=r"rows must have the shape \(n, 4\).*, not \(2, 5\)"):
         Soundings.from_rows(np.zeros((2, 5)))

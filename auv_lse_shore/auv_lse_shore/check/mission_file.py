@@ -30,6 +30,9 @@ from auv_lse_shore.check.findings import Findings
 #: Largest number of vehicles of a mission.
 _MOST_VEHICLES: int = {f.name: f for f in dataclasses.fields(MissionConfig)}["vehicles"].metadata["high"]
 
+#: The names at the beginning of an error: "ping and synchronous", "north_m, east_m".
+_SUBJECT = re.compile(r"[\w.]+(?:(?:,| and) [\w.]+)*")
+
 
 def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file: Path | None = None) -> Settings:
     """Reads a mission file and adds its errors to `findings`.
@@ -185,7 +188,7 @@ def _contradictions(
         refused = {key for key in named if findings.is_refused(f"{name}.{key}", vehicle)}
         if not refused - set(values):
             yield text
-        subject = text.removeprefix(f"{name}.").split(":")[0]
+        subject = _subject(text).removeprefix(f"{name}.")
         if hints.get(subject) is str and not values.get(subject) and subject not in stand_ins:
             removed = [subject]
             stand_ins.add(subject)
@@ -196,9 +199,9 @@ def _contradictions(
 
 
 def _remove(values: dict[str, Any], text: str, named: Sequence[str]) -> list[str]:
-    """Removes the values that an error's text names before what it expects, and returns their keys."""
-    before = text.split("; expected")[0]
-    keys = [key for key in named if key in values and _names(before, key)]
+    """Removes the values that an error is about, and returns their keys."""
+    subject = _subject(text)
+    keys = [key for key in named if key in values and _names(subject, key)]
     keys = keys or [key for key in named if key in values] or list(values)
     for key in keys:
         group = values[key]
@@ -208,6 +211,12 @@ def _remove(values: dict[str, Any], text: str, named: Sequence[str]) -> list[str
         if not items:
             del values[key]
     return keys
+
+
+def _subject(text: str) -> str:
+    """The names with which an error begins: "a_min, a_max" of "a_min, a_max must not both be 0"; "" without any."""
+    found = _SUBJECT.match(text)
+    return "" if found is None else found[0]
 
 
 def _names(text: str, key: str) -> bool:

@@ -63,9 +63,10 @@ class TdmaConfig:
         """
         if self.slot_s < self.needed_s + WINDOW_S:
             raise ValueError(
-                f"slot_s: got {self.slot_s:g} s; expected at least {self.needed_s + WINDOW_S:.3f} s = 2 x "
-                f"guard_s ({self.guard_s:g}) + send_duration_s ({self.send_duration_s:g}) + travel over max_range_m "
-                f"({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s) + {WINDOW_S:g} s to start"
+                f"slot_s: {self.slot_s:g} s is too short; use at least {self.needed_s + WINDOW_S:.3f} s: 2 x "
+                f"guard_s ({self.guard_s:g} s), send_duration_s ({self.send_duration_s:g} s), travel over "
+                f"max_range_m ({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s), and {WINDOW_S:g} s to "
+                "start"
             )
 
     @property
@@ -130,19 +131,17 @@ class PacketConfig:
             ValueError: naming the parameters and what was expected.
         """
         if self.tag and not self.key_file:
-            raise ValueError(
-                "key_file: got '' with tag true; expected the file with the team's key (auv_lse key makes one)"
-            )
+            raise ValueError("key_file is empty, but tag: true needs the team's key; auv_lse key makes one")
         if self.tag and not self.session:
             raise ValueError(
-                "session: got '' with tag true; expected the name of the dive, to reject packets of other dives. Fix: "
-                "session: lake-2026-07-12-a, the same for every vehicle and new for each dive"
+                "session is empty, but tag: true needs the name of the dive, to reject packets of other dives. "
+                "Set it to a name such as lake-2026-07-12-a, the same for every vehicle and new for each dive"
             )
         if len(self.session.encode()) > 64:
-            raise ValueError(f"session: got {self.session!r}; expected at most 64 bytes")
+            raise ValueError(f"session: {self.session!r} is longer than 64 bytes")
         if self.depth_min_m >= self.depth_max_m:
             raise ValueError(
-                f"depth_min_m: got {self.depth_min_m:g}; expected less than depth_max_m = {self.depth_max_m:g} m"
+                f"depth_min_m is {self.depth_min_m:g} m, but must be below depth_max_m ({self.depth_max_m:g} m)"
             )
 
     @property

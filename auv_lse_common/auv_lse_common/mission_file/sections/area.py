@@ -77,7 +77,7 @@ class AreaConfig:
         number = sum(map(len, given)) // 2
         if number > MAX_CORNERS:
             raise ParameterError(
-                f"area.polygon_m, area.no_go, area.shore: got {number:,} corners in total; expected at most "
+                f"area.polygon_m, area.no_go and area.shore have {number:,} corners together, more than "
                 f"{MAX_CORNERS:,}. Simplify the polygons"
             )
         corners("area.polygon_m", self.polygon_m)
@@ -86,14 +86,14 @@ class AreaConfig:
         for name, flat in self.shore.items():
             if len(flat) % 2 or len(flat) < 4 or not np.isfinite(flat).all():
                 raise ParameterError(
-                    f"area.shore.{name}: got {len(flat)} numbers; expected finite north, east of at least 2 corners"
+                    f"area.shore.{name} has {len(flat)} numbers; give finite north, east of at least 2 corners"
                 )
         if not math.isfinite(self.shore_depth_m):
-            raise ParameterError(f"area.shore_depth_m: got {self.shore_depth_m}; expected a finite number")
+            raise ParameterError(f"area.shore_depth_m must be a finite number, not {self.shore_depth_m}")
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
             raise ParameterError(
-                f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "
-                "expected both or neither. Set the missing one, or remove the other"
+                f"area.origin_lat_deg, area.origin_lon_deg are {self.origin_lat_deg!r}, {self.origin_lon_deg!r}, "
+                "so one is missing. Set it, or remove the other"
             )
 
 
@@ -113,13 +113,14 @@ def corners(name: str, flat: tuple[float, ...]) -> Array:
     """
     if len(flat) % 2 or len(flat) < 6:
         raise ParameterError(
-            f"{name}: got {len(flat)} numbers; expected north, east of at least 3 corners (an even number, 6 or more)"
+            f"{name} has {len(flat)} numbers; give north, east of at least 3 corners (an even number, 6 or more)"
         )
     polygon = np.array(flat, dtype=float).reshape(-1, 2)
     bad = np.flatnonzero(~np.isfinite(polygon).all(axis=1) | (np.abs(polygon) > 1e6).any(axis=1))
     if len(bad):
         raise ParameterError(
-            f"{name}: corner {bad[0] + 1} is {tuple(polygon[bad[0]].tolist())}; expected finite, within 1000 km"
+            f"{name}: corner {bad[0] + 1} is {tuple(polygon[bad[0]].tolist())}; coordinates must be finite and "
+            "within 1000 km"
         )
     if len(polygon) > 3 and np.array_equal(polygon[0], polygon[-1]):
         polygon = polygon[:-1]
@@ -130,9 +131,7 @@ def corners(name: str, flat: tuple[float, ...]) -> Array:
     crossing = _crossing_edges(polygon, following)
     if crossing is not None:
         one, other = (_edge_text(polygon, edge) for edge in crossing)
-        raise ParameterError(
-            f"{name}: crosses itself: {one} meets {other}; expected the corners in order around the area"
-        )
+        raise ParameterError(f"{name} crosses itself: {one} meets {other}. List the corners in order around the area")
     area = 0.5 * float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]))
     span = float(np.ptp(polygon, axis=0).max())
     if abs(area) <= 1e-9 * span * span:

@@ -93,19 +93,19 @@ class GpConfig:
         for name in ("signal_std_m", "length_scale_m", "noise_std_m", "map_resolution_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"gp.{name}: got {value!r}; expected a finite number > 0")
+                raise ParameterError(f"gp.{name} must be a finite number > 0, not {value!r}")
         for name in ("kernel", "mean"):
             choices = {"kernel": KERNELS, "mean": MEANS}[name]
             if getattr(self, name) not in choices:
-                raise ParameterError(f"gp.{name}: got {getattr(self, name)!r}; expected one of {', '.join(choices)}")
+                raise ParameterError(f"gp.{name} must be one of {', '.join(choices)}, not {getattr(self, name)!r}")
         if self.mean == "survey" and not self.survey_file:
-            raise ParameterError("gp.survey_file: got ''; expected the file of soundings that gp.mean 'survey' needs")
+            raise ParameterError("gp.survey_file is empty; gp.mean 'survey' needs a file of soundings")
         if self.min_depth_m >= self.max_depth_m:
             raise ParameterError(
-                f"gp.min_depth_m: got {self.min_depth_m!r}; expected less than gp.max_depth_m ({self.max_depth_m!r})"
+                f"gp.min_depth_m is {self.min_depth_m!r} m, but must be below gp.max_depth_m ({self.max_depth_m!r} m)"
             )
         if self.noise_std_m < 1e-4 * self.signal_std_m:
             raise ParameterError(
-                f"gp.noise_std_m: got {self.noise_std_m!r}; expected at least 1e-4 of gp.signal_std_m "
-                f"({self.signal_std_m!r}), so that rounding errors in the posterior stay small"
+                f"gp.noise_std_m: {self.noise_std_m!r} m is too small for a stable posterior; use at least 1e-4 "
+                f"of gp.signal_std_m ({self.signal_std_m!r} m)"
             )

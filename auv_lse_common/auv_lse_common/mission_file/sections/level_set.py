@@ -29,12 +29,12 @@ class LevelSetConfig:
             ParameterError: naming the field.
         """
         if not math.isfinite(self.level_m):
-            raise ParameterError(f"level_set.level_m: got {self.level_m!r}; expected a finite depth")
+            raise ParameterError(f"level_set.level_m must be a finite depth, not {self.level_m!r}")
         for name in ("cost_false_safe", "cost_false_unsafe"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ParameterError(f"level_set.{name}: got {getattr(self, name)!r}; expected a finite number > 0")
+                raise ParameterError(f"level_set.{name} must be a finite number > 0, not {getattr(self, name)!r}")
         if self.method not in METHODS:
-            raise ParameterError(f"level_set.method: got {self.method!r}; expected one of {', '.join(METHODS)}")
+            raise ParameterError(f"level_set.method must be one of {', '.join(METHODS)}, not {self.method!r}")
 
     @property
     def largest_risk(self) -> float:

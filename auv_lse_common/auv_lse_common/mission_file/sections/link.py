@@ -120,8 +120,8 @@ class LinkConfig:
         """
         if self.lost_after_s <= self.heartbeat_period_s:
             raise ParameterError(
-                f"lost_after_s: got {self.lost_after_s:g}; expected more than heartbeat_period_s = "
-                f"{self.heartbeat_period_s:g} s"
+                f"lost_after_s is {self.lost_after_s:g} s, but must be longer than heartbeat_period_s "
+                f"({self.heartbeat_period_s:g} s)"
             )
         if self.zero_afloat and self.sensor_depth_m == 0.0:
             raise ParameterError(
@@ -130,5 +130,6 @@ class LinkConfig:
             )
         if self.backoff_max_s < self.backoff_min_s:
             raise ParameterError(
-                f"backoff_max_s: got {self.backoff_max_s:g}; expected at least backoff_min_s = {self.backoff_min_s:g} s"
+                f"backoff_max_s is {self.backoff_max_s:g} s, but must be at least backoff_min_s "
+                f"({self.backoff_min_s:g} s)"
             )

@@ -108,20 +108,20 @@ class MotionConfig:
             ValueError: naming the unusable actions.
         """
         if not self.actions_deg:
-            raise ValueError("motion.actions_deg: got no value; expected at least one heading change (deg)")
+            raise ValueError("motion.actions_deg is empty; give at least one heading change (deg)")
         if len(self.actions_deg) > MAX_ACTION_SET:
             raise ValueError(
-                f"motion.actions_deg: got {len(self.actions_deg)} values; expected at most {MAX_ACTION_SET}, because "
-                "larger bytes of a packet have other meanings"
+                f"motion.actions_deg has {len(self.actions_deg)} values; a packet has bytes for at most "
+                f"{MAX_ACTION_SET}"
             )
         if len(set(self.actions_deg)) != len(self.actions_deg):
-            raise ValueError(f"motion.actions_deg: got {list(self.actions_deg)}; expected each heading change once")
+            raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} repeats a heading change; give each once")
         largest = max(abs(a) for a in self.actions_deg)
         if largest > self.theta_max_deg:
             raise ValueError(
-                f"motion.actions_deg: got {largest:g}; expected at most theta_max_deg = {self.theta_max_deg:g} deg"
+                f"motion.actions_deg: {largest:g} deg is larger than theta_max_deg ({self.theta_max_deg:g} deg)"
             )
         if min(self.actions_deg) >= 0.0 and max(self.actions_deg) <= 0.0:
             raise ValueError(
-                f"motion.actions_deg: got {list(self.actions_deg)}; expected a turn, to stay inside the area"
+                f"motion.actions_deg: {list(self.actions_deg)} has no turn; a vehicle could not stay inside the area"
             )

@@ -98,20 +98,21 @@ class ModemConfig:
             ParameterError: naming the keys and values.
         """
         if self.kind == "micromodem" and not self.port:
-            raise ParameterError("port: got '' with kind 'micromodem'; expected a serial device or 'tcp://HOST:PORT'")
+            raise ParameterError("port is empty, but kind 'micromodem' needs a serial device or 'tcp://HOST:PORT'")
         if self.ping and self.synchronous:
             raise ParameterError(
-                "ping: got true with synchronous true; expected one of them: with synchronized clocks each packet "
-                "already gives a range"
+                "ping and synchronous are both true; choose one. With synchronized clocks every packet already "
+                "gives a range"
             )
         if self.backoff_max_s < self.backoff_min_s:
             raise ParameterError(
-                f"backoff_max_s: got {self.backoff_max_s:g}; expected at least backoff_min_s = {self.backoff_min_s:g} s"
+                f"backoff_max_s is {self.backoff_max_s:g} s, but must be at least backoff_min_s "
+                f"({self.backoff_min_s:g} s)"
             )
         for name, value in self.settings.items():
             if name in DRIVERS_OWN:
                 raise ParameterError(
-                    f"settings.{name}: got {value}; the driver sets {', '.join(DRIVERS_OWN)} itself. Fix: remove it"
+                    f"settings.{name} is {value}, but the driver sets {', '.join(DRIVERS_OWN)} itself. Remove it"
                 )
             if not re.fullmatch(r"[A-Za-z0-9_.]+", name):
-                raise ParameterError(f"settings: got the name {name!r}; expected letters, digits, '_' and '.'")
+                raise ParameterError(f"settings: {name!r} is not a setting's name; use letters, digits, '_' and '.'")

@@ -149,9 +149,9 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
     positions = mission.steps * each
     if positions > MAX_LOCATIONS and (complete.augmented or complete.family.to_the_end):
         raise ParameterError(
-            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, whose {positions} "
-            f"positions to the mission's end have covariances of {8e-9 * positions**2:.0f} GB; expected at most "
-            f"{MAX_LOCATIONS // each} steps, or planner.method plain, which looks only some legs ahead"
+            f"{where}: mission.steps: {mission.steps} steps are too many for planner.method {planner.method!r}: "
+            f"the covariances of {positions} positions would need {8e-9 * positions**2:.0f} GB. Use at most "
+            f"{MAX_LOCATIONS // each} steps, or planner.method plain, which plans only a few legs ahead"
         )
 
 

@@ -78,6 +78,4 @@ class SimConfig:
             ValueError: naming both parameters.
         """
         if self.apart and self.lockstep:
-            raise ValueError(
-                "apart: got true with lockstep true; expected lockstep: false, because ticks are ROS topics"
-            )
+            raise ValueError("apart: true needs lockstep: false, because lockstep sends its ticks on ROS topics")

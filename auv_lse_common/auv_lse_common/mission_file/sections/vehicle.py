@@ -134,7 +134,7 @@ class VehicleConfig:
             return Stop(action=STOPS[name])
         if north_m is None or east_m is None:
             raise ParameterError(
-                f"{key}: got 'go_to' with vehicle.recovery_north_m, recovery_east_m = {north_m}, {east_m}; expected a "
-                "recovery position (m)"
+                f"{key}: 'go_to' needs a recovery position, but vehicle.recovery_north_m, recovery_east_m are "
+                f"{north_m}, {east_m}"
             )
         return Stop(action=STOPS[name], position_m=(north_m, east_m))

@@ -122,11 +122,11 @@ class DvlConfig:
         for name in ("dropout", "lock_loss"):
             low, high = getattr(self, f"{name}_min_s"), getattr(self, f"{name}_max_s")
             if low > high:
-                raise ValueError(f"{name}_min_s: got {low:g}; expected at most {name}_max_s = {high:g} s")
+                raise ValueError(f"{name}_min_s is {low:g} s, but must not exceed {name}_max_s ({high:g} s)")
         if self.max_altitude_m <= self.min_altitude_m:
             raise ValueError(
-                f"max_altitude_m: got {self.max_altitude_m:g}; expected more than min_altitude_m = "
-                f"{self.min_altitude_m:g} m"
+                f"max_altitude_m is {self.max_altitude_m:g} m, but must be above min_altitude_m "
+                f"({self.min_altitude_m:g} m)"
             )
 
 
@@ -280,13 +280,13 @@ class LakeConfig:
         """Rejects depths and shares in the wrong order."""
         if not self.terrace_m < self.level_m < self.deepest_m:
             raise ValueError(
-                f"terrace_m, level_m, deepest_m: got {self.terrace_m:g}, {self.level_m:g}, {self.deepest_m:g}; "
-                "expected ascending depths"
+                f"terrace_m, level_m, deepest_m must be ascending depths, not {self.terrace_m:g}, "
+                f"{self.level_m:g}, {self.deepest_m:g}"
             )
         if self.deep_share_low > self.deep_share_high:
             raise ValueError(
-                f"deep_share_low: got {self.deep_share_low:g}; expected at most deep_share_high = "
-                f"{self.deep_share_high:g}"
+                f"deep_share_low is {self.deep_share_low:g}, but must not exceed deep_share_high "
+                f"({self.deep_share_high:g})"
             )
 
     @property
@@ -361,11 +361,12 @@ class ChannelConfig:
             ValueError: naming the wrong entry.
         """
         if len(self.blackouts) % 4:
-            raise ValueError(f"blackouts: got {len(self.blackouts)} numbers; expected four each: a, b, from_s, until_s")
+            raise ValueError(f"blackouts has {len(self.blackouts)} numbers; give four for each: a, b, from_s, until_s")
         for a, b, start, end in self.outages:
             if a != int(a) or b != int(b) or min(a, b) < 0 or not start <= end:
                 raise ValueError(
-                    f"blackouts: got {(a, b, start, end)}; expected two vehicle numbers, from_s <= until_s"
+                    f"blackouts: {(a, b, start, end)} is not a blackout; give two vehicle numbers, then from_s "
+                    "<= until_s"
                 )
 
     @property
