@@ -484,7 +484,7 @@ def real_time(sizes: Sizes = FULL) -> list[Row]:
     cells = int(depth_map.grid.inside.sum())
     kept, merged = depth_map.counts.kept - before.kept, depth_map.counts.merged - before.merged
     if kept < 3 or merged < 150:
-        raise RuntimeError(f"{kept} soundings kept and {merged} merged: expected a track over new ground")
+        raise RuntimeError(f"{kept} soundings kept and {merged} merged: the track is not over new ground")
     return [
         row(
             f"1 s of soundings at 10 Hz, map of {cells} cells, n = {len(depth_map.gp)}: mean",

@@ -96,13 +96,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", choices=MISSIONS, metavar="NAME", help=f"of {', '.join(MISSIONS)}")
     options = parser.parse_args(arguments)
     if (options.write is None) == (options.compare is None):
-        parser.error("expected either --write FILE or --compare FILE")
+        parser.error("give either --write FILE or --compare FILE")
     before: dict[str, Any] = {}
     if options.compare is not None:
         try:
             before = json.loads(options.compare.read_text())
         except (OSError, ValueError) as error:
-            parser.error(f"--compare {options.compare}: {error}; expected a file that --write has written")
+            parser.error(f"--compare {options.compare}: {error}; name a file that --write has written")
     results: dict[str, Any] = {}
     found: list[str] = []
     for name in options.only or MISSIONS:

@@ -66,11 +66,11 @@ def run(options: argparse.Namespace) -> int:
     for name, low, high in (("vehicle", 1, 127), ("ping", 1, 127), ("send", 0, 127), ("count", 1, 1000)):
         value = getattr(options, name)
         if value is not None and not low <= value <= high:
-            raise ParameterError(f"--{name}: got {value}; expected {low} to {high}")
+            raise ParameterError(f"--{name} must be {low} to {high}, not {value}")
     if options.vehicle in (options.ping, options.send):
-        raise ParameterError(f"--ping, --send: got {options.vehicle}; expected another modem than --vehicle's")
+        raise ParameterError(f"--ping, --send: {options.vehicle} is --vehicle's own modem; choose another")
     if options.listen is not None and not options.listen > 0.0:
-        raise ParameterError(f"--listen: got {options.listen:g}; expected more than 0 s")
+        raise ParameterError(f"--listen must be more than 0 s, not {options.listen:g}")
     return print_findings(_findings(config, options))
 
 

@@ -33,8 +33,8 @@ def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
     mission = section(MissionConfig, parameters, "mission", where)
     if not is_given(parameters, f"mission.{key}"):
         raise ParameterError(
-            f"{where}: mission.{key}: missing; expected {_SHARED[key]}, which all vehicles must share: add it to the "
-            f"mission file, section mission, under '/**:'"
+            f"{where}: mission.{key} is missing; all vehicles must share it. Add {_SHARED[key]} to the mission "
+            "file, section mission, under '/**:'"
         )
     value: int = getattr(mission, key)
     return value
@@ -71,9 +71,9 @@ def check_send_duration(tdma: TdmaConfig, modem: ModemConfig, where: str) -> Non
     """
     if modem.kind == "micromodem" and tdma.send_duration_s < modem.send_duration_s - 1e-9:
         raise ParameterError(
-            f"{where}: tdma.send_duration_s: got {tdma.send_duration_s:g} s; expected at least "
-            f"{modem.send_duration_s:.2f} s: modem.start_timeout_s ({modem.start_timeout_s:g} s), and what a packet "
-            f"takes at rate {modem.rate}; otherwise a late transmission could overlap the next slot"
+            f"{where}: tdma.send_duration_s: {tdma.send_duration_s:g} s is too short, so a late transmission "
+            f"could overlap the next slot; use at least {modem.send_duration_s:.2f} s: modem.start_timeout_s "
+            f"({modem.start_timeout_s:g} s) and a packet at rate {modem.rate}"
         )
 
 
@@ -113,8 +113,8 @@ def bridge_of(
     ping_slot_s = tdma.needed_s + tdma.ping_s - tdma.travel_s + WINDOW_S
     if features.pings and tdma.slot_s < ping_slot_s - 1e-9:
         raise ParameterError(
-            f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least {ping_slot_s:.2f} s with modem.ping: a "
-            f"packet, a ping and its answer, and {WINDOW_S:g} s to begin in"
+            f"{where}: tdma.slot_s: {tdma.slot_s:g} s is too short with modem.ping; use at least "
+            f"{ping_slot_s:.2f} s: a packet, a ping and its answer, and {WINDOW_S:g} s to begin in"
         )
     try:
         key = read_key(packet.key_file) if packet.tag else None

@@ -61,7 +61,7 @@ class Tdma:
             ValueError: if the address or an owner in the order is not a vehicle of the mission.
         """
         if not 1 <= address <= vehicles:
-            raise ValueError(f"address: got {address}; expected a vehicle of the mission, 1..{vehicles}")
+            raise ValueError(f"address {address} is not a vehicle of the mission, 1..{vehicles}")
         self.address = address
         self.vehicles = vehicles
         self._settings: list[tuple[float, TdmaConfig]] = [(-math.inf, self._complete(config))]
@@ -71,7 +71,9 @@ class Tdma:
             return dataclasses.replace(config, order=tuple(range(1, self.vehicles + 1)))
         unknown = sorted({owner for owner in config.order if not 0 <= owner <= self.vehicles})
         if unknown:
-            raise ValueError(f"tdma.order: got {config.order}; {unknown} are not among the vehicles 1..{self.vehicles}")
+            raise ValueError(
+                f"tdma.order is {config.order}, but {unknown} are not among the vehicles 1..{self.vehicles}"
+            )
         return config
 
     def settings(self, now_s: float) -> TdmaConfig:
@@ -89,7 +91,7 @@ class Tdma:
         """
         config = self._complete(config)
         if not math.isfinite(now_s):
-            raise ValueError(f"change of the tdma settings: got time {now_s} s; expected a finite one")
+            raise ValueError(f"change of the tdma settings: the time must be finite, not {now_s} s")
         since, old = self._at(now_s)
         self._settings = [(since, old)]
         slots = len(old.order)

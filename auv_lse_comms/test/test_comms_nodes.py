@@ -48,7 +48,7 @@ def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: P
         (result,) = s.node.set_parameters([Parameter("tdma.order", value=[1, 4])])
         assert not result.successful
         assert result.reason == (
-            "parameters of /auv2/modem_node: tdma.order: got (1, 4); [4] are not among the vehicles 1..3"
+            "parameters of /auv2/modem_node: tdma.order is (1, 4), but [4] are not among the vehicles 1..3"
         )
         (result,) = s.node.set_parameters([Parameter("tdma.order", value=[3, 2, 1])])
         assert result.successful
@@ -61,10 +61,20 @@ def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: P
             ModemNode,
             "/auv4",
             "mission: {vehicles: 3, steps: 10}",
-            "address: got 4; expected a vehicle of the mission, 1..3",
+            "address 4 is not a vehicle of the mission, 1..3",
         ),
-        (MicromodemNode, "/auv200", "modem: {kind: micromodem, port: /dev/x}", "modem address: got 200"),
-        (MicromodemNode, "/auv2", "modem: {kind: micromodem, port: x}", "address 'x': expected /dev/NAME"),
+        (
+            MicromodemNode,
+            "/auv200",
+            "modem: {kind: micromodem, port: /dev/x}",
+            "modem address 200 is not from 1 to 127",
+        ),
+        (
+            MicromodemNode,
+            "/auv2",
+            "modem: {kind: micromodem, port: x}",
+            "address 'x' is not an address; write /dev/NAME",
+        ),
     ],
 )
 def test_a_node_that_cannot_start_names_the_parameter_that_is_wrong(

@@ -48,7 +48,7 @@ def test_addresses(text, address):
     "text", ["", "ttyUSB0", "tcp://host", "tcp://host:99999", "http://host:80", "/dev/tty USB", "/x:y:1200"]
 )
 def test_an_invalid_address_is_refused_with_the_allowed_forms(text):
-    with pytest.raises(AddressError, match="expected /dev/NAME"):
+    with pytest.raises(AddressError, match="is not an address; write /dev/NAME"):
         read_address(text)
 
 
@@ -112,7 +112,7 @@ def test_rts_and_dtr_of_a_modem_are_low_before_its_port_is_opened(monkeypatch):
 
 def test_a_missing_pyserial_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)  # makes its import fail
-    with pytest.raises(TransportError, match=r"/dev/ttyUSB0: cannot be opened: .* pyserial is not installed"):
+    with pytest.raises(TransportError, match=r"/dev/ttyUSB0 cannot be opened: .* pyserial is not installed"):
         open_transport(read_address("/dev/ttyUSB0"))
 
 

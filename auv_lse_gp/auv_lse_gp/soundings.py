@@ -43,7 +43,7 @@ _ELEVATION = ("elevation_m", "elevation", "z_m")
 #: Keys of columns whose fields may be empty.
 _UNCERTAINTIES = ("north_std", "east_std", "tvu")
 
-_EXPECTED_COLUMNS = (
+_NEEDED_COLUMNS = (
     "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
     "are positive up)"
 )
@@ -141,7 +141,7 @@ def read_soundings(path: Path) -> Array:
     soundings, origin = read_soundings_and_origin(path)
     if origin is not None:
         raise SoundingsError(
-            f"{path}: got columns lat, lon; expected north_m, east_m: metres from the mission's origin"
+            f"{path} has columns lat, lon; give north_m, east_m instead, in metres from the mission's origin"
         )
     return soundings
 
@@ -160,7 +160,7 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
         known = np.isfinite(grid.values) & ~is_no_data(grid.values)
         rows, columns = np.nonzero(known)
         if len(rows) == 0:
-            raise SoundingsError(f"{path}: got no sounding; expected at least one")
+            raise SoundingsError(f"{path} holds no sounding")
         depth = -grid.values[known] if grid.upward else grid.values[known]
         return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
     table = read_table(path)
@@ -262,11 +262,11 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     rows = [(i, s) for i, s in enumerate(text.splitlines(), 1) if s.strip() and not s.lstrip().startswith("#")]
     if len(rows) < 2:
         raise SoundingsError(
-            f"{path}: {len(rows)} lines; expected a header such as east_m,north_m,depth_m and soundings"
+            f"{path} has {len(rows)} lines; write a header such as east_m,north_m,depth_m, then the soundings"
         )
     if len(rows) - 1 > MAX_SOUNDINGS:
         raise SoundingsError(
-            f"{path}: got {len(rows) - 1:,} soundings; expected at most {MAX_SOUNDINGS:,}. Thin them out, or grid them "
+            f"{path} has {len(rows) - 1:,} soundings, more than {MAX_SOUNDINGS:,}. Thin them out, or grid them "
             "(.npz, .asc, .tif)"
         )
     header_line, header_text = rows[0]
@@ -278,7 +278,9 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     for number, line in rows[1:]:
         fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
-            raise SoundingsError(f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}; expected {len(header)}")
+            raise SoundingsError(
+                f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}, but the header has {len(header)}"
+            )
         for key, index in indices.items():
             values[key].append(_number(fields[index], key, f"{path}:{number}: {header[index]}"))
         if vehicle is not None:
@@ -291,7 +293,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     if len(marks):
         raise SoundingsError(
             f"{path}:{lines[marks[0]]}: {depth_name} is {arrays['depth'][marks[0]]:g}, as on {len(marks)} of "
-            f"{len(lines)} lines: a common mark for missing data; expected soundings only. Remove these lines"
+            f"{len(lines)} lines: a common mark for missing data. Remove these lines"
         )
     return SoundingsTable(
         path=path,
@@ -332,7 +334,7 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
     indices = {key: index for key, index in wanted.items() if index is not None}
     if "depth" not in indices or not {"north", "lat"} & set(indices):
         shown = ", ".join(name[:40] for name in header[:30])
-        raise SoundingsError(f"{where}: columns are {shown}; expected {_EXPECTED_COLUMNS}")
+        raise SoundingsError(f"{where}: the columns {shown} are not enough; needed are {_NEEDED_COLUMNS}")
     return indices
 
 
@@ -343,7 +345,9 @@ def _fields(line: str, separator: str | None, where: str) -> list[str]:
     try:
         return [f.strip() for f in next(csv.reader([line], delimiter=separator))]
     except csv.Error as error:  # a field longer than csv.field_size_limit()
-        raise SoundingsError(f"{where}: got {line[:60]!r}... ({error}); expected numbers. Check the line") from error
+        raise SoundingsError(
+            f"{where}: {line[:60]!r}... cannot be read as numbers ({error}). Check the line"
+        ) from error
 
 
 def _number(text: str, key: str, where: str) -> float:
@@ -356,7 +360,7 @@ def _number(text: str, key: str, where: str) -> float:
     if not math.isfinite(value):
         raise SoundingsError(f"{where} is {text[:40]!r}. Write a finite number.")
     if (key == "lat" and abs(value) > 90.0) or (key == "lon" and abs(value) > 360.0):
-        raise SoundingsError(f"{where} is {value:g}; expected degrees")
+        raise SoundingsError(f"{where} is {value:g}, which is not in degrees")
     return value
 
 
@@ -394,7 +398,7 @@ def _check_npz_size(path: Path) -> None:
                 shape, _, kind = header(member)
             if math.prod(shape) * kind.itemsize > 8 * MAX_GRID_NODES:
                 raise SoundingsError(
-                    f"{path}: {name.removesuffix('.npy')} has shape {shape}; expected at most {MAX_GRID_NODES:,} "
+                    f"{path}: {name.removesuffix('.npy')} has the shape {shape}, more than {MAX_GRID_NODES:,} "
                     "values. Cut the grid, or make it coarser"
                 )
 
@@ -419,23 +423,23 @@ def read_npz_grid(path: Path) -> NpzGrid:
             ) from error
     if arrays is None:
         raise SoundingsError(
-            f"{path}: a single array of shape {data.shape} (npy); expected an npz file of east_m, north_m, depth_m "
+            f"{path} is a single array of shape {data.shape} (npy); save east_m, north_m, depth_m as an npz file "
             "(np.savez)"
         )
     depth_name = "depth_m" if "depth_m" in arrays else "elevation_m"
     for key in ("north_m", "east_m", depth_name):
         if key not in arrays:
             raise SoundingsError(
-                f"{path}: arrays are {', '.join(sorted(arrays)) or 'none'}; expected east_m (nx,), north_m (ny,), "
-                "depth_m (ny, nx), optionally lat0, lon0, dist_to_sounding_m"
+                f"{path} has the arrays {', '.join(sorted(arrays)) or 'none'}; needed are east_m (nx,), north_m "
+                "(ny,), depth_m (ny, nx), optionally lat0, lon0, dist_to_sounding_m"
             )
         if arrays[key].dtype.kind not in "fiu":
-            raise SoundingsError(f"{path}: {key} holds {arrays[key].dtype}; expected numbers")
+            raise SoundingsError(f"{path}: {key} holds {arrays[key].dtype}, not numbers")
     north, east, values = (arrays.pop(key).astype(float) for key in ("north_m", "east_m", depth_name))
     if north.ndim != 1 or east.ndim != 1 or values.shape != (len(north), len(east)):
         raise SoundingsError(
-            f"{path}: {depth_name} has shape {values.shape}, north_m {north.shape}, east_m {east.shape}; expected "
-            f"(ny, nx), (ny,) and (nx,)"
+            f"{path}: {depth_name} has the shape {values.shape}, north_m {north.shape}, east_m {east.shape}; "
+            "they must be (ny, nx), (ny,) and (nx,)"
         )
     return NpzGrid(
         north_m=north,

@@ -25,10 +25,10 @@ def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
     # a milli-degree at 45 degrees of latitude: 111.13 m north, 78.85 m east
     wanted = [[-111.13, 0, 10], [111.13, 0, 11], [0, -78.85, 12], [0, 78.85, 13]]
     assert soundings == pytest.approx(np.array(wanted), abs=0.02)
-    with pytest.raises(ParameterError, match=r"survey\.csv: got columns lat, lon; expected north_m, east_m"):
+    with pytest.raises(ParameterError, match=r"survey\.csv has columns lat, lon; give north_m, east_m"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
     path.write_text("lat,lon,depth_m\n4500.1,7.001,10\n")
-    with pytest.raises(ValueError, match=r"survey\.csv:2: lat is 4500\.1; expected degrees"):
+    with pytest.raises(ValueError, match=r"survey\.csv:2: lat is 4500\.1, which is not in degrees"):
         read_soundings_and_origin(path)
 
 
@@ -56,24 +56,27 @@ def test_grid_survey(tmp_path):
     assert read_soundings(path).tolist() == [[0, 0, 1], [0, 10, 2], [10, 0, 3], [10, 10, 4], [10, 20, 5]]
     np.savez(path, north_m=[0.0, 10.0], east_m=[0.0, 10.0], depth_m=depth)
     with pytest.raises(
-        ValueError, match=r"depth_m has shape \(2, 3\), north_m \(2,\), east_m \(2,\); expected \(ny, nx\)"
+        ValueError, match=r"depth_m has the shape \(2, 3\), north_m \(2,\), east_m \(2,\); they must be \(ny, nx\)"
     ):
         read_soundings(path)
     np.savez(path, north_m=[0.0, 10.0])
-    with pytest.raises(ValueError, match="arrays are north_m; expected east_m"):
+    with pytest.raises(ValueError, match="has the arrays north_m; needed are east_m"):
         read_soundings(path)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("north_m,east_m\n1,2\n", r":1: columns are north_m, east_m; expected east_m,north_m,depth_m"),
-        ("north_m," + "[" * 3000 + "\n1,2\n", r":1: columns are north_m, \[{40}; expected east_m,north_m,depth_m"),
+        ("north_m,east_m\n1,2\n", r":1: the columns north_m, east_m are not enough; needed are east_m,north_m,depth_m"),
+        (
+            "north_m," + "[" * 3000 + "\n1,2\n",
+            r":1: the columns north_m, \[{40} are not enough; needed are east_m,north_m,depth_m",
+        ),
         ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'. Write a finite number"),
-        ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2'; expected 3"),
+        ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2', but the header has 3"),
         ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'. Write a finite number"),
-        ("north_m,east_m,depth_m\n", "1 lines; expected a header"),
-        ("", "0 lines; expected a header"),
+        ("north_m,east_m,depth_m\n", "has 1 lines; write a header"),
+        ("", "has 0 lines; write a header"),
     ],
 )
 def test_invalid_files_are_named(tmp_path, text, message):

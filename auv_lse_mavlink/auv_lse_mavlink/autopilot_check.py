@@ -248,7 +248,7 @@ class AutopilotCheck:
             rate_hz = self.messages[kind] / heard_s
             text = f"{kind}: {rate_hz:.1f} Hz"
             ok = rate_hz >= least_hz
-            short = f"{text}; expected at least {least_hz:g} Hz for {use}. {self._cure(kind)}"
+            short = f"{text}; at least {least_hz:g} Hz are needed for {use}. {self._cure(kind)}"
             found.append(Finding(ok=ok, text=text if ok else short.rstrip()))
         for kind, without in USEFUL.items():
             if not self.messages[kind]:
@@ -277,12 +277,12 @@ class AutopilotCheck:
         if wanted == "none":
             return [Finding(ok=None, text="link.pressure is none: depth is the autopilot's own")]
         if wanted not in sent:
-            text = f"{wanted}: not sent; expected it for depth (link.pressure; none for a boat)"
+            text = f"{wanted}: not sent, but depth needs it (link.pressure; none for a boat)"
             text += f". Sent instead: {', '.join(sorted(sent))}" if sent else ""
             return [Finding(ok=False, text=f"{text}. {self._cure(wanted)}".rstrip(". ") if not sent else text)]
         rate_hz = sent[wanted] / max(self._now_s - self._since_s, 1e-9)
         text = f"{wanted}: {rate_hz:.1f} Hz"
-        found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; expected at least 1 Hz")]
+        found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; depth needs at least 1 Hz")]
         problem = gauge.problem(self._now_s)
         if problem:
             return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]
@@ -295,15 +295,17 @@ class AutopilotCheck:
         report, depth = self.link.report, self.link.gauge.problem(self._now_s)  # that one is reported already
         modes = self._config.modes or obeying_modes(*self._kind, self._options.mission)
         obeys = report.mode in modes if modes else None
-        expected = f"expected one of {list(modes)}" if modes else "unknown which modes follow targets: set link.modes"
+        followed = "unknown which modes follow targets: set link.modes"
+        if modes:
+            followed = f"targets are followed in mode {' or '.join(map(str, modes))}"
         first = "" if report.armed or obeys is not False else ". Arm first, then choose it: arming clears it"
         silent = f". If it is armed while no stack runs: {self.farewell}" if self.farewell else ""
         unarmed = f"not armed: the mission waits until it is{silent}"
-        origin = "origin known" if self._origin else f"no GPS_GLOBAL_ORIGIN: expected one. {self._origin_cure()}"
+        origin = "origin known" if self._origin else f"no GPS_GLOBAL_ORIGIN. {self._origin_cure()}"
         return [
             Finding(ok=self._origin, text=origin),
             Finding(ok=report.armed, text="armed" if report.armed else unarmed),
-            Finding(ok=obeys, text=f"mode {report.mode}; {expected}{first}"),
+            Finding(ok=obeys, text=f"mode {report.mode}; {followed}{first}"),
             *(Finding(ok=None, text=problem) for problem in dict.fromkeys(self.problems) if problem != depth),
         ]
 

@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     if options.send_key and key is None:
         raise ParameterError("--send-key needs --key FILE.")
     if not 1 <= options.vehicle <= 255:
-        raise ParameterError(f"--vehicle: got {options.vehicle}; expected 1 to 255")
+        raise ParameterError(f"--vehicle must be 1 to 255, not {options.vehicle}")
     origin = Origin(lat_deg=options.origin[0], lon_deg=options.origin[1]) if options.origin else None
     wanted = CheckOptions(mission=options.mode == "mission", origin=origin, depth_m=options.depth, port=options.port)
     check = AutopilotCheck(config, options.vehicle, wanted, key, new_nonce())

@@ -218,8 +218,9 @@ class DepthGauge:
         if abs(change_m) <= self._limit_m:
             return ""
         return (
-            f"pressure depth {self._depth_m:.1f} m and the autopilot's own depth have diverged by {change_m:+.1f} m; "
-            f"expected at most {self._limit_m:g} m (link.depth_difference_m). Check the sensor and both densities"
+            f"pressure depth {self._depth_m:.1f} m and the autopilot's own depth have diverged by "
+            f"{change_m:+.1f} m, more than {self._limit_m:g} m (link.depth_difference_m). Check the sensor and "
+            "both densities"
         )
 
     @property
@@ -293,17 +294,18 @@ def _refusal(pressure_pa: float, pressures: Iterable[float], last_pa: float) -> 
     low_pa, high_pa = SURFACE_PA
     if not low_pa <= pressure_pa <= high_pa:
         return (
-            f"zero of pressure refused: got {pressure_pa / 100.0:.0f} hPa; expected {low_pa / 100.0:.0f} to "
-            f"{high_pa / 100.0:.0f} hPa at the surface. Is the vehicle under water, or link.pressure another sensor's?"
+            f"zero of pressure refused: {pressure_pa / 100.0:.0f} hPa is not the surface's, which is "
+            f"{low_pa / 100.0:.0f} to {high_pa / 100.0:.0f} hPa. Is the vehicle under water, or link.pressure "
+            "another sensor's?"
         )
     if pressure_pa - last_pa > HIGHEST_RISE_PA:
         return (
-            f"zero of pressure refused: got {pressure_pa / 100.0:.0f} hPa, {(pressure_pa - last_pa) / 100.0:.0f} hPa "
-            f"above the last zero; expected at most {HIGHEST_RISE_PA / 100.0:.0f} hPa. Is the vehicle under water?"
+            f"zero of pressure refused: {pressure_pa / 100.0:.0f} hPa is {(pressure_pa - last_pa) / 100.0:.0f} "
+            f"hPa above the last zero, more than {HIGHEST_RISE_PA / 100.0:.0f} hPa. Is the vehicle under water?"
         )
     if max(seen) - min(seen) > STEADY_PA:
         return (
-            f"zero of pressure refused: got pressures {(max(seen) - min(seen)) / 100.0:.0f} hPa apart; expected at "
-            f"most {STEADY_PA / 100.0:.0f} hPa. Keep the vehicle at the surface"
+            f"zero of pressure refused: pressures vary by {(max(seen) - min(seen)) / 100.0:.0f} hPa, more than "
+            f"{STEADY_PA / 100.0:.0f} hPa. Keep the vehicle at the surface"
         )
     return ""

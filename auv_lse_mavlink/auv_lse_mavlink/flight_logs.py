@@ -71,7 +71,7 @@ def dataflash_messages(
             raise
         except Exception as error:  # pymavlink raises errors of many kinds for a damaged log
             raise FlightLogError(
-                f"{path}: got a damaged dataflash log ({error}); expected an ArduPilot .bin. Copy it again"
+                f"{path} is a damaged dataflash log ({error}). Copy the .bin from the autopilot again"
             ) from error
         complaints.seek(0)
         damage["damaged bytes or messages"] += sum(1 for _ in complaints)

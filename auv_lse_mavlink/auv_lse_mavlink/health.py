@@ -18,7 +18,8 @@ def link_health(link: VehicleLink, port_problem: str) -> Health:
         return Health(level=Level.ERROR, text=text, values=values)
     found: list[tuple[Level, str]] = [(Level.OK, "armed" if link.status.armed else "not armed")]
     if not report.mode_obeys:
-        found.append((Level.OK, f"mode {link.status.mode}, expected one of {list(link.obeying_modes)} (link.modes)"))
+        obeying = " or ".join(map(str, link.obeying_modes))
+        found.append((Level.OK, f"mode {link.status.mode} instead of {obeying} (link.modes)"))
     if report.problem and link.under_way:
         found.append((Level.WARN, "it follows no targets"))
     if link.refused_speed:

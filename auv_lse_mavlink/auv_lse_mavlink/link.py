@@ -101,8 +101,8 @@ class VehicleLink:
         """
         if config.mode == "mission" and origin is None:
             raise ValueError(
-                "link.mode: got 'mission' without an origin; expected area.origin_lat_deg and area.origin_lon_deg, "
-                "because mission items are geodetic"
+                "link.mode: 'mission' needs area.origin_lat_deg and area.origin_lon_deg, because mission items "
+                "are geodetic"
             )
         self.state = LinkState.DOWN
         self.status = AutopilotStatus()

@@ -33,7 +33,7 @@ class VehicleLinkNode(DriverNode):
         super().__init__("vehicle_link_node", "vehicle_link")
         config = section(LinkConfig, self.parameters, "link", self.where)
         if config.kind != "mavlink":
-            raise ParameterError(f"{self.where}: link.kind: got {config.kind!r}; expected 'mavlink'")
+            raise ParameterError(f"{self.where}: link.kind is {config.kind!r}, but this node drives only 'mavlink'")
         origin = origin_of(self.parameters, self.where)
         try:
             limits = target_limits(self.parameters, self.where)

@@ -91,8 +91,8 @@ def test_without_a_zero_depth_counts_from_standard_air_and_the_reason_is_named()
 @pytest.mark.parametrize(
     ("depth_m", "reason"),
     [
-        (4.0, r"got 1352 hPa; expected 550 to 1250 hPa at the surface. Is the vehicle under water"),
-        (-5.0, r"got 470 hPa; expected 550 to 1250 hPa"),
+        (4.0, r"1352 hPa is not the surface's, which is 550 to 1250 hPa. Is the vehicle under water"),
+        (-5.0, r"470 hPa is not the surface's, which is 550 to 1250 hPa"),
     ],
 )
 def test_an_implausible_zero_is_refused_with_the_reason(depth_m, reason):
@@ -108,7 +108,7 @@ def test_an_implausible_zero_is_refused_with_the_reason(depth_m, reason):
 def test_a_vehicle_that_is_disarmed_under_water_keeps_its_zero():
     water = Water().wait(5, disarmed=True).dive(1.5).wait(20, disarmed=True)
     assert water.gauge.zero_pa == pytest.approx(AIR_PA)
-    assert "147 hPa above the last zero; expected at most 50 hPa. Is the vehicle under water?" in water.told[-1].text
+    assert "147 hPa above the last zero, more than 50 hPa. Is the vehicle under water?" in water.told[-1].text
     assert water.shown_m == pytest.approx(1.5, abs=0.01)
     assert water.problem == ""
 
@@ -128,7 +128,7 @@ def test_pressure_that_is_not_steady_gives_no_zero():
         water.depth_m = 0.9 * (i % 2)
         water.wait(0.5, disarmed=True)
     assert water.of(Zeroed) == []
-    assert "pressures 88 hPa apart; expected at most 50 hPa" in water.problem
+    assert "pressures vary by 88 hPa, more than 50 hPa" in water.problem
 
 
 def test_drift_is_reported_once_at_each_surfacing_and_not_corrected():
@@ -154,7 +154,7 @@ def test_the_shift_follows_the_datum_slowly_and_no_farther_than_the_limit():
     water.wait(60)
     assert water.gauge.shift_m == pytest.approx(9.0)
     assert water.gauge.own_target_m(0.0) == pytest.approx(9.0)
-    assert "the autopilot's own depth have diverged by +4.0 m; expected at most 1 m (link.depth_diff" in water.problem
+    assert "the autopilot's own depth have diverged by +4.0 m, more than 1 m (link.depth_diff" in water.problem
     assert water.shown_m == pytest.approx(4.0, abs=0.01), "pressure is still the depth"
 
 

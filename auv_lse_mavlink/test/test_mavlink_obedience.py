@@ -229,7 +229,7 @@ def test_a_pilot_who_takes_over_is_no_disobedience_but_a_warning():
     vehicle.move(20.0)
     assert vehicle.problem == ""
     text = link_health(vehicle.link, "").text
-    assert text == "armed; mode 19, expected one of [4] (link.modes); it follows no targets"
+    assert text == "armed; mode 19 instead of 4 (link.modes); it follows no targets"
     assert vehicle.level is Level.WARN
 
 

@@ -94,8 +94,8 @@ def test_vehicle_link_node_gives_soundings(tmp_path: Path, wanted: bool) -> None
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ("link: {kind: mavlink, endpoint: x}", "address 'x': expected /dev/NAME"),
-        ("link: {kind: mavlink}\narea: {origin_lat_deg: 46.5}", "expected both"),
+        ("link: {kind: mavlink, endpoint: x}", "address 'x' is not an address; write /dev/NAME"),
+        ("link: {kind: mavlink}\narea: {origin_lat_deg: 46.5}", "so one is missing"),
     ],
 )
 def test_a_link_that_cannot_start_names_the_parameter_that_is_wrong(

@@ -56,8 +56,8 @@ class Safety:
             if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.position_m)) > fence.margin_m:
                 raise ParameterError(
                     f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.position_m[0]:g}, "
-                    f"{stop.position_m[1]:g} m, the target of {key}: {outside_m:.0f} m outside area.polygon_m; "
-                    f"expected at most safety.fence_margin_m = {fence.margin_m:g} m. Move it inward"
+                    f"{stop.position_m[1]:g} m, the target of {key}, is {outside_m:.0f} m outside "
+                    f"area.polygon_m, more than safety.fence_margin_m ({fence.margin_m:g} m). Move it inward"
                 )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         # An old folder or another card looks like a first start, so a vehicle that can move never starts by itself.

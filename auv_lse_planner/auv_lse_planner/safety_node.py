@@ -86,7 +86,7 @@ class SafetyNode(VehicleNode):
         try:
             command = Command(order.command)
         except ValueError:
-            return f"command: got {order.command}; expected one of {', '.join(f'{c} {c.name}' for c in Command)}"
+            return f"{order.command} is not a command; use one of {', '.join(f'{c} {c.name}' for c in Command)}"
         source = order.source or "unknown source"
         refused = self._safety.run.command(command, source, order.team)
         self._keep()  # an accepted command outlives this process

@@ -47,8 +47,8 @@ class GuardedWriter:
             return
         if left_mb < self._least_free_mb:
             self._end(
-                f"{self._folder}: got {left_mb:.0f} MB of free space; expected at least record.least_free_mb = "
-                f"{self._least_free_mb:g} MB"
+                f"{self._folder}: {left_mb:.0f} MB of free space are left, less than record.least_free_mb "
+                f"({self._least_free_mb:g} MB)"
             )
 
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:

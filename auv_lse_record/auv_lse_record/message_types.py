@@ -87,7 +87,7 @@ def make_message(store: Any, kind: str, fields: Mapping[str, Any]) -> Any:
     _, declared = store.fielddefs[kind]
     if unknown := set(fields) - {name for name, _ in declared}:
         raise ValueError(
-            f"{kind}: got field {', '.join(sorted(unknown))}; expected {', '.join(n for n, _ in declared)}"
+            f"{kind} has no field {', '.join(sorted(unknown))}; its fields are {', '.join(n for n, _ in declared)}"
         )
     values: dict[str, Any] = {}
     for name, (node, about) in declared:

@@ -56,7 +56,7 @@ class RecorderNode(BaseNode):
         config = section(RecordConfig, self.parameters, "record", self.where)
         mission = section(MissionConfig, self.parameters, "mission", self.where)
         if not config.folder:
-            raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to write")
+            raise ParameterError(f"{self.where}: record.folder is missing; set it to the rosbag2 directory to write")
         self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
         snapshot = {"software": version(), "seed": str(mission.seed)}
         try:

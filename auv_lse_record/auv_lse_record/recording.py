@@ -82,12 +82,12 @@ def recording_in(path: Path) -> Path:
     except OSError as error:  # such as a name that is too long
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not there:
-        raise RecordingError(
-            f"{path}: does not exist; expected a run folder, a rosbag2 directory, or its .mcap or .db3"
-        )
+        raise RecordingError(f"{path} does not exist. Name a run folder, a rosbag2 directory, or its .mcap or .db3")
     if path.is_file():
         if path.suffix not in STORAGES:
-            raise RecordingError(f"{path}: expected a run folder, a rosbag2 directory, or its {' or '.join(STORAGES)}")
+            raise RecordingError(
+                f"{path} is not a recording. Name a run folder, a rosbag2 directory, or its {' or '.join(STORAGES)}"
+            )
         return path
     for folder in (path, path / "bag"):
         if (folder / "metadata.yaml").is_file():
@@ -96,8 +96,8 @@ def recording_in(path: Path) -> Path:
         if len(files) == 1:
             return files[0]
     raise RecordingError(
-        f"{path}: has no metadata.yaml, nor has its folder bag; expected a run folder or a rosbag2 directory "
-        f"(was the recorder killed?)"
+        f"{path} is not a recording: neither it nor its folder bag has a metadata.yaml (was the recorder "
+        "killed?). Name a run folder or a rosbag2 directory"
     )
 
 

@@ -51,7 +51,7 @@ def recover(path: Path) -> Recovered:
     recording = recording_in(path)
     files = sorted(recording.glob("*.mcap")) if recording.is_dir() else [recording]
     if not files or files[0].suffix != ".mcap":
-        raise RecordingError(f"{recording}: expected an .mcap; of {' and '.join(STORAGES)} only that can be recovered")
+        raise RecordingError(f"{recording} cannot be recovered; of {' and '.join(STORAGES)} only .mcap can")
     found = next((file for file in files if not _is_whole(file)), None)
     if found is None:
         raise _Complete(f"{recording}: is complete; nothing to recover")

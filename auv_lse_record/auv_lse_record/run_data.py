@@ -158,13 +158,11 @@ class VehicleRun:
             if rows.size == 0:
                 rows = _rows(columns)
             if rows.ndim != 2 or rows.shape[1] != columns:
-                raise ValueError(f"auv{self.vehicle} {name}: got shape {rows.shape}; expected (n, {columns})")
+                raise ValueError(f"auv{self.vehicle} {name} must have the shape (n, {columns}), not {rows.shape}")
             setattr(self, name, rows)
         count, expected = len(self.position_std_m), len(self.odometry)
         if count not in (0, expected):
-            raise ValueError(
-                f"auv{self.vehicle} position_std_m: got {count} rows; expected 0 or {expected}, as odometry has"
-            )
+            raise ValueError(f"auv{self.vehicle} position_std_m has {count} rows, but odometry has {expected}")
 
     def position_std_at(self, stamps_s: Array) -> Array:
         """Standard deviation (m) of the vehicle's position at times (n,), columns (north, east); NaN if unknown."""

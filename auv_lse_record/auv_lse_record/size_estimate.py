@@ -83,6 +83,6 @@ def lack_of_space(needed_mb: float, free_mb: float, least_free_mb: float) -> str
     if needed_mb <= room_mb:
         return ""
     return (
-        f"record.folder: got {room_mb:.0f} MB of free space beyond record.least_free_mb = {least_free_mb:g} MB; "
-        f"expected about {needed_mb:.0f} MB for the recording. Free space, or lower record.map_bytes_per_s"
+        f"record.folder has {room_mb:.0f} MB of free space beyond record.least_free_mb ({least_free_mb:g} MB), "
+        f"but the recording needs about {needed_mb:.0f} MB. Free space, or lower record.map_bytes_per_s"
     )

@@ -263,7 +263,7 @@ def test_nearly_full_disk_ends_the_recording_completely(tmp_path: Path, types: A
     assert guarded.problem == ""
     left[0] = 150.0
     guarded.check_space()
-    assert "got 150 MB of free space; expected at least record.least_free_mb = 200 MB" in guarded.problem
+    assert "150 MB of free space are left, less than record.least_free_mb (200 MB)" in guarded.problem
     guarded.write("/clock", 6 * 10**9, b"")
     guarded.close()
     assert guarded.dropped == 1

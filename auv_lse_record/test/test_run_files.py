@@ -205,7 +205,7 @@ def test_recording_with_a_value_of_an_earlier_version_is_read(tmp_path, syntheti
         "Recorded by an earlier version with motion.straight 'printed'; this version reads it as 'growing'.",
         "Recorded by an earlier version with planner.method 'best'; this version reads it as 'tour'.",
     ]
-    with pytest.raises(ParameterError, match=r"got 'best'; expected one of .*\. 'best' was replaced by 'tour'"):
+    with pytest.raises(ParameterError, match=r"must be one of .*, not 'best'\. 'best' was replaced by 'tour'"):
         Settings.load(tmp_path / "mission.yaml")
 
 
@@ -233,9 +233,9 @@ def test_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
 
 def test_truncated_recording_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
-    with pytest.raises(RecordingError, match=r"nothing: does not exist"):
+    with pytest.raises(RecordingError, match=r"nothing does not exist"):
         read_bag(tmp_path / "nothing", run.parameters)
-    with pytest.raises(RecordingError, match=r"has no metadata\.yaml"):
+    with pytest.raises(RecordingError, match=r"neither it nor its folder bag has a metadata\.yaml"):
         read_bag(tmp_path, run.parameters)
     write_run(run, tmp_path)
     (file,) = (tmp_path / "bag").glob("*.mcap")

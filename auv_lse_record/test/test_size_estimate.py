@@ -32,6 +32,6 @@ def test_without_a_limit_maps_grow_with_the_area_and_the_mission() -> None:
 def test_the_lack_of_space_is_named_with_its_remedy() -> None:
     assert lack_of_space(100.0, 300.0, 200.0) == ""
     text = lack_of_space(101.0, 300.0, 200.0)
-    assert text.startswith("record.folder: got 100 MB of free space beyond record.least_free_mb = 200 MB; expected")
+    assert text.startswith("record.folder has 100 MB of free space beyond record.least_free_mb (200 MB), but")
     assert "about 101 MB" in text
     assert "record.map_bytes_per_s" in text

@@ -57,7 +57,7 @@ def _nodes(context):
 
 def _truth(name, text):
     if text.lower() not in ("true", "false"):
-        raise ValueError(f"{name}:={text}: expected true or false")
+        raise ValueError(f"{name} must be true or false, not {text}")
     return text.lower() == "true"
 
 

@@ -42,11 +42,11 @@ def recorded_soundings(path: Path) -> Array:
     """
     bag = path / "bag" if (path / "bag").is_dir() else path
     if not (bag / "metadata.yaml").is_file():
-        raise ValueError(f"{path}: holds no recording; expected a run folder with bag/metadata.yaml, or a rosbag2 one")
+        raise ValueError(f"{path} holds no recording; name a run folder with bag/metadata.yaml, or a rosbag2 directory")
     with Recording(bag) as recording:
         rows = [found.value[1:4] for found in recording.values({"sounding"})]
     if not rows:
-        raise ValueError(f"{bag}: holds no sounding; expected topics /auv1/sounding, /auv2/sounding, ...")
+        raise ValueError(f"{bag} holds no sounding (topics /auv1/sounding, /auv2/sounding, ...)")
     soundings = np.array(rows, dtype=float)
     finite: Array = soundings[np.isfinite(soundings).all(axis=1)]
     return finite
@@ -108,8 +108,7 @@ def _widened(result: Fit, level_m: float, locations_m: Array) -> Fit:
         config = dataclasses.replace(result.config, signal_std_m=found.wide_enough_m)
     except ParameterError as error:
         raise ValueError(
-            f"--level: got {level_m:g} m; expected a depth nearer to the prior mean of these soundings, "
-            f"{found.nearest_m:.3g} m"
+            f"--level: {level_m:g} m is too far from the prior mean of these soundings, {found.nearest_m:.3g} m"
         ) from error
     warning = (
         f"signal_std_m: {found.signal_std_m:.3g} m fits the soundings best, but nearly excludes the {level_m:g} m "
@@ -219,7 +218,7 @@ def run(options: argparse.Namespace) -> None:
         OSError: if a file cannot be read or written.
     """
     if options.level is not None and not math.isfinite(options.level):
-        raise ValueError(f"--level: got {options.level}; expected a depth in metres")
+        raise ValueError(f"--level must be a depth in metres, not {options.level}")
     if options.out is not None and not options.out.resolve().parent.is_dir():
         raise ValueError(f"--out {options.out}: there is no folder {options.out.parent}")
     try:

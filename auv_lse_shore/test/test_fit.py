@@ -103,11 +103,11 @@ def test_warns_of_what_the_data_do_not_determine():
 @pytest.mark.parametrize(
     ("positions", "depths", "options", "message"),
     [
-        (np.zeros((5, 2)), np.zeros(5), {}, "soundings: got 5; expected at least 10"),
-        (np.zeros((20, 2)), np.arange(20.0), {}, "got one location for all"),
-        (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"got the depth 1\.0 m for all"),
-        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "depths on one plane; expected depths"),
-        (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),
+        (np.zeros((5, 2)), np.zeros(5), {}, "soundings: 5 are too few to fit; give at least 10"),
+        (np.zeros((20, 2)), np.arange(20.0), {}, "all are at one location"),
+        (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"all have the depth 1\.0 m"),
+        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "all depths lie on one plane"),
+        (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "use constant or plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
     ],
 )
@@ -156,11 +156,11 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     [
         (["absent.csv"], "absent.csv"),
         (["empty.npz"], "error: empty.npz is damaged or not npz"),
-        (["."], "holds no recording; expected a run folder"),
-        (["few.csv"], "error: few.csv: soundings: got 3; expected at least 10"),
-        (["x.csv", "--level", "nan"], "error: --level: got nan; expected a depth in metres"),
+        (["."], "holds no recording; name a run folder"),
+        (["few.csv"], "error: few.csv: soundings: 3 are too few to fit; give at least 10"),
+        (["x.csv", "--level", "nan"], "error: --level must be a depth in metres, not nan"),
         (["x.csv", "--out", "no/where/gp.yaml"], "there is no folder no/where"),
-        (["line.csv", "--level", "1e9"], "error: --level: got 1e+09 m; expected a depth nearer to the prior mean"),
+        (["line.csv", "--level", "1e9"], "error: --level: 1e+09 m is too far from the prior mean"),
     ],
 )
 def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
@@ -176,7 +176,7 @@ def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["x.csv", "--points", "3"], "--points: got 3; expected a whole number from 10"),
+        (["x.csv", "--points", "3"], "--points: '3' is not a whole number of at least 10"),
         (["x.csv", "--kernel", "cubic"], "invalid choice: 'cubic'"),
         ([], "SOUNDINGS|RUN"),
     ],

@@ -129,7 +129,7 @@ class World:
         """
         start_s = self._now_s
         if now_s < start_s:
-            raise ValueError(f"world: tick to {now_s:g} s; expected a time after {start_s:g} s")
+            raise ValueError(f"world: cannot tick to {now_s:g} s, which is not after {start_s:g} s")
         # Sub-steps have their own clock, independent of the ticks: these end within this tick.
         rate, done = self.config.dvl.rate_hz, self._substeps
         self._substeps = math.floor(now_s * rate + 1e-6)

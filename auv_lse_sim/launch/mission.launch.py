@@ -45,9 +45,7 @@ def _nodes(context):
 
     path, folder = Path(value("params_file")).resolve(), Path(value("out")).resolve()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(
-            f"out:={folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
-        )
+        raise ValueError(f"out:={folder} is not empty, and was left as it is. Choose a new or empty folder")
     record = _truth("record", value("record"))
     wanted = {name: kind(value(argument)) for argument, name, kind in _OVERRIDES if value(argument)}
     if value("real_time_factor"):
@@ -98,7 +96,7 @@ def _report_of(folder, variables):
 
 def _truth(name, text):
     if text.lower() not in ("true", "false"):
-        raise ValueError(f"{name}:={text}: expected true or false")
+        raise ValueError(f"{name} must be true or false, not {text}")
     return text.lower() == "true"
 
 

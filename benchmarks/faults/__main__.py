@@ -97,7 +97,7 @@ def run_all(seed: int, folder: Path, say: Callable[[str], None]) -> tuple[dict[s
 def run(options: argparse.Namespace) -> int:
     """Runs one kind of fault. Returns 0, 1 or 130, as the help says."""
     if options.out is not None and options.out.exists():
-        print(f"error: --out {options.out}: is there already; expected a new folder", file=sys.stderr)
+        print(f"error: --out {options.out} exists already; choose a new folder", file=sys.stderr)
         return 1
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     began_s = time.monotonic()

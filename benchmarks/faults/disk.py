@@ -66,7 +66,7 @@ def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float,
         return what, math.nan, [*wrong, "never back"]
     if node == "safety_node" and limit == 0:  # its state cannot be trusted
         if state.action != MissionState.SURFACE:
-            wrong.append(f"without trusted state: state {state.state}, action {state.action}; expected to surface")
+            wrong.append(f"without trusted state: state {state.state}, action {state.action}, instead of surfacing")
     elif state.state != before:
         wrong.append(f"state {before} before, {state.state} after")
     return what, back_s, wrong

@@ -126,7 +126,7 @@ class _Link:
         until_s = time.monotonic() + 60.0
         while recorded.empty():
             if time.monotonic() > until_s:
-                raise RuntimeError(f"no autopilot after 60 s: {self.port.health().text}; expected one")
+                raise RuntimeError(f"no autopilot after 60 s: {self.port.health().text}")
             self.measure(1.0)
         self.recorded: list[bytes] = recorded.get()
         self.port.link.command(time.time(), Target(north_m=1e5, east_m=0.0, depth_m=4.0, heading_rad=0.0))

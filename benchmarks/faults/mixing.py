@@ -119,14 +119,14 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
                 _refused(
                     "two vehicles with one name",
                     Program("vehicle", *again),
-                    "where the nodes of auv1 run already",
+                    "already has the nodes of auv1",
                 )
             )
             pairs.append(
                 _refused(
                     "a replay beside a vehicle",
                     Program("replay", str(alone), "--domain", str(free)),
-                    "expected 1 to 80 for a simulation or a replay",
+                    "a simulation or a replay uses 1 to 80",
                 )
             )
             sim = ("--vehicles", "1", "--steps", "2", "--domain", str(free), "--out", str(folder / "s"))
@@ -134,20 +134,20 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
                 _refused(
                     "a simulation beside a vehicle",
                     Program("sim", *sim),
-                    "expected 1 to 80 for a simulation or a replay",
+                    "a simulation or a replay uses 1 to 80",
                 )
             )
     sim = Program("sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
     with _ended(sim):
         domain = _domain(sim)
         second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
-        pairs.append(_refused("two simulations", Program("sim", *second), f"got {domain}, which sim-"))
+        pairs.append(_refused("two simulations", Program("sim", *second), f"ROS domain {domain} is in use by sim-"))
         vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))
         pairs.append(
             _refused(
                 "a vehicle beside a simulation",
                 Program("vehicle", *vehicle),
-                "expected 81 to 101 or 0 for a vehicle",
+                "a vehicle uses 81 to 101 or 0",
             )
         )
     return pairs

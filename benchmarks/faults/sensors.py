@@ -178,7 +178,7 @@ class Outcome:
         if self.wrong > WRONG_SHARE:
             return f"{fault.name}: {100.0 * self.wrong:.0f} % of the soundings are wrong"
         if fault.trips is not None and self.tripped != ({fault.trips} - {""}):
-            return f"{fault.name}: tripped {sorted(self.tripped)}; expected {fault.trips or 'nothing'}"
+            return f"{fault.name}: tripped {sorted(self.tripped)} instead of {fault.trips or 'nothing'}"
         if fault.warns and fault.warns not in self.warned | self.tripped:
             return f"{fault.name}: no warning"
         return ""

@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     dives, duration_s = options.dives, options.duration_s
     if dives < 2 or not 60.0 <= duration_s < float("inf"):
-        parser.error(f"expected at least 2 dives of at least 60 s, got {dives} of {duration_s:g} s")
+        parser.error(f"{dives} dives of {duration_s:g} s are too few or too short; give at least 2 of at least 60 s")
     cases = (("random path", 0.0, True), ("lanes of 400 m", 400.0, True), ("random path, not told", 0.0, False))
     for name, side_m, told in cases:
         result = measure(SimConfig(), dives, duration_s=duration_s, every_s=duration_s / 6.0, side_m=side_m, told=told)

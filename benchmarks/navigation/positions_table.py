@@ -86,7 +86,7 @@ def print_rows(
     folders = parser.parse_args(given).folders
     groups = rows_of(folders)
     if not groups:
-        print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
+        print(f"error: {', '.join(map(str, folders))}: no rows; name the folder of a campaign", file=sys.stderr)
         return 2
     print("\n".join(lines(groups)))
     return 0

@@ -28,7 +28,7 @@ MAX_TEXT_BYTES = 500_000_000
 
 
 def over_size(path: Path, most_bytes: int) -> str:
-    """The error text for a file that is too large: "FILE: got 2,100 MB; expected at most 500 MB"; "" if it is not.
+    """The error for a file that is too large ("FILE is too large: 2,100 MB, at most 500 MB are read"), else "".
 
     Raises:
         OSError: if it cannot be read.

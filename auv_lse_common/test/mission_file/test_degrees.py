@@ -45,7 +45,10 @@ def test_mission_file_gives_positions_in_degrees(tmp_path):
         ("{polygon_deg: [1%s, 8.5]}" % (400 * "0"), "area.polygon_deg must be"),
         ("{polygon_deg: [47.3, 8.5], origin_lat_deg: .nan, origin_lon_deg: 8.5}", "area.origin_.*latitude nan"),
         ("{polygon_deg: [47.3, 8.5], origin_lat_deg: 95.0, origin_lon_deg: 8.5}", "area.origin_.*latitude 95"),
-        ("{polygon_deg: [47.3, 8.5], no_go: 5, no_go_deg: {pier: [47.3, 8.5]}}", "area.no_go must map names to corners, not 5"),
+        (
+            "{polygon_deg: [47.3, 8.5], no_go: 5, no_go_deg: {pier: [47.3, 8.5]}}",
+            "area.no_go must map names to corners, not 5",
+        ),
         ("{file: 3}", "area.file is 3; write the name"),
         ("{no_go_deg: [1.0]}", "area.no_go_deg"),
         (

@@ -85,9 +85,9 @@ def test_abort_can_lead_to_a_known_position() -> None:
     assert run.status.stop is None
     run.command(Command.ABORT, "test")
     assert run.status.stop == Stop(action=Action.GO_TO, position_m=(5.0, -7.0))
-    with pytest.raises(ValueError, match="GO_TO needs a finite north and east .*nan"):
+    with pytest.raises(ValueError, match=r"GO_TO needs a finite north and east .*nan"):
         Stop(action=Action.GO_TO)
-    with pytest.raises(ValueError, match="TRAVEL does not stop a vehicle; use HOLD, SURFACE or GO_TO"):
+    with pytest.raises(ValueError, match=r"TRAVEL does not stop a vehicle; use HOLD, SURFACE or GO_TO"):
         Stop(action=Action.TRAVEL)
 
 

@@ -124,7 +124,7 @@ class ModemBridge:
             ValueError: if the key is missing, or the address is not a vehicle.
         """
         if packet.tag and key is None:
-            raise ValueError("packet.tag = true: expected a key")
+            raise ValueError("packet.tag is true, but there is no key")
         self.tdma = Tdma(tdma, address, vehicles)
         self.quality = LinkQuality(self.tdma, address)
         self.address = address
@@ -222,7 +222,9 @@ class ModemBridge:
             if source == self.address:
                 self.quality.note_own_number(now_s)
             if source == self.address or not 1 <= source <= self.vehicles:
-                raise PacketError("source", f"source {source}: expected a team mate, 1..{self.vehicles}")
+                raise PacketError(
+                    "source", f"source {source} is not a team mate; they are 1..{self.vehicles}, without this vehicle"
+                )
             reserve = 0
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)

@@ -58,7 +58,7 @@ class Micromodem:
             ValueError: if the address is out of range.
         """
         if not 1 <= address <= 127:
-            raise ValueError(f"modem address: got {address}; expected 1 to 127 (0 is everyone)")
+            raise ValueError(f"modem address {address} is not from 1 to 127 (0 is everyone)")
         self.address = address
         self.reader = SentenceReader()
         self.ignored = TypeCounts()

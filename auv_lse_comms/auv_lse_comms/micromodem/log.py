@@ -62,7 +62,7 @@ def unescape(text: str) -> bytes:
         elif len(code) == 3:
             result.append(int(code[1:], 16))
         else:
-            raise LogError(f"line log: got escape {match[0]!r}; expected \\r, \\n, \\\\ or \\xHH")
+            raise LogError(f"line log: {match[0]!r} is not an escape; use \\r, \\n, \\\\ or \\xHH")
         position = match.end()
     return bytes(result + text[position:].encode("ascii"))
 
@@ -83,7 +83,7 @@ def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogE
             return
         match = _ENTRY.match(line[:-1])
         if match is None:
-            raise LogError(f"{where}:{number}: got {line[:60]!r}; expected '<seconds>.<microseconds> <kind> <text>'")
+            raise LogError(f"{where}:{number}: {line[:60]!r} is not '<seconds>.<microseconds> <kind> <text>'")
         yield LogEntry(float(match[1]), match[2], unescape(match[3]))
 
 
@@ -191,12 +191,12 @@ def replay_log(entries: Iterable[LogEntry], config: ModemConfig, address: int | 
             modem = modem or Micromodem(config, int(words[1]))
             continue
         if modem is None:
-            raise LogError("line log: got no address before its first entry; expected '= address N', or give one")
+            raise LogError("line log: no '= address N' before the first entry; add it, or give an address")
         _replay_entry(modem, entry, words)
         written += modem.outgoing()
         events += [(entry.utc_s, event) for event in modem.events()]
     if modem is None:
-        raise LogError("line log: got no entries; expected at least one")
+        raise LogError("line log: no entries to replay")
     return LogReplay(modem=modem, events=events, written=bytes(written), logged=bytes(logged))
 
 
@@ -216,4 +216,4 @@ def _replay_entry(modem: Micromodem, entry: LogEntry, words: list[str]) -> None:
         case ["poll"]:
             modem.poll(entry.utc_s)
         case _:
-            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected a call of the driver")
+            raise LogError(f"line log: '= {entry.data.decode('latin-1')[:40]}' is not a call of the driver")

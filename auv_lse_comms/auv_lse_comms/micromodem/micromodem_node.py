@@ -27,7 +27,7 @@ class MicromodemNode(DriverNode):
         super().__init__("micromodem_node", "micromodem")
         config = section(ModemConfig, self.parameters, "modem", self.where)
         if config.kind != "micromodem":
-            raise ParameterError(f"{self.where}: modem.kind: got {config.kind!r}; expected 'micromodem'")
+            raise ParameterError(f"{self.where}: modem.kind is {config.kind!r}, but this node drives only 'micromodem'")
         try:
             self._modem = ModemPort(config, self.vehicle)
         except (ValueError, OSError) as error:  # the port's or the modem's address; the line log

@@ -115,12 +115,12 @@ class ModemCheck:
         garbled = sum(counts.values()) - counts["sentences"]
         if garbled:
             return (
-                f"got {garbled} garbled lines and no answer; expected $CACFG. Try another speed (modem.baud, --baud), "
+                f"{garbled} garbled lines and no answer to $CCCFQ,SRC. Try another speed (modem.baud, --baud), "
                 "and keep RTS low"
             )
         return (
-            "no answer to $CCCFQ,SRC; expected $CACFG. Check power, cable, that transmit and receive are not swapped, "
-            "the port and its speed (modem.baud)"
+            "no answer to $CCCFQ,SRC. Check power, cable, that transmit and receive are not swapped, the port "
+            "and its speed (modem.baud)"
         )
 
     def _lines(self) -> list[Finding]:
@@ -148,10 +148,10 @@ class ModemCheck:
                 found.append(Finding(ok=True, text=f"{name} = {value}"))
             elif value is not None:
                 doubt = f" (is it the modem of vehicle {value}?)" if name == "SRC" and value != "0" else ""
-                found.append(Finding(ok=None, text=f"{name} = {value}; expected {setting.value}{doubt}: {by_hand}"))
+                found.append(Finding(ok=None, text=f"{name} = {value}, but must be {setting.value}{doubt}: {by_hand}"))
             else:
                 why = self._refused.get(name, "no answer")
-                text = f"{name}: {why}; expected {setting.value}"
+                text = f"{name}: {why}; it must be {setting.value}"
                 found.append(Finding(ok=False if required else None, text=text))
         return found
 
@@ -171,13 +171,13 @@ class ModemCheck:
         right = abs(offset_s) <= config.clock_tolerance_s
         text = f"clock: {offset_s:+.1f} s from this computer's, set from {message.source}, disciplined by {message.pps}"
         if not right:
-            text += f"; expected at most {config.clock_tolerance_s:g} s"
+            text += f", more than {config.clock_tolerance_s:g} s"
             text += ": the driver sets it" if config.set_clock else ". Set it, or modem.set_clock: true"
         found = [Finding(ok=right or (None if config.set_clock else False), text=text)]
         if config.synchronous:
             pps = message.pps in _EXTERNAL
             starts = self._values.get("SNV") == "1"
-            wish = "expected EXT. Connect a pulse per second to every modem, or use modem.ping"
+            wish = "modem.synchronous needs EXT. Connect a pulse per second to every modem, or use modem.ping"
             text = f"PPS: {message.pps}" + ("" if pps else f"; {wish}")
             found.append(Finding(ok=pps or (False if starts else None), text=text))
         return found

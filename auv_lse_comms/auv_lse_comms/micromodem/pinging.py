@@ -40,7 +40,7 @@ class Pinging:
         """
         session = self._session
         if not 1 <= destination <= 127 or destination == session.address:
-            raise ValueError(f"ping: got modem {destination}; expected another modem, 1 to 127")
+            raise ValueError(f"ping: modem {destination} cannot be pinged; choose another modem, 1 to 127")
         number = session.next_number()
         session.counts["pings"] += 1
         if session.state is not State.IDLE or not free:

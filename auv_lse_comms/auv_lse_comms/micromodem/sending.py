@@ -51,8 +51,8 @@ class Sending:
         rate = RATES[config.rate]
         if not 1 <= len(payload) <= rate.frames * rate.frame_bytes:
             raise ValueError(
-                f"payload: got {len(payload)} bytes; expected 1 to {rate.frames * rate.frame_bytes} at rate "
-                f"{config.rate} ({rate.frames} frames of {rate.frame_bytes})"
+                f"payload: {len(payload)} bytes do not fit rate {config.rate}; send 1 to "
+                f"{rate.frames * rate.frame_bytes} ({rate.frames} frames of {rate.frame_bytes})"
             )
         packet = _Packet(
             number=session.next_number(),

@@ -126,7 +126,7 @@ class Limits:
         ):
             if not table.low <= value[0] <= value[1] <= table.high:
                 raise ValueError(
-                    f"limits: {name} got {value}; expected low <= high within {table.low:g}..{table.high:g}"
+                    f"limits: {name} is {value}, but must be low <= high within {table.low:g}..{table.high:g}"
                 )
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
@@ -213,9 +213,9 @@ def check_plan(
     _check("step", step, HEADER[0])
     _check_terminal(naive_path)
     if abort and naive_path != NONE:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: expected {NONE} (none) in a call to abort")
+        raise PacketError("naive_path", f"naive_path is {naive_path}, but a call to abort carries none ({NONE})")
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
-        raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
+        raise PacketError("action", f"actions {list(actions)} must be indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
     segments, before = _segments(plan.tour), navigation_bytes + _quality_size(plan)
     if samples_start(len(actions), segments, before, are_paired(actions)) > PACKET_BYTES - reserve:
@@ -224,7 +224,7 @@ def check_plan(
         most = in_pairs if max(actions) < PAIRED_SET and in_pairs in PAIRED else left
         beside = f" with a tour of {segments} segments" if segments else ""
         beside += f" and {navigation_bytes} bytes of navigation" if navigation_bytes else ""
-        raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
+        raise PacketError("terminal", f"{len(actions)} actions do not fit; at most {most} do{beside}")
     _check_start(step, plan.heading_rad, plan.north_m, plan.east_m, limits)
     _check_actions(actions, limits)
 
@@ -246,11 +246,11 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     check_plan(plan, limits, reserve, _size(navigation), packet.abort)
     samples = np.asarray(packet.samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != len(SAMPLE):
-        raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
+        raise PacketError("sample", f"samples must have the shape (n, {len(SAMPLE)}), not {samples.shape}")
     if len(samples) > (room := room_for_samples(plan, reserve, navigation)):
         what = f"{len(plan.actions)} actions"
         what += f" and a tour of {_segments(plan.tour)} segments" if plan.tour else ""
-        raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {what}")
+        raise PacketError("sample", f"{len(samples)} samples do not fit; at most {room} do with {what}")
     with np.errstate(over="ignore"):
         small_samples = samples.astype("<f4")
     _check_samples(small_samples, limits)
@@ -275,7 +275,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     """
     data = bytes(data)
     if len(data) != PACKET_BYTES:
-        raise PacketError("length", f"{len(data)} bytes: expected {PACKET_BYTES}")
+        raise PacketError("length", f"{len(data)} bytes instead of {PACKET_BYTES}")
     step, heading, north, east = HEADER_STRUCT.unpack_from(data)
     _check_start(step, heading, north, east, limits)
     last = PACKET_BYTES - reserve
@@ -301,7 +301,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
         n -= 1
     if data[stop:last].count(FILL) != last - stop:
-        raise PacketError("spare", f"bytes {stop} to {last - 1} are {data[stop:last].hex()}: expected all 0xFF")
+        raise PacketError("spare", f"unused bytes {stop} to {last - 1} are {data[stop:last].hex()}, not all 0xFF")
     samples = np.frombuffer(data, "<f4", n * len(SAMPLE), start).reshape(n, len(SAMPLE))
     try:
         _check_samples(samples, limits)
@@ -317,30 +317,30 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
 
 def _check(reason: str, value: float, table: PacketField) -> None:
     if not table.low <= value <= table.high:
-        expected = f"{table.low:g}..{table.high:g} {table.unit}".rstrip()
-        raise PacketError(reason, f"{table.name} = {value}: expected {expected}")
+        allowed = f"{table.low:g}..{table.high:g} {table.unit}".rstrip()
+        raise PacketError(reason, f"{table.name} is {value}, outside {allowed}")
 
 
 def _check_terminal(naive_path: int) -> None:
     _check("naive_path", naive_path, TERMINAL)
     if naive_path in RESERVED:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{QUALITY - 1} are reserved")
+        raise PacketError("naive_path", f"naive_path is {naive_path}, but {RESERVED[0]}..{QUALITY - 1} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:
     for name, value in (("heading_rad", heading), ("north_m", north), ("east_m", east)):
         if not math.isfinite(value):
-            raise PacketError("not_finite", f"{name} = {value}: expected a finite float32")
+            raise PacketError("not_finite", f"{name} is {value}, not a finite float32")
     _check("heading", heading, HEADER[1])
     _check("position", north, HEADER[2])
     _check("position", east, HEADER[3])
     if limits is None:
         return
     if step > limits.steps:
-        raise PacketError("step", f"step = {step}: expected at most {limits.steps}")
+        raise PacketError("step", f"step {step} is beyond the mission's {limits.steps} steps")
     for name, value, (low, high) in (("north_m", north, limits.north_m), ("east_m", east, limits.east_m)):
         if not low <= value <= high:
-            raise PacketError("position", f"{name} = {value:.2f}: expected {low:g}..{high:g} m, the area's limits")
+            raise PacketError("position", f"{name} is {value:.2f} m, outside the area's {low:g}..{high:g} m")
 
 
 def _check_actions(actions: Sequence[int], limits: Limits | None) -> None:
@@ -357,7 +357,7 @@ def _check_tour(tour: Tour | None, limits: Limits | None) -> None:
     for bearing in tour.bearings:
         _check("tour", bearing, BEARING)
     if limits is not None and tour.legs - tour.segment_legs >= limits.steps:
-        raise PacketError("tour", f"a tour of {tour.legs} legs: expected at most {limits.steps} steps")
+        raise PacketError("tour", f"a tour of {tour.legs} legs is longer than the mission's {limits.steps} steps")
 
 
 def _pairs_bytes(actions: Sequence[int]) -> bytes:
@@ -380,8 +380,8 @@ def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
         end = start + (n + 1) // 2
         halves = [half for byte in data[start:end] for half in (byte & 0xF, byte >> 4)]
         if n not in PAIRED or end >= len(data) or halves[n:] not in ([], [FILL & 0xF]):
-            expected = f"{PAIRED[0]}..{PAIRED[-1]} of them, and 0xF after the last of an odd number"
-            raise PacketError("pairs", f"{n} actions in pairs: expected {expected}")
+            allowed = f"{PAIRED[0]}..{PAIRED[-1]} of them, and 0xF after the last of an odd number"
+            raise PacketError("pairs", f"{n} actions in pairs; pairs hold {allowed}")
         return tuple(halves[:n]), end
     while end < len(data) and data[end] < FIRST_TERMINAL:
         end += 1
@@ -389,7 +389,7 @@ def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
         raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
     actions = tuple(data[start:end])
     if are_paired(actions):
-        raise PacketError("pairs", f"{len(actions)} actions below 16 with one byte each: expected them in pairs")
+        raise PacketError("pairs", f"{len(actions)} actions below 16 have one byte each instead of being in pairs")
     return actions, end
 
 
@@ -420,5 +420,5 @@ def _check_samples(samples: NDArray[np.float32], limits: Limits | None) -> None:
         return
     row, column = (int(i) for i in np.argwhere(~inside)[0])
     value = float(samples[row, column])
-    what = f"samples[{row}].{SAMPLE[column].name} = {value}: expected {low[column]:g}..{high[column]:g} m"
+    what = f"samples[{row}].{SAMPLE[column].name} is {value}, outside {low[column]:g}..{high[column]:g} m"
     raise PacketError("sample" if math.isfinite(value) else "not_finite", what)

@@ -195,6 +195,6 @@ def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: in
         tour += f", {navigation} bytes of navigation" if navigation else ""
         raise ValueError(
             f"{n_actions} actions{tour} and {reserve} bytes of tag do not fit a packet of {PACKET_BYTES} bytes; "
-            f"expected at most {PACKET_BYTES - reserve - samples_start(0, segments, navigation)} actions"
+            f"use at most {PACKET_BYTES - reserve - samples_start(0, segments, navigation)} actions"
         )
     return room // SAMPLE_BYTES

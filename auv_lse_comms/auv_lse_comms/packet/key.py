@@ -36,23 +36,23 @@ def read_key(path: str | Path) -> bytes:
         with path.open("rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise KeyFileError(f"{path}: not a regular file; expected a file with the key")
+                raise KeyFileError(f"{path} is not a regular file; name a file with the key")
             if status.st_mode & 0o077:
                 mode = stat.S_IMODE(status.st_mode)
                 raise KeyFileError(
-                    f"{path}: mode {mode:04o} gives others access to the key; expected 0600: chmod 600 {path}"
+                    f"{path}: mode {mode:04o} gives others access to the key. Restrict it: chmod 600 {path}"
                 )
             if status.st_uid not in (0, os.geteuid()):
-                raise KeyFileError(f"{path}: owned by user {status.st_uid}; expected this user or root")
+                raise KeyFileError(f"{path} belongs to user {status.st_uid}; the key must be this user's or root's")
             text = file.read(4096)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or type(error).__name__}") from None
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError:
-        raise KeyFileError(f"{path}: not hexadecimal; expected a file made by auv_lse key") from None
+        raise KeyFileError(f"{path} is not hexadecimal; name a file made by auv_lse key") from None
     if not 16 <= len(key) <= hashlib.blake2s.MAX_KEY_SIZE:
-        raise KeyFileError(f"{path}: {len(key)} bytes; expected 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
+        raise KeyFileError(f"{path} holds {len(key)} bytes; a key has 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
     return key
 
 
@@ -67,7 +67,7 @@ def make_key(path: str | Path) -> None:
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
         raise KeyFileError(
-            f"{path}: exists already; expected a new file, because overwriting a key loses it for the whole team"
+            f"{path} exists already. Choose a new file: overwriting a key loses it for the whole team"
         ) from None
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be created: {error.strerror or error}") from None

@@ -37,10 +37,10 @@ def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int
     """
     high = 2 ** (_BITS[what] - 1) - 1
     if not (math.isfinite(north_m) and math.isfinite(east_m)):
-        raise ValueError(f"{what}: got {north_m}, {east_m} m; expected finite numbers")
+        raise ValueError(f"{what} must be finite, not {north_m}, {east_m} m")
     north, east = round(north_m / unit_m), round(east_m / unit_m)
     if max(abs(north), abs(east)) > high:
-        raise ValueError(f"{what}: got {north_m:.1f}, {east_m:.1f} m; expected at most +-{high * unit_m:.1f} m")
+        raise ValueError(f"{what} is {north_m:.1f}, {east_m:.1f} m; a packet holds at most +-{high * unit_m:.1f} m")
     return north, east
 
 

@@ -63,9 +63,9 @@ class Tagger:
             ValueError: if the length of the key or the tag is not allowed.
         """
         if not 16 <= len(key) <= hashlib.blake2s.MAX_KEY_SIZE:
-            raise ValueError(f"key: got {len(key)} bytes; expected 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
+            raise ValueError(f"key has {len(key)} bytes; use 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
         if not ECHO_BYTES <= size <= hashlib.blake2s.MAX_DIGEST_SIZE:
-            raise ValueError(f"tag: got {size} bytes; expected {ECHO_BYTES} to {hashlib.blake2s.MAX_DIGEST_SIZE}")
+            raise ValueError(f"tag has {size} bytes; use {ECHO_BYTES} to {hashlib.blake2s.MAX_DIGEST_SIZE}")
         self.size = size
         self.last_slot_s: dict[int, float] = {}
         self.eras: dict[int, bytes] = {}
@@ -156,7 +156,7 @@ class Tagger:
                 other slots; "tag" if its tag is not that of these bytes from this sender.
         """
         if len(data) != PACKET_BYTES:
-            raise PacketError("length", f"{len(data)} bytes: expected {PACKET_BYTES}")
+            raise PacketError("length", f"{len(data)} bytes instead of {PACKET_BYTES}")
         body, tag = data[: PACKET_BYTES - self.size], data[PACKET_BYTES - self.size :]
         slots_s = list(slots_s)
         found = self._slot_of(source, body, tag, slots_s)

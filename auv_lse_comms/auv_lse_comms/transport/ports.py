@@ -105,7 +105,7 @@ class SerialPort(_StreamPort):
             import serial  # here, so that TCP and UDP work without it
         except ImportError as error:
             raise TransportError(
-                f"{device}: cannot be opened: the Python package pyserial is not installed ({error}); expected "
+                f"{device} cannot be opened: the Python package pyserial is not installed ({error}). Install "
                 "python3-serial (apt) or pyserial (pip)"
             ) from error
         try:

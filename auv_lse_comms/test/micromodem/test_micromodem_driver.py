@@ -159,10 +159,10 @@ def test_further_settings_of_the_mission_file_are_sent_last():
 def test_the_drivers_own_settings_and_names_that_break_a_sentence_are_refused():
     assert tuple(setting.name for setting, _ in settings_of(config(), 3)) == DRIVERS_OWN
     for name in DRIVERS_OWN:
-        with pytest.raises(ParameterError, match=rf"settings.{name}: got 9; the driver sets SRC, .* itself"):
+        with pytest.raises(ParameterError, match=rf"settings.{name} is 9, but the driver sets SRC, .* itself"):
             Desk(settings={name: 9})
     for name in ("BND,1", "", "B*D", "BND\r\n"):
-        with pytest.raises(ParameterError, match="expected letters, digits"):
+        with pytest.raises(ParameterError, match="use letters, digits"):
             Desk(settings={name: 9})
 
 
@@ -292,7 +292,7 @@ def test_frames_by_rate(rate, size, frames):
 
 @pytest.mark.parametrize("size", [0, 513])
 def test_a_payload_that_does_not_fit_is_refused(size):
-    with pytest.raises(ValueError, match=f"got {size} bytes; expected 1 to 512 at rate 4"):
+    with pytest.raises(ValueError, match=f"payload: {size} bytes do not fit rate 4; send 1 to 512"):
         Desk().configure().modem.send(NOW_S, bytes(size))
 
 
@@ -537,7 +537,7 @@ def test_a_ping_that_fails_is_reported_once_with_its_reason(heard, reason):
 
 @pytest.mark.parametrize("destination", [0, 3, 128])
 def test_a_ping_of_no_other_modem_is_refused(destination):
-    with pytest.raises(ValueError, match="expected another modem"):
+    with pytest.raises(ValueError, match="choose another modem"):
         Desk().configure().modem.ping(NOW_S, destination)
 
 
@@ -672,7 +672,7 @@ def test_bad_fields_are_reported_and_survived():
 
 @pytest.mark.parametrize("address", [0, 128, -1])
 def test_address_out_of_range(address):
-    with pytest.raises(ValueError, match=f"got {address}; expected 1 to 127"):
+    with pytest.raises(ValueError, match=f"modem address {address} is not from 1 to 127"):
         Micromodem(config(), address)
 
 

@@ -111,8 +111,8 @@ def test_format_by_hand():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nonsense\n", "log.txt:1: got 'nonsense"),
-        ("1.000000 ? x\n", "expected '<seconds>"),
+        ("nonsense\n", "log.txt:1: 'nonsense"),
+        ("1.000000 ? x\n", "is not '<seconds>"),
         ("1.000000 < a\\qb\n", "escape"),
     ],
 )
@@ -128,8 +128,8 @@ def test_a_last_line_cut_short_by_a_crash_is_left_out():
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        ([], "got no entries"),
-        ([LogEntry(1.0, "=", b"opened")], "got no address"),
+        ([], "no entries to replay"),
+        ([LogEntry(1.0, "=", b"opened")], "no '= address N' before the first entry"),
         ([LogEntry(1.0, "=", b"address 3"), LogEntry(1.0, "=", b"jumped")], "jumped"),
     ],
 )

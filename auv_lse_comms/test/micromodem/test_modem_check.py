@@ -73,8 +73,8 @@ def test_a_setting_that_differs_is_named_with_what_to_type():
     check = checked(Modem(right(settings) | {"SRC": "3", "BND": "1"}), settings)
     notes = texts(check, None)
     hand = Sentence("CCCFG", ("SRC", "2")).encode().decode().strip()
-    assert f"SRC = 3; expected 2 (is it the modem of vehicle 3?): the driver sets it; by hand: {hand}" in notes
-    assert any(note.startswith("BND = 1; expected 0: the driver sets it; by hand: $CCCFG,BND,0*") for note in notes)
+    assert f"SRC = 3, but must be 2 (is it the modem of vehicle 3?): the driver sets it; by hand: {hand}" in notes
+    assert any(note.startswith("BND = 1, but must be 0: the driver sets it; by hand: $CCCFG,BND,0*") for note in notes)
     assert not any("must be equal" in note for note in notes)
 
 
@@ -84,7 +84,7 @@ def test_settings_that_it_does_not_know_are_missing_if_the_driver_needs_them():
     del values["CST"], values["MFD"]
     check = checked(Modem(values), settings)
     (missing,) = texts(check, False)
-    assert missing.startswith("CST: CST: unknown; expected 1")
+    assert missing.startswith("CST: CST: unknown; it must be 1")
     assert any(note.startswith("MFD: ") for note in texts(check, None))
 
 
@@ -118,7 +118,7 @@ def test_synchronous_transmissions_need_a_pulse_per_second():
 def test_silence_and_garbled_lines_are_told_apart():
     assert "Check power, cable" in texts(checked(None, config()), False)[0]
     check = checked(None, config(), noise=b"\xfe\x80\r\n$CA\x81\xff\r\n")
-    assert "got 2 garbled lines" in texts(check, False)[0]
+    assert "2 garbled lines and no answer" in texts(check, False)[0]
     assert "--baud" in texts(check, False)[0]
 
 

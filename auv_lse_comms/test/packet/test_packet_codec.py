@@ -197,7 +197,7 @@ def test_a_path_to_the_end_of_a_hundred_legs_leaves_room_for_fifteen_samples() -
     assert room(100, reserve=6) == room(100, navigation=FIXED) == 14
     assert room(16) == room(17) == 18, "as many as a search plans are told a byte each"
     assert room(100, action=16) == 11, "of a larger action set"
-    with pytest.raises(PacketError, match=r"terminal: 256 actions: expected at most 255"):
+    with pytest.raises(PacketError, match=r"terminal: 256 actions do not fit; at most 255 do"):
         encode(Packet(dataclasses.replace(PLAIN.plan, actions=(0,) * 256)))
 
 
@@ -216,7 +216,7 @@ def test_actions_in_a_noncanonical_encoding_are_refused(path: str) -> None:
 
 
 def test_pairs_that_are_cut_off_or_end_in_an_action_are_refused() -> None:
-    with pytest.raises(PacketError, match=r"naive_path: naive_path = 7: expected 224\.\.255"):
+    with pytest.raises(PacketError, match=r"naive_path: naive_path is 7, outside 224\.\.255"):
         decode(bytes.fromhex(START + "eb22" + "00" * 17 + "07").ljust(252, b"\xff"))
     plan = dataclasses.replace(PLAIN.plan, actions=(3,) * 255)
     assert decode(encode(Packet(plan))).plan == plan
@@ -248,13 +248,15 @@ def test_navigation_in_metres_and_back() -> None:
     assert FIXED.fix_raw_m == (100.0, -50.5)
     assert FIXED.fix_m == pytest.approx((97.5, -49.3)), "2.5 m south and 1.2 m east of the dead-reckoned position"
     assert np.isnan([TOLD.fix_raw_m, TOLD.fix_m]).all()
-    with pytest.raises(ValueError, match=r"dead-reckoned position: got 90000.0, 0.0 m; expected at most \+-83886.1 m"):
+    with pytest.raises(
+        ValueError, match=r"dead-reckoned position is 90000.0, 0.0 m; a packet holds at most \+-83886.1 m"
+    ):
         Navigation.of(dataclasses.replace(raw, north_m=9e4, east_m=0.0), None)
     with pytest.raises(
-        ValueError, match=r"fix minus dead-reckoned position: got 300.0, 1.2 m; expected at most \+-204.7 m"
+        ValueError, match=r"fix minus dead-reckoned position is 300.0, 1.2 m; a packet holds at most \+-204.7 m"
     ):
         Navigation.of(raw, dataclasses.replace(fix, north_m=400.1))
-    with pytest.raises(ValueError, match=r"dead-reckoned position: got nan, 0.0 m; expected finite"):
+    with pytest.raises(ValueError, match=r"dead-reckoned position must be finite, not nan, 0.0 m"):
         Navigation.of(dataclasses.replace(raw, north_m=math.nan, east_m=0.0), None)
 
 
@@ -273,7 +275,9 @@ def test_navigation_that_is_cut_off_or_repeated_is_refused(navigation: Navigatio
     assert reason(told + told + b"\xff") == "naive_path", "a second one"
     assert reason(told + b"\xef") == "naive_path", "a tour after it"
     assert reason(b"\x10" * (238 - len(told)) + told) == "terminal", "no byte is left for the terminal one"
-    with pytest.raises(PacketError, match=r"terminal: 237 actions: expected at most .* and [0-9]+ bytes of navigation"):
+    with pytest.raises(
+        PacketError, match=r"terminal: 237 actions do not fit; at most .* and [0-9]+ bytes of navigation"
+    ):
         encode(Packet(dataclasses.replace(PLAIN.plan, actions=(16,) * 237), navigation=navigation))
 
 
@@ -292,7 +296,7 @@ def test_golden_packet_with_room_for_a_tag() -> None:
     packet = decode(data, reserve=6)
     assert packet.samples.tolist() == [[1.0, -2.5, 15.0]] * 19
     assert encode(packet, reserve=6) == data[:-6] + b"\xff" * 6
-    with pytest.raises(PacketError, match="spare: bytes 246 to 251 are 0123456789ab"):
+    with pytest.raises(PacketError, match="spare: unused bytes 246 to 251 are 0123456789ab"):
         decode(data)
 
 
@@ -410,36 +414,36 @@ LIMITS = Limits(steps=100, n_actions=11, north_m=(-10, 500), east_m=(-20, 600), 
 @pytest.mark.parametrize(
     ("change", "reason", "message"),
     [
-        ({"step": -1}, "step", "step = -1: expected 0..65535"),
-        ({"step": 65536}, "step", "step = 65536"),
-        ({"heading_rad": 6.2832}, "heading", "heading_rad = 6.28"),
-        ({"heading_rad": math.nan}, "not_finite", "heading_rad = nan"),
-        ({"north_m": math.inf}, "not_finite", "north_m = inf"),
-        ({"north_m": 1e300}, "not_finite", "north_m = inf"),
-        ({"north_m": 1.1e6}, "position", "north_m = 1100000.0: expected -1e[+]06..1e[+]06 m"),
-        ({"east_m": -1.1e6}, "position", "east_m = -1100000.0"),
+        ({"step": -1}, "step", "step is -1, outside 0..65535"),
+        ({"step": 65536}, "step", "step is 65536"),
+        ({"heading_rad": 6.2832}, "heading", "heading_rad is 6.28"),
+        ({"heading_rad": math.nan}, "not_finite", "heading_rad is nan"),
+        ({"north_m": math.inf}, "not_finite", "north_m is inf"),
+        ({"north_m": 1e300}, "not_finite", "north_m is inf"),
+        ({"north_m": 1.1e6}, "position", "north_m is 1100000.0, outside -1e[+]06..1e[+]06 m"),
+        ({"east_m": -1.1e6}, "position", "east_m is -1100000.0"),
         ({"actions": (0, 240)}, "action", r"actions \[0, 240\]"),
         ({"actions": (-1,)}, "action", r"actions \[-1\]"),
-        ({"actions": (16,) * 238}, "terminal", "238 actions: expected at most 237"),
-        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: 229..233 are reserved"),
-        ({"naive_path": 256}, "naive_path", "naive_path = 256"),
-        ({"actions": (224,)}, "action", r"actions \[224\]: expected indices 0\.\.223"),
-        ({"tour": Tour(segment_legs=0, bearings=(1,))}, "tour", "segment_legs = 0: expected 1..255"),
-        ({"tour": Tour(segment_legs=256, bearings=(1,))}, "tour", "segment_legs = 256"),
-        ({"tour": Tour(segment_legs=1, bearings=())}, "tour", "segments = 0: expected 1..64"),
-        ({"tour": Tour(segment_legs=1, bearings=(0,) * 65)}, "tour", "segments = 65"),
-        ({"tour": Tour(segment_legs=1, bearings=(0, 256))}, "tour", "bearings = 256: expected 0..255"),
+        ({"actions": (16,) * 238}, "terminal", "238 actions do not fit; at most 237 do"),
+        ({"naive_path": 0xEF}, "naive_path", "naive_path is 239, but 229..233 are reserved"),
+        ({"naive_path": 256}, "naive_path", "naive_path is 256"),
+        ({"actions": (224,)}, "action", r"actions \[224\] must be indices 0\.\.223"),
+        ({"tour": Tour(segment_legs=0, bearings=(1,))}, "tour", "segment_legs is 0, outside 1..255"),
+        ({"tour": Tour(segment_legs=256, bearings=(1,))}, "tour", "segment_legs is 256"),
+        ({"tour": Tour(segment_legs=1, bearings=())}, "tour", "segments is 0, outside 1..64"),
+        ({"tour": Tour(segment_legs=1, bearings=(0,) * 65)}, "tour", "segments is 65"),
+        ({"tour": Tour(segment_legs=1, bearings=(0, 256))}, "tour", "bearings is 256, outside 0..255"),
         (
             {"actions": (16,) * 171, "tour": Tour(segment_legs=1, bearings=(0,) * 64)},
             "terminal",
-            "171 actions: expected at most 170 with a tour of 64 segments",
+            "171 actions do not fit; at most 170 do with a tour of 64 segments",
         ),
-        ({"samples": np.zeros((20, 3))}, "sample", "20 samples: expected at most 19 with 3 actions"),
-        ({"samples": np.zeros((2, 4))}, "sample", r"shape \(2, 4\): expected \(n, 3\)"),
-        ({"samples": np.zeros(3)}, "sample", r"shape \(3,\)"),
-        ({"samples": np.array([[0.0, 0.0, math.nan]])}, "not_finite", r"samples\[0\].depth_m = nan"),
-        ({"samples": np.array([[0.0, 0.0, 5.0], [0.0, 2e6, 5.0]])}, "sample", r"samples\[1\].east_m = 2000000.0"),
-        ({"samples": np.array([[0.0, 0.0, 12001.0]])}, "sample", "depth_m = 12001.0: expected -1000..12000"),
+        ({"samples": np.zeros((20, 3))}, "sample", "20 samples do not fit; at most 19 do with 3 actions"),
+        ({"samples": np.zeros((2, 4))}, "sample", r"shape \(n, 3\), not \(2, 4\)"),
+        ({"samples": np.zeros(3)}, "sample", r"not \(3,\)"),
+        ({"samples": np.array([[0.0, 0.0, math.nan]])}, "not_finite", r"samples\[0\].depth_m is nan"),
+        ({"samples": np.array([[0.0, 0.0, 5.0], [0.0, 2e6, 5.0]])}, "sample", r"samples\[1\].east_m is 2000000.0"),
+        ({"samples": np.array([[0.0, 0.0, 12001.0]])}, "sample", "depth_m is 12001.0, outside -1000..12000"),
     ],
 )
 def test_sender_raises_out_of_range(change: dict[str, object], reason: str, message: str) -> None:
@@ -542,7 +546,7 @@ def test_a_call_to_abort_is_a_terminal_byte() -> None:
     assert [i for i in range(252) if quiet[i] != loud[i]] == [17]
     assert (quiet[17], loud[17]) == (0xFF, 0xEE)
     assert decode(loud) == call != decode(quiet)
-    with pytest.raises(PacketError, match=r"expected 255 \(none\) in a call to abort"):
+    with pytest.raises(PacketError, match=r"a call to abort carries none \(255\)"):
         encode(dataclasses.replace(PLAIN, plan=dataclasses.replace(PLAIN.plan, naive_path=0xF1), abort=True))
 
 

@@ -30,18 +30,18 @@ def test_key_from_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644, 0o601])
 def test_key_file_open_to_others_is_refused(tmp_path: Path, mode: int) -> None:
     path = write(tmp_path / "key", KEY.hex(), mode)
-    with pytest.raises(KeyFileError, match=f"mode 0{mode:o} gives others access to the key; expected 0600: chmod 600"):
+    with pytest.raises(KeyFileError, match=f"mode 0{mode:o} gives others access to the key. Restrict it: chmod 600"):
         read_key(path)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not hexadecimal at all", "not hexadecimal; expected a file made by auv_lse key"),
+        ("not hexadecimal at all", "not hexadecimal; name a file made by auv_lse key"),
         ("\xff\xfe", "not hexadecimal"),
-        ("00" * 15, "15 bytes; expected 16 to 32"),
-        ("00" * 33, "33 bytes; expected 16 to 32"),
-        ("", "0 bytes; expected 16 to 32"),
+        ("00" * 15, "15 bytes; a key has 16 to 32"),
+        ("00" * 33, "33 bytes; a key has 16 to 32"),
+        ("", "0 bytes; a key has 16 to 32"),
     ],
 )
 def test_key_file_without_a_key_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -61,7 +61,7 @@ def test_key_file_that_is_no_file_is_refused(tmp_path: Path) -> None:
 def test_key_file_of_another_user_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "key", KEY.hex())
     os.chown(path, 12345, -1)
-    with pytest.raises(KeyFileError, match="owned by user 12345"):
+    with pytest.raises(KeyFileError, match="belongs to user 12345"):
         read_key(path)
 
 
@@ -76,7 +76,7 @@ def test_a_key_is_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert len(key) == 32
     assert file.stat().st_mode & 0o777 == 0o600
     assert main([str(file)]) == 2
-    assert "exists already; expected a new file" in capsys.readouterr().err
+    assert "exists already. Choose a new file" in capsys.readouterr().err
     assert read_key(file) == key
     make_key(tmp_path / "other")
     assert read_key(tmp_path / "other") != key

@@ -89,9 +89,9 @@ def test_forged_packets_are_refused() -> None:
 def test_key_is_in_no_message() -> None:
     assert KEY.hex() not in repr(tagger())
     assert repr(tagger()) == "Tagger(size=6)"
-    with pytest.raises(ValueError, match="key: got 5 bytes"):
+    with pytest.raises(ValueError, match="key has 5 bytes"):
         Tagger(b"12345", 6, "a")
-    with pytest.raises(ValueError, match="tag: got 0 bytes"):
+    with pytest.raises(ValueError, match="tag has 0 bytes"):
         Tagger(KEY, 0, "a")
 
 

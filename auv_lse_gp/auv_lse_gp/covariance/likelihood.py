@@ -70,11 +70,11 @@ class MarginalLikelihood:
                 exactly.
         """
         if mean not in ("constant", "plane"):
-            raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has no parameters to fit)")
+            raise ValueError(f"mean: {mean!r} cannot be fitted; use constant or plane")
         if mean_depth_m is not None and mean != "constant":
-            raise ValueError(f"mean_depth_m: got {mean_depth_m!r}; expected it with a constant mean only")
+            raise ValueError(f"mean_depth_m: {mean_depth_m!r} m needs a constant mean")
         if len(locations_m) < 10:
-            raise ValueError(f"soundings: got {len(locations_m)}; expected at least 10")
+            raise ValueError(f"soundings: {len(locations_m)} are too few to fit; give at least 10")
         self.kernel = kernel
         self.two_axes = two_axes
         self.evaluations = 0
@@ -83,7 +83,7 @@ class MarginalLikelihood:
         offset = locations_m - self._center
         self.extent_m = float(np.ptp(locations_m, axis=0).max())
         if not self.extent_m > 0.0:
-            raise ValueError("soundings: got one location for all; expected soundings over an area")
+            raise ValueError("soundings: all are at one location; give soundings over an area")
         self._north = offset[:, None, 0] - offset[None, :, 0]
         self._east = offset[:, None, 1] - offset[None, :, 1]
         distance = np.hypot(self._north, self._east)
@@ -96,12 +96,12 @@ class MarginalLikelihood:
             self._basis, self._fixed = (ones if mean == "constant" else np.hstack([ones, offset])), 0.0
         self._depths = depths_m - self._fixed
         if not np.ptp(depths_m) > 0.0:
-            raise ValueError(f"soundings: got the depth {float(depths_m[0])!r} m for all; expected depths that vary")
+            raise ValueError(f"soundings: all have the depth {float(depths_m[0])!r} m, so no variance can be fitted")
         if mean == "plane":
             off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
             if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
                 raise ValueError(
-                    "soundings: got depths on one plane; expected depths that vary about it. Use mean constant"
+                    "soundings: all depths lie on one plane, so no variance about it can be fitted. Use mean constant"
                 )
 
     @property
@@ -280,7 +280,7 @@ def _search(
         if result.fun < best:
             best_x, best = np.array(result.x), float(result.fun)
     if best_x is None:
-        raise ValueError("soundings: got a singular covariance from every start; expected locations farther apart")
+        raise ValueError("soundings: the covariance is singular from every start; give locations farther apart")
     return best_x, -best, found
 
 

@@ -99,10 +99,10 @@ class SurveyMean:
         from scipy.spatial import cKDTree
 
         if len(locations_m) < 3:
-            raise ParameterError(f"gp.survey_file: got {len(locations_m)} soundings; expected at least 3")
+            raise ParameterError(f"gp.survey_file has {len(locations_m)} soundings; give at least 3")
         spread = np.linalg.svd(locations_m - locations_m.mean(axis=0), compute_uv=False)
         if spread[1] <= 1e-9 * max(spread[0], 1e-300):
-            raise ParameterError("gp.survey_file: got soundings on one line; expected soundings over an area")
+            raise ParameterError("gp.survey_file has all soundings on one line; give soundings over an area")
         self._linear = LinearNDInterpolator(locations_m, depths_m)
         self._tree = cKDTree(locations_m)
         self._depths_m = depths_m

@@ -92,8 +92,8 @@ class Factor:
             corner = None
         if corner is None or not float(np.min(np.diag(corner))) ** 2 > floor:
             raise IllConditionedError(
-                f"the covariance of {new} centers is not positive definite in double precision; expected every pivot "
-                f"above {floor:.2g} m^2. The centers are too close together for their noise: choose a larger "
+                f"the covariance of {new} centers is not positive definite in double precision (no pivot may be "
+                f"below {floor:.2g} m^2). The centers are too close together for their noise: choose a larger "
                 "gp.noise_std_m or gp.min_spacing_m."
             )
         self._buffer[old:new, :old] = rows
@@ -126,7 +126,9 @@ class Factor:
             ValueError: if `right` is not C-ordered float64 of n rows.
         """
         if right.dtype != np.float64 or not right.flags.c_contiguous or len(right) != self.size:
-            raise ValueError(f"right: got {right.dtype} {right.shape}; expected C-ordered float64 of {self.size} rows")
+            raise ValueError(
+                f"right must be C-ordered float64 with {self.size} rows, not {right.dtype} of shape {right.shape}"
+            )
         if not right.size:
             return right
         if right.shape[1] == 1:

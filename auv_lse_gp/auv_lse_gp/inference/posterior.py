@@ -119,8 +119,8 @@ class Posterior:
         """
         if self.planned_rows:
             raise ValueError(
-                f"extend: got a posterior with {self.planned_rows} planned locations; expected none. "
-                "Extend the posterior that with_planned() was called on."
+                f"extend: this posterior has {self.planned_rows} planned locations. Extend the posterior that "
+                "with_planned() was called on."
             )
         self._append(self.kernel.scale(centers.locations_m), self.relative(centers).noise_std_m ** 2)
         self._set_data(self._centers.joined(centers), self.data_rows)
@@ -474,7 +474,7 @@ def checked_locations(locations_m: ArrayLike) -> Array:
     """
     locations = np.asarray(locations_m, dtype=float)
     if locations.ndim != 2 or locations.shape[1] != 2:
-        raise ValueError(f"locations_m: got shape {locations.shape}; expected (P, 2): north, east (m)")
+        raise ValueError(f"locations_m must be north, east (m) of shape (P, 2), not {locations.shape}")
     return locations
 
 

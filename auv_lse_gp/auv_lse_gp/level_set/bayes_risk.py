@@ -185,7 +185,7 @@ def expected_bayes_risk(
         return expected_bayes_risk_numpy(mean, of_mean, after, level, c1, c2)
     if method == "exponential_quadratic":
         return _exponential_quadratic(mean, of_mean, after, level, c1, c2)
-    raise ValueError(f"method: got {method!r}; expected one of {', '.join(METHODS)}")
+    raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
 
 
 def benefit_of_search(
@@ -328,7 +328,7 @@ def _arrays(*named: tuple[str, ArrayLike]) -> list[Array]:
         try:
             arrays.append(np.asarray(value, dtype=float))
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{name}: got {value!r}; expected numbers (m)") from error
+            raise ValueError(f"{name} must be numbers (m), not {value!r}") from error
     return arrays
 
 
@@ -339,14 +339,14 @@ def _costs(cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike) -> list[Arr
     for name, cost in zip(("cost_false_safe", "cost_false_unsafe"), costs, strict=True):
         bad = ~((cost > 0.0) & np.isfinite(cost))
         if np.any(bad):
-            raise ValueError(f"{name}: got {_worst(cost, bad)}; expected a finite cost > 0")
+            raise ValueError(f"{name} must be a finite cost > 0, not {_worst(cost, bad)}")
     return costs
 
 
 def _not_negative(**stds: Any) -> None:
     for name, std in stds.items():
         if np.any(std < 0.0):
-            raise ValueError(f"{name}: got {_worst(std, std < 0.0)}; expected a standard deviation >= 0 m")
+            raise ValueError(f"{name} must be a standard deviation >= 0 m, not {_worst(std, std < 0.0)}")
 
 
 def _worst(values: Array, bad: Any) -> float:

@@ -197,7 +197,7 @@ class DepthMap:
         if rows.size == 0:
             rows = np.zeros((0, 3))
         if rows.ndim != 2 or rows.shape[1] != 3:
-            raise ValueError(f"samples: got shape {rows.shape}; expected (n, 3): north, east, depth (m)")
+            raise ValueError(f"samples must be north, east, depth (m) of shape (n, 3), not {rows.shape}")
         config, tally = self.gp.config, self.team.setdefault(source, TeamSamples())
         room = config.max_centers // 2 - sum(mate.kept for mate in self.team.values())
         outcomes, fit = self.gp.add_if_fitting(rows, config.team_outlier_sigmas, max(room, 0), packets)

@@ -25,17 +25,15 @@ def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: flo
         SoundingError: if a number is not finite, or the depth or location out of range.
     """
     if not (math.isfinite(north_m) and math.isfinite(east_m) and math.isfinite(depth_m)):
-        raise SoundingError(
-            f"sounding: got north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r}; expected finite numbers"
-        )
+        raise SoundingError(f"sounding: north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r} must be finite")
     if not config.min_depth_m <= depth_m <= config.max_depth_m:
         raise SoundingError(
-            f"sounding at north {north_m:.1f} m, east {east_m:.1f} m: got depth_m={depth_m!r}; expected "
-            f"{config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
+            f"sounding at north {north_m:.1f} m, east {east_m:.1f} m: depth_m={depth_m!r} is implausible; "
+            f"plausible are {config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
         )
     if max(abs(north_m), abs(east_m)) > FARTHEST_M:
         raise SoundingError(
-            f"sounding: got north_m={north_m!r}, east_m={east_m!r}; expected within 1000 km of the local origin"
+            f"sounding: north_m={north_m!r}, east_m={east_m!r} is not within 1000 km of the local origin"
         )
 
 

@@ -285,7 +285,9 @@ class OnlineGp:
             ValueError: if the map cannot be shifted (`can_shift`).
         """
         if not self.can_shift or by_m.shape != (len(self), 2):
-            raise ValueError(f"shift: got {by_m.shape}; expected ({len(self)}, 2) and a tiled map (can_shift)")
+            raise ValueError(
+                f"shift: {by_m.shape} cannot be shifted; needs shape ({len(self)}, 2) and a tiled map (can_shift)"
+            )
         self._apply_merges()
         self._table.shift(by_m)
         self._index.shift(by_m)
@@ -316,9 +318,7 @@ class OnlineGp:
             ValueError: if there are more rows than centers.
         """
         if effect_m is not None and len(effect_m) > len(self):
-            raise ValueError(
-                f"location effect: got {len(effect_m)} rows; expected at most one per center ({len(self)})"
-            )
+            raise ValueError(f"location effect: {len(effect_m)} rows are more than the {len(self)} centers")
         self._position_effect_m = effect_m
         self._outdated = True
         self.revision += 1

@@ -113,7 +113,7 @@ class DepthSensitivity:
         """
         correction = self._correction
         if correction is None:
-            raise ValueError("effect: got no correction; expected a call of update() before")
+            raise ValueError("effect: there is no correction yet; call update() first")
         parts = [(correction.model.vehicles[number].block, own) for number, own in self._vehicles.items()]
         root = np.linalg.cholesky(correction.covariance)
         squares = np.zeros_like(root)

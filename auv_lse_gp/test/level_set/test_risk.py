@@ -213,15 +213,15 @@ def test_broadcasting_and_nan():
 
 
 def test_invalid_arguments_are_named():
-    with pytest.raises(ValueError, match=r"cost_false_safe: got 0\.0; expected a finite cost > 0"):
+    with pytest.raises(ValueError, match=r"cost_false_safe must be a finite cost > 0, not 0\.0"):
         bayes_risk(1.0, 1.0, 1.0, 0.0, 1.0)
-    with pytest.raises(ValueError, match=r"std_after_m: got -1\.0; expected a standard deviation >= 0 m"):
+    with pytest.raises(ValueError, match=r"std_after_m must be a standard deviation >= 0 m, not -1\.0"):
         expected_bayes_risk(1.0, 1.0, [1.0, -1.0], 1.0, 1.0, 1.0)
-    with pytest.raises(ValueError, match=r"method: got 'guess'; expected one of exact, exponential_quadratic"):
+    with pytest.raises(ValueError, match=r"method must be one of exact, exponential_quadratic, not 'guess'"):
         expected_bayes_risk(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, method="guess")
-    with pytest.raises(ParameterError, match=r"level_set\.cost_false_unsafe: got -1"):
+    with pytest.raises(ParameterError, match=r"level_set\.cost_false_unsafe must be .*, not -1"):
         LevelSet(cost_false_unsafe=-1.0)
-    with pytest.raises(ParameterError, match=r"level_set\.level_m: got nan"):
+    with pytest.raises(ParameterError, match=r"level_set\.level_m must be .*, not nan"):
         LevelSet(level_m=float("nan"))
 
 

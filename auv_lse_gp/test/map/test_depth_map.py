@@ -83,7 +83,7 @@ def test_soundings_are_sorted_by_stamp_and_samples_keep_their_order():
     assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
     assert depth_map.centers.locations_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
     assert depth_map.add_soundings(np.zeros((0, 4))) == []
-    with pytest.raises(ValueError, match=r"soundings: got rows of shape \(1, 3\); expected \(n, 4\)"):
+    with pytest.raises(ValueError, match=r"soundings: rows must have the shape \(n, 4\).*, not \(1, 3\)"):
         depth_map.add_soundings([[1.0, 2.0, 3.0]])
 
 
@@ -92,7 +92,7 @@ def test_rejected_soundings_are_counted_and_the_others_taken():
     outcomes = depth_map.add_soundings([[0.0, 1.0, 1.0, math.nan], [1.0, 50.0, 50.0, 12.0], [2.0, 9.0, 9.0, -4.0]])
     assert outcomes == [None, Outcome.KEPT, None]
     assert depth_map.counts.refused == 2
-    assert "depth_m=-4.0; expected 0 to 1000 m" in depth_map.last_problem
+    assert "depth_m=-4.0 is implausible; plausible are 0 to 1000 m" in depth_map.last_problem
     assert np.isfinite(depth_map.field().mean_m[depth_map.grid.inside]).all()
 
 

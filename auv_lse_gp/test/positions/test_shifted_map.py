@@ -56,7 +56,7 @@ def test_shift_moves_centers_and_what_later_soundings_are_compared_with(monkeypa
     counts = len(depth_map.gp)
     depth_map.add_soundings(rows[-3:] + np.array([100.0, *by, 0.0]))
     assert len(depth_map.gp) == counts, "they are as close to its last centers as before"
-    with pytest.raises(ValueError, match=r"shift: got \(1, 2\); expected"):
+    with pytest.raises(ValueError, match=r"shift: \(1, 2\) cannot be shifted; needs"):
         depth_map.gp.shift(by[None])
     depth_map.clear()
     assert not depth_map.gp.can_shift, "a dense map is rebuilt"

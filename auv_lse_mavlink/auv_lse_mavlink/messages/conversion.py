@@ -106,11 +106,11 @@ def target_of_position(message: Message, datum: Datum) -> Target:
         ValueError: if it is in another frame, or has no position.
     """
     if message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-        raise ValueError(f"frame: got {message.coordinate_frame}; expected MAV_FRAME_LOCAL_NED (1)")
+        raise ValueError(f"frame is {message.coordinate_frame}, not MAV_FRAME_LOCAL_NED (1)")
     if message.type_mask & 0b111:
-        raise ValueError(f"type_mask: got {message.type_mask:#x}, without the position; expected one with it")
+        raise ValueError(f"type_mask {message.type_mask:#x} leaves out the position, which a target needs")
     if not all(map(math.isfinite, (message.x, message.y, message.z))):
-        raise ValueError(f"position: got ({message.x}, {message.y}, {message.z}); expected finite numbers")
+        raise ValueError(f"position ({message.x}, {message.y}, {message.z}) must be finite")
     north, east = datum.from_local_ned(message.x, message.y)
     ignored = message.type_mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
     heading = math.nan if ignored else float(message.yaw)
@@ -124,9 +124,9 @@ def target_of_item(message: Message, datum: Datum) -> Target:
         ValueError: if it is not a waypoint, or its frame is not global with relative altitude.
     """
     if message.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-        raise ValueError(f"command: got {message.command}; expected MAV_CMD_NAV_WAYPOINT (16)")
+        raise ValueError(f"command is {message.command}, not MAV_CMD_NAV_WAYPOINT (16)")
     if message.frame not in (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT):
-        raise ValueError(f"frame: got {message.frame}; expected MAV_FRAME_GLOBAL_RELATIVE_ALT_INT (6)")
+        raise ValueError(f"frame is {message.frame}, not MAV_FRAME_GLOBAL_RELATIVE_ALT_INT (6)")
     north, east = datum.from_geodetic(message.x, message.y)
     heading = math.radians(message.param4) if math.isfinite(message.param4) else math.nan
     return Target(north_m=north, east_m=east, depth_m=-float(message.z), heading_rad=heading)

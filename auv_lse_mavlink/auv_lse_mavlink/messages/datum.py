@@ -71,7 +71,7 @@ class Datum:
 
     def _origin(self) -> Origin:
         if self.mission is None:
-            raise ValueError("mission origin: got none; expected area.origin_lat_deg and area.origin_lon_deg")
+            raise ValueError("the mission has no origin; set area.origin_lat_deg and area.origin_lon_deg")
         return self.mission
 
 

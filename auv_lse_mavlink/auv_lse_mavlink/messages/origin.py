@@ -205,6 +205,6 @@ class OriginExchange:
         self._refused = origin
         where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
         self._report(
-            f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} deg"
-            f"{where}; expected a position within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of the mission's origin"
+            f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} "
+            f"deg{where} is farther than {MAX_ORIGIN_OFFSET_M / 1000.0:g} km from the mission's origin"
         )

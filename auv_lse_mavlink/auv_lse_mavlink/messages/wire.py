@@ -112,7 +112,7 @@ class MavlinkCodec:
             ValueError: if the key has another length.
         """
         if key is not None and len(key) != KEY_BYTES:
-            raise ValueError(f"key: got {len(key)} bytes; expected {KEY_BYTES}, as made by auv_lse key")
+            raise ValueError(f"key has {len(key)} bytes, not {KEY_BYTES}; make one with auv_lse key")
         self.counts: Counter[str] = Counter()
         self._mav = _Mavlink(None, srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True  # bad bytes come back as BAD_DATA, not as an exception

@@ -46,8 +46,8 @@ class TargetLimits:
         """
         if target.depth_m > self.deepest_m:
             raise ValueError(
-                f"target of step {target.step}: got depth {target.depth_m:.1f} m; expected at most "
-                f"{self.deepest_m:.1f} m (safety.max_depth_m)"
+                f"target of step {target.step}: depth {target.depth_m:.1f} m is deeper than {self.deepest_m:.1f} "
+                "m (safety.max_depth_m)"
             )
         if self.fence is None:
             return
@@ -57,9 +57,8 @@ class TargetLimits:
             allowed_m = max(allowed_m, self.fence.outside_m(position.north_m, position.east_m))
         if outside_m > allowed_m:
             raise ValueError(
-                f"target of step {target.step}: got a position {outside_m:.0f} m outside the area (north "
-                f"{target.north_m:.0f}, east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m "
-                "(safety.fence_margin_m)"
+                f"target of step {target.step}: {outside_m:.0f} m outside the area (north {target.north_m:.0f}, "
+                f"east {target.east_m:.0f} m), more than {allowed_m:.0f} m (safety.fence_margin_m)"
             )
 
 

@@ -185,7 +185,7 @@ class TargetSender:
             ValueError: if a number in it is not finite, or it is beyond the limits.
         """
         if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
-            raise ValueError(f"target: got {target}; expected finite numbers")
+            raise ValueError(f"target must be finite: {target}")
         try:
             self._limits.check(target, position)
         except ValueError:

@@ -86,7 +86,7 @@ class MissionUpload:
             RuntimeError: if an upload is in progress.
         """
         if not items:
-            raise ValueError("mission: got no items; expected at least one")
+            raise ValueError("a mission needs at least one item")
         if self.busy:
             raise RuntimeError("mission upload: started while another is in progress")
         self._items, self._first, self._restarts = tuple(items), first, restarts

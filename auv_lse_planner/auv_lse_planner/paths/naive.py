@@ -293,7 +293,7 @@ class NaivePaths:
             ranks[motion.loop_actions[1 - freer]] = -1.0
             ranks[motion.loop_actions[freer]] = -2.0
             return np.asarray(turn_least(space, state, steps, ranks))
-        raise ValueError(f"naive_path: got {naive_path:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
+        raise ValueError(f"naive_path must be 0xff or one of {[hex(i) for i in IDS]}, not {naive_path:#04x}")
 
     def actions_from(self, states: Array, naive_path: int, steps: int) -> Ints:
         """Actions (B, steps) of a naive path from each of many states (B, 3): the batch version of `actions`."""

@@ -181,5 +181,5 @@ class Steering:
 def _polyline(name: str, locations_m: Array) -> Array:
     """A polyline (n + 1, 2) for compiled code, which does not check that there is a segment."""
     if len(locations_m) < 2:
-        raise ValueError(f"{name}: got {len(locations_m)}; expected at least two locations, so that there is a segment")
+        raise ValueError(f"{name}: {len(locations_m)} locations make no segment; give at least two")
     return np.ascontiguousarray(locations_m, dtype=float)

@@ -236,9 +236,7 @@ class AnytimeReward:
         """
         locations = np.asarray(locations_m, dtype=float).reshape(-1, 2)
         if self.legs and (len(locations) % self.legs or not len(locations)):
-            raise ValueError(
-                f"locations_m: got {len(locations)} locations; expected the same number on each of {self.legs} legs"
-            )
+            raise ValueError(f"locations_m: {len(locations)} locations cannot be divided evenly among {self.legs} legs")
         return self._coarsely().weighted_and_gradient(*self._timed(locations.reshape(max(self.legs, 1), -1, 2)))
 
     def coarse_value(self, locations_m: Array) -> float:
@@ -261,7 +259,7 @@ class AnytimeReward:
     def _timed(self, locations_m: Array) -> tuple[Array, Array]:
         """Locations (P, 2), and the legs (P,) after which each is measured, of a path (L, n, 2)."""
         if len(locations_m) > self.legs and np.size(locations_m):
-            raise ValueError(f"locations_m: got {len(locations_m)} legs; expected at most the remaining {self.legs}")
+            raise ValueError(f"locations_m has {len(locations_m)} legs, but only {self.legs} remain")
         locations = np.asarray(locations_m, dtype=float)
         each = locations.shape[1] if locations.ndim == 3 else 1
         return locations.reshape(-1, 2), np.repeat(np.arange(1.0, len(locations) + 1.0), each)

@@ -39,7 +39,7 @@ class PathReward:
             ValueError: for an unknown credit.
         """
         if credit not in ("whole", "beyond"):
-            raise ValueError(f"credit: got {credit!r}; expected 'whole' or 'beyond'")
+            raise ValueError(f"credit must be 'whole' or 'beyond', not {credit!r}")
         self.posterior = posterior
         self.level_set = LevelSet.of(level_set)
         self.credit = credit
@@ -116,7 +116,7 @@ class PathReward:
 
 def not_positive_definite(locations: int) -> str:
     """Error message for a covariance of `locations` measurements that is not positive definite."""
-    return f"covariance of {locations} planned locations is not positive definite; expected a larger gp.noise_std_m"
+    return f"covariance of {locations} planned locations is not positive definite; use a larger gp.noise_std_m"
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:

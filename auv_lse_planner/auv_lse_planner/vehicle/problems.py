@@ -42,7 +42,7 @@ def of_state(silent_s: float) -> dict[str, str]:
     if silent_s <= STATE_SILENT_S:
         return {}
     return {
-        "state old": f"mission/state: last {silent_s:.0f} s ago; expected every second. Safety limits may be "
+        "state old": f"mission/state: last one {silent_s:.0f} s ago, but one is due every second. Safety limits may be "
         "unmonitored; check that safety_node is running"
     }
 

@@ -209,7 +209,7 @@ class Travel:
             ValueError: if there is no odometry yet.
         """
         if self.estimate is None:
-            raise ValueError("decide: got no odometry yet; expected at least one message. Call it only when `due`")
+            raise ValueError("decide: there is no odometry yet. Call it only when `due`")
         here = np.array([self.estimate.heading_rad, self.estimate.north_m, self.estimate.east_m])
         if self.leg is None and self.decided:
             return here, True

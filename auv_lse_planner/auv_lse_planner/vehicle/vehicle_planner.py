@@ -83,7 +83,7 @@ class VehiclePlanner:
         """
         mission, area = settings.mission, OperatingArea(settings.area)
         if not 1 <= vehicle <= mission.vehicles:
-            raise ValueError(f"vehicle: got {vehicle}; expected 1 to mission.vehicles = {mission.vehicles}")
+            raise ValueError(f"vehicle {vehicle} does not exist; mission.vehicles is {mission.vehicles}")
         self.vehicle = vehicle
         self.settings = settings
         self.planner: PlannerConfig = settings.planner.complete()
@@ -256,7 +256,7 @@ class VehiclePlanner:
         """
         step, total = self._travel.decided, self._travel.steps
         if step >= total:
-            raise ValueError(f"decide: got a call when all {total} steps are decided; expected one only when `due`")
+            raise ValueError(f"decide: all {total} steps are decided. Call it only when `due`")
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self.until.begin_decision(now_s, step)

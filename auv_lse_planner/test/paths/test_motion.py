@@ -110,11 +110,11 @@ def test_legs_follow_the_motion_table(straight):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"actions_deg": [0.0]}, "expected a turn"),
-        ({"actions_deg": [0.0, 100.0]}, "got 100; expected at most theta_max_deg = 90"),
-        ({"actions_deg": [5.0, 5.0]}, "expected each heading change once"),
-        ({"actions_deg": [0.1 * i for i in range(225)]}, "got 225 values; expected at most 224"),
-        ({"turn_radius_m": 0.0}, "turn_radius_m: got 0"),
+        ({"actions_deg": [0.0]}, "has no turn"),
+        ({"actions_deg": [0.0, 100.0]}, r"100 deg is larger than theta_max_deg \(90 deg\)"),
+        ({"actions_deg": [5.0, 5.0]}, "repeats a heading change"),
+        ({"actions_deg": [0.1 * i for i in range(225)]}, "has 225 values; a packet has bytes for at most 224"),
+        ({"turn_radius_m": 0.0}, "turn_radius_m must be .*, not 0"),
         ({"straight": "other"}, "constant"),
     ],
 )

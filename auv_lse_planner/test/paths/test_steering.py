@@ -83,9 +83,9 @@ def test_points_along_a_polyline_worked_by_hand():
 
 
 def test_polyline_without_a_segment_is_rejected():
-    with pytest.raises(ValueError, match="expected at least two"):
+    with pytest.raises(ValueError, match="give at least two"):
         Steering(world()[2]).actions(np.zeros(3), np.zeros((1, 2)), 2, 3)
-    with pytest.raises(ValueError, match="line_m: got 1; expected at least two"):
+    with pytest.raises(ValueError, match="line_m: 1 locations make no segment; give at least two"):
         Steering(world()[2]).along(np.zeros(3), np.zeros((1, 2)), LEG, 3)
 
 

@@ -281,9 +281,9 @@ def test_a_measured_location_has_a_finite_gradient():
 
 def test_wrong_number_of_locations_is_reported():
     case = Case(legs=4)
-    with pytest.raises(ValueError, match="locations_m: got 5 legs; expected at most the remaining 4"):
+    with pytest.raises(ValueError, match="locations_m has 5 legs, but only 4 remain"):
         case.reward.value(np.zeros((5, 1, 2)))
-    with pytest.raises(ValueError, match="locations_m: got 7 locations; expected the same number on each of 4 legs"):
+    with pytest.raises(ValueError, match="locations_m: 7 locations cannot be divided evenly among 4 legs"):
         case.reward.value_and_gradient(np.zeros((7, 2)))
 
 

@@ -83,7 +83,7 @@ def test_credit_beyond_subtracts_the_team_mates_benefit():
 
 
 def test_unknown_credit_is_rejected():
-    with pytest.raises(ValueError, match="credit: got 'half'"):
+    with pytest.raises(ValueError, match="credit must be 'whole' or 'beyond', not 'half'"):
         _situation(8, 5, credit="half")
 
 

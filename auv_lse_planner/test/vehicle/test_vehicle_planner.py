@@ -449,7 +449,7 @@ def test_samples_per_leg_count_in_the_reward():
 
 
 def test_nonexistent_vehicle_is_rejected():
-    with pytest.raises(ValueError, match=r"vehicle: got 4; expected 1 to mission\.vehicles = 2"):
+    with pytest.raises(ValueError, match=r"vehicle 4 does not exist; mission\.vehicles is 2"):
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 

@@ -52,7 +52,7 @@ def join(wanted: str | None) -> int:
         domain = domain_number(text)
     elif len(busy) > 1:
         named = [f"{domain} ({run})" if (run := run_on(domain)) else str(domain) for domain in busy]
-        raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N to choose one")
+        raise DomainError(f"Several missions are running (domains {', '.join(named)}); choose one with --domain")
     elif busy:
         domain = busy[0]
         print(f"ROS domain {domain}, in use on this machine", file=sys.stderr)

@@ -179,7 +179,7 @@ class Graph:
         if wanted is None:
             kinds = self.topics(hidden=True).get(topic, ())
             if len(kinds) > 1:
-                raise GraphError(f"{topic}: got the types {', '.join(kinds)}; expected one. Add it after the topic")
+                raise GraphError(f"{topic} has several types: {', '.join(kinds)}. Add one after the topic")
             if not kinds:
                 return None
             wanted = kinds[0]
@@ -188,7 +188,7 @@ class Graph:
             return getattr(import_module(f"{package}.msg"), name)
         except (ImportError, AttributeError) as error:
             raise GraphError(
-                f"{topic}: type {wanted}: cannot be read ({error}); expected its package to be installed and sourced"
+                f"{topic}: the type {wanted} cannot be read ({error}). Install its package and source it"
             ) from error
 
     def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
@@ -291,7 +291,7 @@ class Graph:
         until = time.monotonic() + _ANSWER_S
         while not client.service_is_ready():
             if time.monotonic() > until:
-                raise GraphError(f"node {node}: offers no {name}; expected a node with that service")
+                raise GraphError(f"node {node} offers no service {name}. Name a node that does")
             self.spin(0.05)
         future = client.call_async(request)
         while not future.done():

@@ -114,16 +114,16 @@ def simulator_domain(wanted: str | None) -> Iterator[int]:
     domain = domain_number(wanted)
     if domain not in SIMULATOR_DOMAINS:
         raise DomainError(
-            f"ROS domain got {domain}; expected {_shown(SIMULATOR_DOMAINS)} for a simulation or a replay: the others "
-            "are for vehicles. Leave it out to use a free one"
+            f"ROS domain {domain} is for vehicles; a simulation or a replay uses {_shown(SIMULATOR_DOMAINS)}. "
+            "Leave it out to use a free one"
         )
     with _locked(lock_file(domain)) as mine:
         if not mine:
-            raise DomainError(f"ROS domain got {domain}, which {_user(domain)} uses; expected a free one. {_CHOOSE}")
+            raise DomainError(f"ROS domain {domain} is in use by {_user(domain)}. {_CHOOSE}")
         if has_participants(domain):
             raise DomainError(
-                f"ROS domain got {domain}, where other nodes run on this machine; expected a free one. End them (list "
-                f"them with: auv_lse nodes list --domain {domain}). {_CHOOSE}"
+                f"ROS domain {domain} has other nodes of this machine. End them (list them with: auv_lse nodes "
+                f"list --domain {domain}). {_CHOOSE}"
             )
         yield domain
 
@@ -148,19 +148,19 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
     """
     if domain in SIMULATOR_DOMAINS and not simulated:
         raise DomainError(
-            f"ROS domain got {domain}; expected {_shown(VEHICLE_DOMAINS)} or 0 for a vehicle: those from "
-            f"{_shown(SIMULATOR_DOMAINS)} are for simulations. {_free(vehicle)}"
+            f"ROS domain {domain} is for simulations, as all of {_shown(SIMULATOR_DOMAINS)}; a vehicle uses "
+            f"{_shown(VEHICLE_DOMAINS)} or 0. {_free(vehicle)}"
         )
     if simulated and dive_on(domain) is None:
         raise DomainError(
-            f"ROS domain got {domain}, where no simulator of this machine runs; expected that of auv_lse sim. Start it "
-            "first, and use the commands that it prints"
+            f"ROS domain {domain} has no simulator of this machine. Start auv_lse sim first, and use the "
+            "commands that it prints"
         )
     with _locked(lock_file(domain, vehicle)) as mine:
         if not mine:
             raise DomainError(
-                f"ROS domain got {domain}, where the nodes of auv{vehicle} run already ({_user(domain, vehicle)}); "
-                "expected a vehicle that does not run yet. End them, or use another domain"
+                f"ROS domain {domain} already has the nodes of auv{vehicle} ({_user(domain, vehicle)}). End "
+                "them, or use another domain"
             )
         yield domain
 
@@ -341,7 +341,7 @@ def domain_number(text: str) -> int:
     """
     if not text.strip().isdecimal() or int(text) > _MOST:
         raise DomainError(
-            f"ROS domain: got {text!r}; expected a whole number from 0 to {_MOST} ({_shown(SIMULATOR_DOMAINS)} for "
+            f"ROS domain {text!r} is not a whole number from 0 to {_MOST} ({_shown(SIMULATOR_DOMAINS)} for "
             f"simulations, {_shown(VEHICLE_DOMAINS)} or 0 for vehicles)"
         )
     return int(text)

@@ -93,7 +93,7 @@ def vehicle_number(name: str) -> int:
     """
     match = re.fullmatch(r"(?:/?auv)?([1-9]\d{0,2})", name)
     if match is None or int(match[1]) > 255:
-        raise ParameterError(f"vehicle: got {name!r}; expected a name from auv1 to auv255")
+        raise ParameterError(f"{name!r} is not a vehicle; use a name from auv1 to auv255")
     return int(match[1])
 
 
@@ -115,7 +115,7 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     mission, sim, modem, link, recorder = (_section(own, name, file) for name in names)
     count = mission.get("vehicles")
     if isinstance(count, int) and vehicle > count:
-        raise ParameterError(f"{file}: mission.vehicles: got {count}; expected at least {vehicle} for auv{vehicle}")
+        raise ParameterError(f"{file}: mission.vehicles is {count}, so there is no auv{vehicle}")
     simulated = simulated or "sim" in own
     lockstep = simulated and bool(sim.get("lockstep", True))
     nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
@@ -167,7 +167,7 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
     seconds = second_folders(section(SafetyConfig, own, "safety", str(file)).state_copies)
     record = DiveRecord(folder, vehicle, file.resolve(), patterns, seconds=seconds, simulated=simulated)
     if record.continued is None and not record.doubt and os.path.lexists(new / "bag"):
-        raise ParameterError(f"--out {new}: contains a recording, {new / 'bag'}; expected a folder without one")
+        raise ParameterError(f"--out {new} contains a recording already, {new / 'bag'}. Choose another folder")
     return record, new if out else record.continued or new
 
 
@@ -208,7 +208,7 @@ def begun_dive(
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
     found = parameters.get(name, {})
     if not isinstance(found, dict):
-        raise ParameterError(f"{file}: {name}: got {found!r}; expected a mapping of parameters")
+        raise ParameterError(f"{file}: {name} must be a mapping of parameters, not {found!r}")
     return found
 
 

@@ -46,7 +46,7 @@ def test_no_two_missions_get_the_same_domain_and_busy_ones_are_found(tmp_path: P
         assert {first, second} <= set(SIMULATOR_DOMAINS)
         assert busy_domains() == sorted((first, second))
         note_run(first, tmp_path / "a run", "sim-1123-184534-3f2a")
-        used = rf"ROS domain got {first}, which sim-1123-184534-3f2a in {tmp_path}/a run uses; expected a free one"
+        used = rf"ROS domain {first} is in use by sim-1123-184534-3f2a in {tmp_path}/a run\. Leave"
         with pytest.raises(DomainError, match=used), simulator_domain(str(first)):
             pass
         assert (run_on(first), dive_on(first)) == (tmp_path / "a run", "sim-1123-184534-3f2a")
@@ -79,13 +79,15 @@ def test_a_network_of_this_computer_that_is_down_is_named_at_once(tmp_path: Path
 
 @pytest.mark.parametrize("number", [0, 81, 101, 150])
 def test_a_simulation_keeps_off_the_domains_of_vehicles(number: int) -> None:
-    with pytest.raises(DomainError, match=rf"got {number}; expected 1 to 80 for a simulation"):
+    with pytest.raises(
+        DomainError, match=rf"ROS domain {number} is for vehicles; a simulation or a replay uses 1 to 80"
+    ):
         simulator_domain(str(number)).__enter__()
 
 
 @pytest.mark.parametrize("number", [1, 80])
 def test_a_vehicle_keeps_off_the_domains_of_simulations(number: int) -> None:
-    refused = rf"got {number}; expected 81 to 101 or 0 for a vehicle: .* 1 to 80 are for simul.*: --domain (8|9|10)\d"
+    refused = rf"ROS domain {number} is for simulations, as all of 1 to 80; .* 81 to 101 or 0.*: --domain (8|9|10)\d"
     with pytest.raises(DomainError, match=refused), vehicle_domain(number, 3, simulated=False):
         pass
 
@@ -158,7 +160,7 @@ def test_a_wish_is_an_option_or_a_variable_other_than_ros_default(monkeypatch: p
 
 @pytest.mark.parametrize("text", ["", "-1", "233", "1.5", "x"])
 def test_a_domain_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(DomainError, match="expected a whole number from 0 to 232"):
+    with pytest.raises(DomainError, match="is not a whole number from 0 to 232"):
         domain_number(text)
     assert domain_number("17") == 17
 

@@ -43,7 +43,7 @@ def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> N
         assert "modem_node: packets and TDMA of one vehicle" in (tmp_path / "help.log").read_text()
         refused = server.start(MODEM, ["modem_node", "--ros-args", "-r", "__ns:=/auv"], tmp_path / "refused.log")
         assert refused.wait(30.0) == 2
-        assert "expected one that ends in the vehicle's number" in (tmp_path / "refused.log").read_text()
+        assert "does not end in the vehicle's number" in (tmp_path / "refused.log").read_text()
 
         running, killed = (server.start(MODEM, RUNS, tmp_path / f"{n}.log") for n in "ab")
         until = time.monotonic() + 10.0

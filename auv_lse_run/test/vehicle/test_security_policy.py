@@ -60,4 +60,4 @@ def test_invalid_vehicle_name_is_rejected(capsys: pytest.CaptureFixture[str]) ->
     assert main(["auv3"]) == 0
     assert 'path="/auv3"' in capsys.readouterr().out
     assert main(["boat"]) == 2
-    assert "expected a name from auv1 to auv255" in capsys.readouterr().err
+    assert "use a name from auv1 to auv255" in capsys.readouterr().err

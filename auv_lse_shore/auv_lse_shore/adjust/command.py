@@ -111,8 +111,8 @@ def _report(team: TeamMap, folder: Path) -> Iterator[str]:
     numbers = [vehicle.vehicle for vehicle in team.run.vehicles]
     if len(set(numbers)) < len(numbers):
         raise AdjustError(
-            f"--report: got vehicles {', '.join(f'auv{number}' for number in numbers)}; expected the recordings of one "
-            "dive. Leave --report out for several dives"
+            "--report needs the recordings of one dive, but these are of vehicles "
+            f"{', '.join(f'auv{number}' for number in numbers)}. Leave --report out for several dives"
         )
     from auv_lse_shore.report.report import write_outputs  # slow to import
     from auv_lse_shore.report.words import headlines

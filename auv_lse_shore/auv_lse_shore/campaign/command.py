@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     if options.rerun is not None:
         return _rerun(options)
     if options.spec is None:
-        raise CampaignError("SPEC.yaml: missing; expected a campaign file, or --rerun ID with --out DIR")
+        raise CampaignError("SPEC.yaml is missing; name a campaign file, or give --rerun ID with --out DIR")
     spec = CampaignSpec.load(options.spec)
     folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
     if options.list:
@@ -70,7 +70,7 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
 def _rerun(options: argparse.Namespace) -> int:
     """Repeats one mission."""
     if options.out is None:
-        raise CampaignError("--rerun: got no --out; expected the campaign's folder in --out DIR")
+        raise CampaignError("--rerun needs --out DIR, the campaign's folder")
     to, changed = rerun(options.out, options.rerun, options.to)
     print(f"run folder: {to}")
     if changed:

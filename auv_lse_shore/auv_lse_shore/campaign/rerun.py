@@ -34,11 +34,11 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     """
     paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
     if len(paths) != 1:
-        raise CampaignError(f"--rerun {wanted}: got {len(paths)} rows of {folder} with this id; expected one")
+        raise CampaignError(f"--rerun {wanted}: {len(paths)} rows of {folder} have this id instead of one")
     (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()
     to = to or folder / "reruns" / str(row["id"])
     if to.exists() and any(to.iterdir()):
-        raise CampaignError(f"{to}: is not empty; expected a new folder. Choose another with --to")
+        raise CampaignError(f"{to} is not empty. Choose a new folder with --to")
     to.mkdir(parents=True, exist_ok=True)
     run = simulate(yaml.safe_load(row["parameters"]), f"mission {row['id']}", to)
     write_run(run, to)

@@ -190,7 +190,7 @@ def make_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise CampaignError(f"{folder}: got a file; expected a folder, or an unused name") from error
+        raise CampaignError(f"{folder} is a file, not a folder; choose another name") from error
     return folder
 
 

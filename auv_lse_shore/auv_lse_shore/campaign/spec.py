@@ -96,19 +96,19 @@ class CampaignSpec:
             ParameterError: naming the key, the value and what was expected.
         """
         if not isinstance(content, Mapping) or not content:
-            got = "an empty file" if content is None else repr(content)[:60]
-            raise ParameterError(f"{where}: got {got}; expected a mapping with any of {', '.join(KEYS)}")
+            found = "is empty" if content is None else f"holds {repr(content)[:60]}"
+            raise ParameterError(f"{where} {found}; write a mapping with any of {', '.join(KEYS)}")
         for key in content:
             if key not in KEYS:
-                raise ParameterError(f"{where}: {key}: unknown key; expected one of {', '.join(KEYS)}")
+                raise ParameterError(f"{where}: {key}: unknown key; use one of {', '.join(KEYS)}")
         common = _mapping(content.get("set", {}), f"{where}: set")
         grid = _mapping(content.get("grid", {}), f"{where}: grid")
         for parameter, values in grid.items():
             if not isinstance(values, list) or not values:
-                raise ParameterError(f"{where}: grid: {parameter}: got {values!r}; expected a list of values")
+                raise ParameterError(f"{where}: grid: {parameter} must be a list of values, not {values!r}")
         listed = content.get("list", [{}])
         if not isinstance(listed, list) or not listed:
-            raise ParameterError(f"{where}: list: got {listed!r}; expected a list of mappings")
+            raise ParameterError(f"{where}: list must be a list of mappings, not {listed!r}")
         settings: list[tuple[str, Mapping[str, Any]]] = []
         for entry in listed:
             own = dict(_mapping(entry, f"{where}: list"))
@@ -117,7 +117,7 @@ class CampaignSpec:
                 chosen = dict(zip(grid, values, strict=True))
                 if both := set(own) & set(chosen):
                     raise ParameterError(
-                        f"{where}: got {', '.join(sorted(both))} in grid and in list; expected in one of them"
+                        f"{where}: {', '.join(sorted(both))} is both in grid and in list; keep it in one of them"
                     )
                 parts = [str(label)] if label is not None else [_short(k, v) for k, v in own.items()]
                 parts += [_short(k, v) for k, v in chosen.items()]
@@ -125,13 +125,13 @@ class CampaignSpec:
         labels = [label for label, _ in settings]
         if len(set(labels)) != len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
-            raise ParameterError(f"{where}: got two settings called '{twice}'; expected different labels")
+            raise ParameterError(f"{where}: two settings are called '{twice}'; give them different labels")
         mission = content.get("mission")
         file = folder / str(mission) if mission else None
         Settings.load(file, read_area=read_area)  # reports errors of the file itself first
         for label, values in settings:
             if "mission.seed" in values:
-                raise ParameterError(f"{where}: got mission.seed in setting '{label}'; expected seeds under `seeds`")
+                raise ParameterError(f"{where}: setting '{label}' sets mission.seed; list seeds under `seeds` instead")
         names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
             name=_folder_name(content.get("name") or name, where),
@@ -184,7 +184,9 @@ def _digest(file: str, where: str) -> str:
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, like planner.method: plain")
+        raise ParameterError(
+            f"{where} must hold parameters by dotted name, such as planner.method: plain, not {value!r}"
+        )
     return {str(k): v for k, v in value.items()}
 
 
@@ -193,7 +195,7 @@ def _folder_name(value: Any, where: str) -> str:
     name = str(value)
     if not isinstance(value, str | int) or not _NAME.fullmatch(name) or len(name.encode()) > _MAX_NAME_BYTES:
         raise ParameterError(
-            f"{where}: name: got {value!r}; expected a name for a folder: without '/', not beginning with '.', at most "
+            f"{where}: name: {value!r} cannot name a folder; leave out '/' and a leading '.', and use at most "
             f"{_MAX_NAME_BYTES} bytes"
         )
     return name
@@ -205,13 +207,13 @@ def _seeds(value: Any, where: str) -> tuple[int, ...]:
         first, count = value["first"], value["count"]
     if _whole(first) and _whole(count) and count >= 1:
         if count > _MAX_SEEDS:
-            raise ParameterError(f"{where}: seeds: got {value!r}; expected at most {_MAX_SEEDS} seeds")
+            raise ParameterError(f"{where}: seeds: {value!r} are more than {_MAX_SEEDS} seeds")
         return tuple(range(first, first + count))
     if isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
         return tuple(value)
     raise ParameterError(
-        f"{where}: seeds: got {value!r}; expected a number of seeds, a list of different whole numbers from 0, or "
-        "{first: from 0, count: from 1}"
+        f"{where}: seeds must be a number of seeds, a list of different whole numbers from 0, or "
+        f"{{first: from 0, count: from 1}}, not {value!r}"
     )
 
 

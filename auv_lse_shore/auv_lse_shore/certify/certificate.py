@@ -201,8 +201,9 @@ def _finite(value: float) -> float | None:
 def _failure(check: Check, origin: tuple[float, float] | None) -> str:
     unit = f" {check.unit}" if check.unit else ""
     return (
-        f"auv{check.vehicle}: {check.what}: got {check.published:.3f}{unit} at {_where(check.location(origin))}; "
-        f"expected {check.recomputed:.3f} ± {check.tolerance:.3f}{unit} ({check.cells} cells differ)"
+        f"auv{check.vehicle}: {check.what}: published as {check.published:.3f}{unit} at "
+        f"{_where(check.location(origin))}, recomputed as {check.recomputed:.3f} ± {check.tolerance:.3f}{unit} "
+        f"({check.cells} cells differ)"
     )
 
 

@@ -115,7 +115,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
             )
     own = next((v for v in run.vehicles if v.vehicle == published.vehicle), None)
     if own is None:
-        notes.append(f"{vehicle}: got a map without soundings of this vehicle")
+        notes.append(f"{vehicle}: there is a map, but no sounding of this vehicle")
         return checks, notes
     measured = dense_map(prior, _measured_by(own, field.stamp_s, settings), at)
     return checks + _against_soundings(published, shown, measured, settings, at), notes

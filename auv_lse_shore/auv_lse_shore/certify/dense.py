@@ -112,7 +112,7 @@ class DensePrior:
             case "wendland_c4":
                 correlation = rest**6 * (35.0 * r**2 + 18.0 * r + 3.0) / 3.0
             case _:
-                raise ValueError(f"gp.kernel got {self.kernel!r}; expected a kernel that the certificate knows")
+                raise ValueError(f"gp.kernel {self.kernel!r} has no independent implementation in the certificate")
         if self.bank is not None:
             correlation = correlation * np.outer(self.bank(a_m), self.bank(b_m))
         return np.asarray(self.std_m**2 * correlation)

@@ -84,7 +84,7 @@ def read_recordings(paths: Sequence[Path], mission: Path | None = None) -> Recor
             software.append(recording.text(SOFTWARE) or "unknown")
             maps |= _published(recording)
         if mission is None and text is None:
-            raise CertifyError(f"{path}: got no mission file (topic {MISSION_FILE}); expected --mission FILE")
+            raise CertifyError(f"{path} holds no mission file (topic {MISSION_FILE}); name it with --mission FILE")
         parameters = (
             read_parameter_file(mission, read_area)
             if mission is not None
@@ -132,13 +132,13 @@ def _check(paths: Sequence[Path], runs: Sequence[RunData]) -> None:
     seen: dict[int, Path] = {}
     for path, run in zip(paths, runs, strict=True):
         if not any(len(v.soundings) for v in run.vehicles):
-            raise CertifyError(f"{path}: got no sounding; expected a recording with topic sounding")
+            raise CertifyError(f"{path} holds no sounding (topic sounding)")
         run.vehicles = [vehicle for vehicle in run.vehicles if len(vehicle.soundings)]
         for vehicle in run.vehicles:
             if vehicle.vehicle in seen:
                 raise CertifyError(
-                    f"{path}: got soundings of auv{vehicle.vehicle}, which {seen[vehicle.vehicle]} has, too; expected "
-                    "recordings of one mission, each vehicle once. Certify missions one by one"
+                    f"{path} has soundings of auv{vehicle.vehicle}, and so has {seen[vehicle.vehicle]}. Certify "
+                    "missions one by one, with each vehicle once"
                 )
             seen[vehicle.vehicle] = path
     first = mission_settings(runs[0].parameters, 1)[0]
@@ -147,15 +147,15 @@ def _check(paths: Sequence[Path], runs: Sequence[RunData]) -> None:
         for name in ("mission", "level_set", "area", "gp"):
             if getattr(other, name) != getattr(first, name):
                 raise CertifyError(
-                    f"{path}: got other parameters in section {name} than {paths[0]}; expected recordings of one "
+                    f"{path} has other parameters in section {name} than {paths[0]}, so they are not of one "
                     "mission. Certify missions one by one"
                 )
     spans = [_span(run) for run in on_one_clock(runs)[0]]
     for path, (start, end) in zip(paths[1:], spans[1:], strict=True):
         if start > spans[0][1] or end < spans[0][0]:
             raise CertifyError(
-                f"{path}: got soundings from {start:.0f} to {end:.0f} s, {paths[0]} has them from {spans[0][0]:.0f} to "
-                f"{spans[0][1]:.0f} s; expected recordings of one mission. Certify missions one by one"
+                f"{path} has soundings from {start:.0f} to {end:.0f} s, {paths[0]} from {spans[0][0]:.0f} to "
+                f"{spans[0][1]:.0f} s, so they are not of one mission. Certify missions one by one"
             )
 
 

@@ -68,7 +68,7 @@ def _picture(name: str) -> Path:
     path = Path(name)
     if path.suffix.lower() != ".png":
         raise argparse.ArgumentTypeError(
-            f"got {name}; expected a name that ends in .png. Give the mission file first: auv_lse check {name} --map"
+            f"{name} does not end in .png. If it is the mission file, give it first: auv_lse check {name} --map"
         )
     return path
 
@@ -126,8 +126,8 @@ def _check_until(until: UntilConfig, findings: Findings) -> None:
     always_m = BAND_SIGMAS * MAX_STD_M[FOUND]
     if until.deviation_m is not None and until.deviation_m >= always_m:
         findings.warning(
-            f"mission.until.deviation_m: got {until.deviation_m:g} m; expected less than {always_m:.1f} m. Any line "
-            "that is found at all is within that"
+            f"mission.until.deviation_m: {until.deviation_m:g} m has no effect, because any line that is found "
+            f"at all is within {always_m:.1f} m. Choose less"
         )
 
 

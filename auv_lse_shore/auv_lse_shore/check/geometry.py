@@ -85,19 +85,17 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable |
             continue
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
-        position = f"auv{number}: vehicle.start_north_m, start_east_m: got {start[0]:g}, {start[1]:g} m"
+        position = f"auv{number}: vehicle.start_north_m, start_east_m = {start[0]:g}, {start[1]:g} m"
         clearance = float(area.clearance_m(start[None])[0])
         if not area.contains(start[None])[0]:
-            findings.error(f"{position}, outside the operating area or in a no-go area; expected a start inside")
+            findings.error(f"{position} is outside the operating area or in a no-go area; choose a start inside")
         elif clearance < margin:
-            findings.warning(
-                f"{position}, {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
-            )
+            findings.warning(f"{position} is {clearance:.0f} m from the border, less than area.margin_m ({margin:g} m)")
         elif motion is not None and not can_turn(area, motion, v.start_heading_rad, start):
             findings.warning(
-                f"{position}, without room for a turning circle (motion.turn_radius_m "
-                f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start farther inside, "
-                "or another vehicle.start_heading_rad"
+                f"{position} has no room for a turning circle (motion.turn_radius_m "
+                f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); choose a start farther "
+                "inside, or another vehicle.start_heading_rad"
             )
 
 
@@ -119,20 +117,20 @@ def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, f
     spacing = settings.common.planner.lane_spacing_m
     if across < circle:
         findings.error(
-            f"area.polygon_m: got {across:.0f} m of width inside area.margin_m; expected at least a turning circle, "
+            f"area.polygon_m is {across:.0f} m wide inside area.margin_m, too narrow for a turning circle of "
             f"{circle:g} m"
         )
         return
     if spacing < circle:
         findings.warning(
-            f"planner.lane_spacing_m: got {spacing:g} m; expected at least {circle:g} m, twice motion.turn_radius_m, "
-            "to turn from one lane into the next"
+            f"planner.lane_spacing_m: {spacing:g} m is too narrow to turn from one lane into the next; use at "
+            f"least {circle:g} m, twice motion.turn_radius_m"
         )
     lanes = max(1, int(across // spacing))
     if lanes < 2:
         findings.warning(
-            f"planner.lane_spacing_m: got {spacing:g} m, so one lane fits into the width of {across:.0f} m; expected "
-            f"less than {across / 2.0:.0f} m"
+            f"planner.lane_spacing_m: with {spacing:g} m only one lane fits into the width of {across:.0f} m; "
+            f"use less than {across / 2.0:.0f} m"
         )
     inner = (north - south - 2.0 * settings.area.margin_m) * (east - west - 2.0 * settings.area.margin_m)
     if not findings.usable("mission"):
@@ -171,8 +169,8 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
             continue
         if abs(one.depth_m - other.depth_m) < _LEAST_SEPARATION_M:
             findings.warning(
-                f"auv{i}, auv{k}: vehicle.depth_m: got {one.depth_m:g} and {other.depth_m:g} m; expected a difference "
-                f"of at least {_LEAST_SEPARATION_M:g} m, because only depth keeps vehicles apart"
+                f"auv{i}, auv{k}: vehicle.depth_m: {one.depth_m:g} and {other.depth_m:g} m are too close, "
+                f"because only depth keeps vehicles apart; use a difference of at least {_LEAST_SEPARATION_M:g} m"
             )
     level = settings.level_set.level_m
     for number, vehicle in numbered:
@@ -180,8 +178,9 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
         depths = ("level_set.level_m", "vehicle.depth_m", "vehicle.min_water_m")
         if needed >= level and findings.usable(*depths, vehicle=number):
             findings.warning(
-                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m {vehicle.min_water_m:g}: got "
-                f"{needed:g} m; expected less than level_set.level_m = {level:g} m, to cross the isobath"
+                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m {vehicle.min_water_m:g} = "
+                f"{needed:g} m of water are too much to cross the isobath; stay below level_set.level_m "
+                f"({level:g} m)"
             )
 
 

@@ -31,13 +31,13 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
         if file and not Path(file).is_file():
             missing[k] = file
     if len(missing) == len(settings.vehicles) and len(set(missing.values())) == 1:
-        findings.error(f"gp.survey_file: got {missing[1]!r}; expected a file on this machine")
+        findings.error(f"gp.survey_file: {missing[1]!r} does not exist on this machine")
     else:
         for k, file in missing.items():
-            findings.error(f"auv{k}: gp.survey_file: got {file!r}; expected a file on this machine")
+            findings.error(f"auv{k}: gp.survey_file: {file!r} does not exist on this machine")
     file = settings.sim.bathymetry.file
     if file and not Path(file).is_file():
-        findings.refuse("sim.bathymetry", f"sim.bathymetry.file: got {file!r}; expected a file on this machine")
+        findings.refuse("sim.bathymetry", f"sim.bathymetry.file: {file!r} does not exist on this machine")
 
 
 def check_machine(settings: Settings, number: int, simulated: bool, findings: Findings) -> None:
@@ -50,12 +50,12 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
         findings: Takes what is found.
     """
     if not 1 <= number <= settings.mission.vehicles:
-        findings.error(f"auv{number}: expected one of the mission's {settings.mission.vehicles} vehicles")
+        findings.error(f"auv{number} is not in the mission, which has {settings.mission.vehicles} vehicles")
         return
     if simulated:
         findings.warning(
-            f"{settings.where}: has a section sim, so the nodes wait for a simulator; expected a file from "
-            "auv_lse mission --for-vehicles"
+            f"{settings.where} has a section sim, so the nodes wait for a simulator; on a vehicle use a file "
+            "from auv_lse mission --for-vehicles"
         )
     _check_modem(settings, number, findings)
     _check_link(settings, number, findings)
@@ -67,7 +67,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
             "install rosbags"
         )
     if not settings.record.folder and findings.usable("record.folder"):
-        findings.warning("record.folder: got ''; expected a folder, or the dive is not recorded")
+        findings.warning("record.folder is empty, so the dive is not recorded; set a folder")
 
 
 def check_recording(settings: Settings, number: int | None, findings: Findings) -> None:
@@ -96,7 +96,7 @@ def _check_modem(settings: Settings, number: int, findings: Findings) -> None:
     if not findings.usable("modem.kind", vehicle=number):
         return
     if modem.kind != "micromodem":
-        findings.warning(f"auv{number}: modem.kind: got {modem.kind!r}, which drives no modem; expected 'micromodem'")
+        findings.warning(f"auv{number}: modem.kind: {modem.kind!r} drives no modem; use 'micromodem'")
         return
     if findings.usable("tdma", "modem", vehicle=number):
         try:
@@ -114,7 +114,7 @@ def _check_link(settings: Settings, number: int, findings: Findings) -> None:
     if not findings.usable("link.kind", vehicle=number):
         return
     if link.kind != "mavlink":
-        findings.warning(f"auv{number}: link.kind: got {link.kind!r}, which drives no autopilot; expected 'mavlink'")
+        findings.warning(f"auv{number}: link.kind: {link.kind!r} drives no autopilot; use 'mavlink'")
         return
     for package in ("auv_lse_mavlink", "pymavlink"):
         _check_package(package, "link.kind = mavlink", findings)
@@ -126,9 +126,9 @@ def _check_device(name: str, port: str, findings: Findings) -> None:
     if "://" in port:
         findings.note(f"{name} = {port}: not checked; it must be reachable when the node starts")
     elif not Path(port).exists():
-        findings.error(f"{name}: got {port}; expected a device on this machine")
+        findings.error(f"{name}: {port} does not exist on this machine")
     elif not stat.S_ISCHR(os.stat(port).st_mode):
-        findings.error(f"{name}: got {port}; expected a serial device")
+        findings.error(f"{name}: {port} is not a serial device")
     elif not os.access(port, os.R_OK | os.W_OK):
         findings.error(f"{name}: no access to {port}. Fix: sudo usermod -aG dialout $USER, then log in again")
     else:

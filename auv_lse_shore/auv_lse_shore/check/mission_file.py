@@ -119,8 +119,8 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
         for pattern, number in named.items():
             if number > mission.vehicles:
                 findings.warning(
-                    f"{where}: {pattern}: got parameters of vehicle {number}; expected vehicles 1 to "
-                    f"{mission.vehicles} (mission.vehicles). They are ignored"
+                    f"{where}: {pattern}: there is no vehicle {number}, because mission.vehicles is "
+                    f"{mission.vehicles}. These parameters are ignored"
                 )
     else:  # the largest number in the file
         most = max((number for number in named.values() if number <= _MOST_VEHICLES), default=mission.vehicles)

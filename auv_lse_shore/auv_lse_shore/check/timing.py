@@ -43,13 +43,14 @@ def _check_legs(settings: Settings, leg_m: float, findings: Findings) -> float |
         longest_s = max(longest_s, own.vehicle.start_delay_s + settings.mission.steps * leg_s)
         if own.planner.replan_lead_s >= leg_s:
             findings.warning(
-                f"auv{number}: planner.replan_lead_s: got {own.planner.replan_lead_s:g} s; expected less than the "
-                f"time of a leg, {leg_s:.1f} s ({leg_m:.1f} m at vehicle.speed_mps = {own.vehicle.speed_mps:g})"
+                f"auv{number}: planner.replan_lead_s: {own.planner.replan_lead_s:g} s is not less than the time "
+                f"of a leg, {leg_s:.1f} s ({leg_m:.1f} m at vehicle.speed_mps = {own.vehicle.speed_mps:g})"
             )
         elif own.planner.deadline_s >= own.planner.replan_lead_s:
             findings.warning(
-                f"auv{number}: planner.deadline_s: got {own.planner.deadline_s:g} s; expected less than "
-                f"planner.replan_lead_s = {own.planner.replan_lead_s:g} s, so that plans come before their leg starts"
+                f"auv{number}: planner.deadline_s: {own.planner.deadline_s:g} s is not less than "
+                f"planner.replan_lead_s ({own.planner.replan_lead_s:g} s), so plans may come after their leg "
+                "starts"
             )
     if not findings.usable("mission", "vehicle.speed_mps", "vehicle.start_delay_s", "planner"):
         return None
@@ -75,9 +76,7 @@ def _check_order(settings: Settings, findings: Findings) -> bool:
         return False
     for number in range(1, vehicles + 1):
         if number not in order:
-            findings.warning(
-                f"tdma.order: got {list(order)}, without a slot for auv{number}; expected one, or it never sends"
-            )
+            findings.warning(f"tdma.order: {list(order)} has no slot for auv{number}, which therefore never sends")
     return True
 
 
@@ -89,8 +88,8 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
     if span > tdma.max_range_m and findings.usable("area.polygon_m"):
         findings.warning(
-            f"tdma.max_range_m: got {tdma.max_range_m:g} m; expected at least {span:.0f} m, the length of the area; "
-            "otherwise packets from its far end arrive in the next slot"
+            f"tdma.max_range_m: {tdma.max_range_m:g} m is shorter than the area, so packets from its far end "
+            f"arrive in the next slot; use at least {span:.0f} m"
         )
     cycle_s = len(order) * tdma.slot_s
     spare = tdma.slot_s - tdma.needed_s
@@ -103,8 +102,8 @@ def _check_slots(settings: Settings, longest_s: float | None, findings: Findings
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
     if expiry < 2.0 * cycle_s and findings.usable("planner.plan_expiry_s"):
         findings.warning(
-            f"planner.plan_expiry_s: got {expiry:g} s; expected at least two cycles, {2.0 * cycle_s:g} s, to survive "
-            "one lost packet"
+            f"planner.plan_expiry_s: {expiry:g} s does not survive one lost packet; use at least two cycles, "
+            f"{2.0 * cycle_s:g} s"
         )
     return cycle_s
 
@@ -127,8 +126,8 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     most = capacity(actions, reserve, 0, navigation)
     if least < 1:
         findings.error(
-            f"packet: got a plan of {actions} actions, which leaves no room for samples; expected a smaller "
-            "planner.horizon, or no packet.tag"
+            f"packet: a plan of {actions} actions leaves no room for samples; use a smaller planner.horizon, or "
+            "no packet.tag"
         )
         return
     every_s = settings.sim.altimeter.sounding_every_s if own.link.kind == "direct" else own.link.sounding_every_s

@@ -77,10 +77,10 @@ def survey_of(options: argparse.Namespace) -> Survey:
         if given is not None:
             sources[name] = "constant" if _number(given) is not None else Path(given).name
     if not 1000.0 <= options.sounder_speed <= 2000.0:
-        raise SurveyError(f"--sounder-speed: got {options.sounder_speed:g}; expected 1000 to 2000 m/s")
+        raise SurveyError(f"--sounder-speed must be 1000 to 2000 m/s, not {options.sounder_speed:g}")
     interval = options.contour_interval
     if interval is not None and not (math.isfinite(interval) and interval > 0.0):
-        raise SurveyError(f"--contour-interval: got {interval:g}; expected more than 0 m")
+        raise SurveyError(f"--contour-interval must be more than 0 m, not {interval:g}")
     return Survey(
         water_level=_water_level(options.water_level),
         datum=options.datum.strip(),
@@ -109,7 +109,7 @@ def _uncertainties(pairs: list[str]) -> Uncertainties:
         name, _, text = pair.partition("=")
         value = _number(text)
         if name not in _STDS or value is None or value < 0.0:
-            raise SurveyError(f"--std: got {pair}; expected NAME=VALUE with NAME {', '.join(_STDS)} and VALUE >= 0")
+            raise SurveyError(f"--std: {pair} is not NAME=VALUE with a NAME of {', '.join(_STDS)} and a VALUE >= 0")
         values[_STDS[name]] = value
     return Uncertainties(**values)
 
@@ -118,7 +118,7 @@ def _levels(text: str) -> tuple[float, ...]:
     parts = [part for part in text.split(",") if part.strip()]
     levels = [_number(part) for part in parts]
     if None in levels or len(levels) > _MAX_LEVELS:
-        raise SurveyError(f"--contours: got {text}; expected at most {_MAX_LEVELS} depths, such as 5,10,15")
+        raise SurveyError(f"--contours: {text} cannot be used; give at most {_MAX_LEVELS} depths, such as 5,10,15")
     return tuple(sorted({level for level in levels if level is not None}))
 
 
@@ -139,32 +139,32 @@ def _sound_speed(given: str | None) -> Array | None:
         profile = _table(Path(given), "--sound-speed", ("depth_m",), "sound_speed_mps")
     low, high = profile[:, 1].min(), profile[:, 1].max()
     if low < 1000.0 or high > 2000.0:
-        raise SurveyError(f"--sound-speed: got {low:g} to {high:g}; expected 1000 to 2000 m/s")
+        raise SurveyError(f"--sound-speed must be within 1000 to 2000 m/s, not {low:g} to {high:g}")
     return profile
 
 
 def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Array:
     """Rows of two columns of a CSV file, by increasing first column."""
-    expected = f"expected a CSV file with columns {' or '.join(firsts)}, {second}"
+    needed = f"needed is a CSV file with columns {' or '.join(firsts)}, {second}"
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             first = next((name for name in firsts if name in (reader.fieldnames or ())), None)
             if first is None or second not in (reader.fieldnames or ()):
                 columns = ", ".join(reader.fieldnames or ()) or "none"
-                raise SurveyError(f"{option} {path}: got columns {columns}; {expected}")
+                raise SurveyError(f"{option} {path} has the columns {columns}; {needed}")
             rows = []
             for row in reader:
                 value = _utc_s(row[first]) if first == "time_utc" else _number(row[first] or "")
                 level = _number(row[second] or "")
                 if value is None or level is None:
-                    raise SurveyError(f"{option} {path}: line {reader.line_num} got {row}; expected numbers")
+                    raise SurveyError(f"{option} {path}:{reader.line_num}: {row} are not all numbers")
                 rows.append((value, level))
     except (csv.Error, UnicodeDecodeError) as error:
-        raise SurveyError(f"{option} {path}: {error}; {expected}") from error
+        raise SurveyError(f"{option} {path}: {error}; {needed}") from error
     table = np.array(rows).reshape(-1, 2)
     if not len(table) or (np.diff(table[:, 0]) <= 0.0).any():
-        raise SurveyError(f"{option} {path}: got {len(table)} rows; {expected}, in increasing order, each value once")
+        raise SurveyError(f"{option} {path} has {len(table)} rows; {needed}, in increasing order, each value once")
     return table
 
 

@@ -46,7 +46,7 @@ def target_crs(export: Export) -> Any:
     try:
         return library.crs.CRS.from_user_input(name)
     except library.errors.CRSError as error:
-        raise ExportError(f"--crs: got {name}; expected a projection such as EPSG:32632 ({error})") from error
+        raise ExportError(f"--crs: {name} is not a projection, such as EPSG:32632 ({error})") from error
 
 
 def project(export: Export) -> Chart:

@@ -87,7 +87,7 @@ class Survey:
             SurveyError: if a water level has no datum.
         """
         if self.water_level is not None and not self.datum:
-            raise SurveyError("--water-level: got no --datum; expected the datum's name, such as LN02")
+            raise SurveyError("--water-level needs --datum, the datum's name, such as LN02")
 
     @property
     def vertical_datum(self) -> str:
@@ -138,8 +138,8 @@ class Survey:
             return np.zeros(len(stamp_s))
         if len(level) > 1 and len(stamp_s) and not level[0, 0] <= stamp_s.min() <= stamp_s.max() <= level[-1, 0]:
             raise SurveyError(
-                f"--water-level: got times {level[0, 0]:.0f} to {level[-1, 0]:.0f} s; expected to cover the soundings, "
-                f"{stamp_s.min():.0f} to {stamp_s.max():.0f} s. Give the levels of the whole dive"
+                f"--water-level covers only {level[0, 0]:.0f} to {level[-1, 0]:.0f} s, but the soundings are "
+                f"from {stamp_s.min():.0f} to {stamp_s.max():.0f} s. Give the levels of the whole dive"
             )
         return np.interp(stamp_s, level[:, 0], level[:, 1])
 

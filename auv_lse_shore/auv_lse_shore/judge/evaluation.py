@@ -129,8 +129,8 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
     if run.ground is not None:
         if run.ground.depth_m.shape != scored.shape:
             raise ValueError(
-                f"run.ground: got shape {run.ground.depth_m.shape}; expected the map's {scored.shape}. Sample it with "
-                "ground_grid()"
+                f"run.ground has the shape {run.ground.depth_m.shape}, but the map has {scored.shape}. Sample it "
+                "with ground_grid()"
             )
         scored &= np.isfinite(run.ground.depth_m)
     some = _thinned(grid, scored)

@@ -43,9 +43,9 @@ class Reliability:
         """
         p, is_safe = np.asarray(p_safe, dtype=float).ravel(), np.asarray(safe, dtype=bool).ravel()
         if p.shape != is_safe.shape:
-            raise ValueError(f"p_safe got {p.size} values, safe {is_safe.size}; expected as many of both")
+            raise ValueError(f"p_safe has {p.size} values, but safe has {is_safe.size}")
         if not ((p >= 0.0) & (p <= 1.0)).all():
-            raise ValueError(f"p_safe got values from {p.min()} to {p.max()}; expected probabilities from 0 to 1")
+            raise ValueError(f"p_safe has values from {p.min()} to {p.max()}, but probabilities are from 0 to 1")
         which = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, CLASSES - 1)
 
         def sums(weights: Array) -> tuple[float, ...]:

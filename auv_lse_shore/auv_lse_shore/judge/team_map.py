@@ -89,9 +89,7 @@ def placed(run: RunData) -> tuple[RunData, Callable[[], TeamMap]]:
         ParameterError: if the parameters cannot be used.
     """
     if not run.vehicles:
-        raise ValueError(
-            "run: got no vehicle; expected at least one. Check that the recording has soundings and odometry"
-        )
+        raise ValueError("run: there is no vehicle. Check that the recording has soundings and odometry")
     first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
     area = OperatingArea(first.area)
     if corrects_positions(run):

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     _check(options)
     if options.run is None:
         if options.write is not None:
-            raise RecordingError("--write got no RUN; expected a recording. Name one: auv_lse live RUN --write FILE")
+            raise RecordingError("--write needs a recording: auv_lse live RUN --write FILE")
         work = listen_to_missions(timeline, options, desk)
     else:
         follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
@@ -102,9 +102,9 @@ def _check(options: argparse.Namespace) -> None:
         LiveError: naming the option.
     """
     if not 0 <= options.port <= _LAST_PORT:
-        raise LiveError(f"--port got {options.port}; expected 0 to {_LAST_PORT}. Use 0 for any free port")
+        raise LiveError(f"--port must be 0 to {_LAST_PORT}, not {options.port}. Use 0 for any free port")
     if options.control and options.run is not None:
-        raise LiveError(f"--control got the recording {options.run}; expected a running mission. Leave out RUN")
+        raise LiveError(f"--control needs a running mission, but {options.run} is a recording. Leave it out")
 
 
 def _only_domain() -> int | None:
@@ -115,7 +115,9 @@ def _only_domain() -> int | None:
     """
     busy = busy_domains()
     if len(busy) > 1:
-        raise DomainError(f"--control got missions in the ROS domains {busy}; expected --domain N to choose one")
+        raise DomainError(
+            f"Several missions are running (domains {', '.join(map(str, busy))}); choose one with --domain"
+        )
     return busy[0] if busy else None
 
 

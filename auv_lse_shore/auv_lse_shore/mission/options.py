@@ -144,7 +144,7 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         _check(f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor)
         if options.real_time_factor == 0.0:
             raise ParameterError(
-                "--real-time-factor 0: expected more than 0; without it a mission runs as fast as possible"
+                "--real-time-factor must be more than 0; without it a mission runs as fast as possible"
             )
         wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
     if options.area is not None:
@@ -165,9 +165,9 @@ def _area(words: Sequence[str]) -> dict[str, Any]:
     try:
         south, west, north, east = (float(word) for word in words)
     except ValueError:
-        raise ParameterError(f"--area {given}: expected a file, or SOUTH WEST NORTH EAST (m)") from None
+        raise ParameterError(f"--area {given} is neither a file nor SOUTH WEST NORTH EAST (m)") from None
     if not (south < north and west < east):
-        raise ParameterError(f"--area {given}: expected SOUTH WEST NORTH EAST (m) with SOUTH < NORTH and WEST < EAST")
+        raise ParameterError(f"--area {given} must have SOUTH < NORTH and WEST < EAST (m)")
     return {"area.polygon_m": [south, west, north, west, north, east, south, east]}
 
 
@@ -181,7 +181,7 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
     for text in texts:
         name, sign, value = text.partition("=")
         if not sign or not name:
-            raise ParameterError(f"--set {text!r}: expected NAME=VALUE, as in planner.iterations=500")
+            raise ParameterError(f"--set {text!r} is not NAME=VALUE, such as planner.iterations=500")
         try:
             wanted[name] = yaml.safe_load(value)
         except yaml.YAMLError as error:

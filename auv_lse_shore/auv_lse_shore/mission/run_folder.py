@@ -30,9 +30,7 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
             folder = base.with_name(f"{base.name}-{again}")
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RunFolderError(
-                f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
-            )
+            raise RunFolderError(f"--out {folder} is not empty, and was left as it is. Choose a new or empty folder")
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
         raise RunFolderError(f"--out {folder}: cannot be made: {error.strerror or error}") from error

@@ -44,8 +44,8 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
     for k, own in enumerate(settings.vehicles, 1):
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
             raise ParameterError(
-                f"{settings.where}: auv{k}: got modem.kind {own.modem.kind!r} and link.kind {own.link.kind!r} at "
-                "addresses of a run's emulated hardware; expected a file written by hand, or by a run without "
+                f"{settings.where}: auv{k}: modem.kind {own.modem.kind!r} and link.kind {own.link.kind!r} have "
+                "addresses of a run's emulated hardware. Use a file written by hand, or by a run without "
                 "--modem emulated and --vehicle-link mavlink"
             )
         for name, kind in (("modem.kind", "micromodem"), ("link.kind", "mavlink"), ("vehicle.start", "on_call")):
@@ -53,9 +53,9 @@ def vehicle_file(settings: Settings, chosen: Collection[str] = ()) -> str:
                 wanted[f"auv{k}.{name}"] = kind
         if wanted.get(f"auv{k}.modem.kind", own.modem.kind) == "micromodem" and not own.modem.port:
             raise ParameterError(
-                f"{settings.where}: auv{k}: modem.port: missing; expected a serial device or 'tcp://HOST:PORT', as "
-                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...). Without a Micromodem: "
-                "--set modem.kind=direct"
+                f"{settings.where}: auv{k}: modem.port is missing. Give a serial device or 'tcp://HOST:PORT': "
+                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...). Without a "
+                "Micromodem: --set modem.kind=direct"
             )
     text = settings.with_overrides(wanted).to_parameter_file()
     body = yaml.safe_load(text)
@@ -74,7 +74,7 @@ def write_vehicle_file(settings: Settings, path: Path, chosen: Collection[str] =
     text = vehicle_file(settings, chosen)
     try:
         if path.exists():
-            raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)")
+            raise ParameterError(f"--for-vehicles {path} exists already, and was left as it is. Choose a new file")
         write_whole(path, text)
     except OSError as error:
         raise ParameterError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error

@@ -165,21 +165,21 @@ def _check(runs: Sequence[RunData], recordings: Sequence[Recording], usable: Seq
     if not usable:
         missing = [f"{r.name}: {missing_in(r.data)}" for r in recordings] or ["no vehicle in any run"]
         raise AdjustError(
-            f"{'; '.join(missing)}; expected dead-reckoned positions beside the soundings. Record the dive with this "
-            "version (docs/design/positions.md)"
+            f"{'; '.join(missing)}. Adjusting needs dead-reckoned positions beside the soundings: record the "
+            "dive with this version (docs/design/positions.md)"
         )
     origins = {run.origin for run in runs}
     if len(origins) > 1:
         raise AdjustError(
-            f"runs: got different origins {sorted(map(str, origins))}; expected one local frame for all. Set the same "
-            "area.origin_lat_deg and origin_lon_deg"
+            f"runs have different origins, {sorted(map(str, origins))}. Set the same area.origin_lat_deg and "
+            "origin_lon_deg"
         )
     rows = [{row.tobytes() for row in r.data.soundings.points_m} for r in usable]
     for i, one in enumerate(usable):
         for other, others in zip(usable[:i], rows, strict=False):
             if one.run != other.run and len(rows[i] & others) > SAME_RECORDING * min(len(rows[i]), len(others)):
                 raise AdjustError(
-                    f"{one.name} has the soundings of {other.name}; expected each recording once. Leave one of them out"
+                    f"{one.name} has the soundings of {other.name}, so they would count twice. Leave one of them out"
                 )
 
 

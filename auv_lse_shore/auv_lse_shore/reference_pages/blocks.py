@@ -30,7 +30,7 @@ def render(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
     def renewed(match: re.Match[str]) -> str:
         name = match["name"]
         if name not in blocks:
-            raise ValueError(f"generated block got {name!r}; expected one of {', '.join(sorted(blocks))}")
+            raise ValueError(f"{name!r} is not a generated block; use one of {', '.join(sorted(blocks))}")
         return f"<!-- generated: {name} -->\n{blocks[name]().strip()}\n<!-- end -->"
 
     return _BLOCK.sub(renewed, text)

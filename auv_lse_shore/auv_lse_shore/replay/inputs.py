@@ -177,7 +177,7 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
                 changed = {p.name: _value(p.value) for p in message.changed_parameters if p.name.startswith("planner.")}
                 gathered.setdefault(int(node[1]), _Gathered(int(node[1]))).tune(log_ns * 1e-9, changed)
     if not gathered:
-        raise RecordingError(f"{path}: holds no topic /auvN/...; expected the recording of a mission")
+        raise RecordingError(f"{path} holds no topic /auvN/...; name the recording of a mission")
     vehicles = {number: gathered[number].inputs() for number in sorted(gathered)}
     return RecordedInputs(
         parameters=parameters,

@@ -91,26 +91,28 @@ def check(options: argparse.Namespace) -> None:
         ValueError: naming the option.
     """
     if options.recompute and options.report:
-        raise ValueError("--recompute and --report: expected one of them")
+        raise ValueError("--recompute and --report exclude each other; choose one")
     for name, needed in (("set", "recompute"), ("csv", "recompute"), ("all", "recompute"), ("out", "report")):
         if getattr(options, name) and not getattr(options, needed):
-            raise ValueError(f"--{name}: expected --{needed} beside it")
+            raise ValueError(f"--{name} requires --{needed}")
     playing = {"rate": 1.0, "start": 0.0, "duration": None, "topics": None, "loop": False, "paused": False,
                "commands": False, "domain": None}  # fmt: skip
     for name, default in playing.items():
         if getattr(options, name) != default and (options.recompute or options.report):
-            raise ValueError(f"--{name}: plays a recording; expected neither --recompute nor --report beside it")
+            raise ValueError(f"--{name} plays a recording, so it excludes --recompute and --report")
     for name in ("csv", "out"):
         path = getattr(options, name)
         if path is not None and not path.parent.is_dir():
-            raise ValueError(f"--{name} {path}: its folder {path.parent} does not exist; expected one that does")
+            raise ValueError(f"--{name} {path}: the folder {path.parent} does not exist. Create it, or choose another")
     if not options.tolerance >= 0.0:
-        raise ValueError(f"--tolerance {options.tolerance:g}: expected at least 0")
+        raise ValueError(f"--tolerance must be at least 0, not {options.tolerance:g}")
 
 
 def _parts(text: str) -> tuple[str, ...]:
     parts = tuple(part.strip() for part in text.split(","))
     for part in parts:
         if part not in PARTS:
-            raise argparse.ArgumentTypeError(f"{part!r}: expected {', '.join(PARTS)}, or both with a comma")
+            raise argparse.ArgumentTypeError(
+                f"{part!r} is neither of {', '.join(PARTS)}; give one, or both with a comma"
+            )
     return parts

@@ -33,19 +33,19 @@ def play(options: Namespace) -> int:
         ReplayError: if the options do not fit the recording.
     """
     if not 0.0 < options.rate < math.inf:
-        raise ReplayError(f"--rate: got {options.rate:g}; expected a finite number above 0")
+        raise ReplayError(f"--rate must be a finite number above 0, not {options.rate:g}")
     if options.duration is not None and not options.duration > 0.0:
-        raise ReplayError(f"--duration: got {options.duration:g}; expected more than 0 s")
+        raise ReplayError(f"--duration must be more than 0 s, not {options.duration:g}")
     with Recording(recording_in(options.run)) as recording:
         length_s = (recording.end_ns - recording.start_ns) * 1e-9
         if not recording.topics or not recording.end_ns:
             raise RecordingError(f"{options.run}: holds no message; nothing to play")
         if not 0.0 <= options.start <= length_s:
-            raise ReplayError(f"--start: got {options.start:g}; expected 0 to {length_s:.1f} s, the recording's length")
+            raise ReplayError(f"--start must be within the recording, 0 to {length_s:.1f} s, not {options.start:g}")
         chosen = select_topics(recording.topics, options.topics, options.commands)
         if chosen.unknown:
             there = ", ".join(sorted(recording.topics))
-            raise ReplayError(f"--topics: got {' '.join(chosen.unknown)}; expected topics of the recording: {there}")
+            raise ReplayError(f"--topics: the recording has no {' '.join(chosen.unknown)}; it has {there}")
         start_ns = recording.start_ns + round(options.start * 1e9)
         stop_ns = recording.end_ns + 1
         if options.duration is not None:

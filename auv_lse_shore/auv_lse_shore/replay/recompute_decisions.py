@@ -184,8 +184,8 @@ class _Recomputer:
         planner, turns = self._planner, np.deg2rad(self._planner.settings.motion.actions_deg)
         if not planner.rollout.can_follow(recorded.plan):
             raise ParameterError(
-                f"auv{self._inputs.vehicle}, step {recorded.step}: the recorded plan cannot be followed with these "
-                f"parameters (actions, steps, naive paths); expected those flown"
+                f"auv{self._inputs.vehicle}, step {recorded.step}: the recorded plan cannot be followed with "
+                "these parameters (actions, steps, naive paths); use those of the dive"
             )
         decision = planner.decide(recorded.now_s)
         leg = recorded.leg or self._leg(recorded, decision.leg.surface)

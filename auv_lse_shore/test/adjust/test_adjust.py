@@ -228,7 +228,7 @@ def test_one_command_makes_one_map_and_one_report_of_each_vehicles_recording(syn
     assert "auv2" in (tmp_path / "all" / "report.html").read_text()
     assert "metadata" in json.loads((tmp_path / "all" / "isobath.geojson").read_text())
     assert main([names[0], names[0], "--out", str(tmp_path / "twice"), "--report"]) == 2
-    assert "expected each recording once" in capsys.readouterr().err
+    assert "so they would count twice" in capsys.readouterr().err
 
 
 def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
@@ -264,7 +264,9 @@ def test_a_recording_that_is_given_twice_is_refused(synthetic_run):
     run = dived(synthetic_run, steps=6)
     part = copy.copy(run)
     part.vehicles = run.vehicles[1:]
-    with pytest.raises(AdjustError, match=r"auv2 of run 2 has the soundings of auv2 of run 1; expected each recording"):
+    with pytest.raises(
+        AdjustError, match=r"auv2 of run 2 has the soundings of auv2 of run 1, so they would count twice"
+    ):
         adjust([run, part])
 
 

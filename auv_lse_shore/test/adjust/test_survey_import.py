@@ -199,7 +199,7 @@ def without(name, *kinds):
         (without("a", "GGA", "RMC").encode(), "no usable positions (630 depths of SDDBT)"),
         (dataflash([]).data, "no usable positions"),
         (b"\0\1\2\3" * 2000, "is of no format that can be read"),
-        (b"\xa3\x95\x80" + b"\7" * 500 + b"\0", "got a damaged dataflash log"),
+        (b"\xa3\x95\x80" + b"\7" * 500 + b"\0", "is a damaged dataflash log"),
         (nmea([[*row[:3], 0.0] for row in survey()]).encode(), "630 depths of 0 or less: no echo"),
         (table(survey()[:5]).encode(), "5 usable soundings, and a map needs 10"),
         (b"this is\nno log\n", "has the columns this, is; a position or a depth is not among them"),

@@ -33,10 +33,10 @@ def test_the_command_reports_errors(tmp_path, capsys):
     assert main([str(tmp_path / "none.yaml")]) == 2
     assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
     assert main([]) == 2
-    assert "SPEC.yaml: missing" in capsys.readouterr().err
+    assert "SPEC.yaml is missing" in capsys.readouterr().err
     (tmp_path / "tiny.yaml").write_text(yaml.safe_dump({"set": TINY}))
     assert main([str(tmp_path / "tiny.yaml"), "--out", str(tmp_path / "tiny.yaml")]) == 2
-    assert "tiny.yaml: got a file; expected a folder" in capsys.readouterr().err
+    assert "tiny.yaml is a file, not a folder" in capsys.readouterr().err
     assert main(["--rerun", "abc"]) == 2
     assert "--out DIR" in capsys.readouterr().err
 

@@ -67,8 +67,8 @@ def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
     errors = found(path, "error")
     assert [error.removeprefix(f"{path}: ") for error in errors] == [
         "/**: gp.kernal: unknown parameter (value 'matern52'); did you mean 'kernel'?",
-        "/**: gp.noise_std_m: got -1.0; expected a number > 0 m",
-        "/**: mission.steps: got 2.5; expected a whole number from 1 to 65535",
+        "/**: gp.noise_std_m must be a number > 0 m, not -1.0",
+        "/**: mission.steps must be a whole number from 1 to 65535, not 2.5",
         "/**: plannr: unknown section; did you mean 'planner'?",
         "/**: sim.channel.packet_los: unknown parameter (value 0.1); did you mean 'packet_loss'?",
         "/auv2/**: vehicle.depth: unknown parameter (value 4.0); did you mean 'depth_m'?",
@@ -103,13 +103,13 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         "/**: plannr: unknown section; did you mean 'planner'?",
         "/**: planner.method",
         "area.polygon_m: crosses itself: the edge from corner 1 (0, 0) to corner 2 (500, 500) meets the edge from "
-        "corner 3 (500, 0) to corner 4 (0, 500); expected the corners in order around the area",
+        "corner 3 (500, 0) to corner 4 (0, 500). List the corners in order around the area",
         "area.origin_lat_deg, origin_lon_deg",
         "tdma.slot_s",
         "gp.survey_file",
         "sim.bathymetry.file",
     ]
-    assert "/auv9/**: got parameters of vehicle 9; expected vehicles 1 to 2" in texts["warning"]
+    assert "/auv9/**: there is no vehicle 9, because mission.vehicles is 2" in texts["warning"]
     assert "outside the operating area" not in texts["error"], "the default area is not the file's"
     assert "lanes" not in texts["note"]
 
@@ -126,7 +126,7 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         ({"packet": {"tag": True, "key_file": 3}}, None, ["packet.key_file", "packet.session"]),
         ({"gp": {"signal_std_m": "x", "min_depth_m": 9.0, "max_depth_m": 8.0}}, None, ["signal_std_m", "min_depth_m"]),
         ({"sim": {"dvl": {"rate_hz": 0, "dropout_min_s": 9.0}, "lake": {"level_m": 99.0}}}, None,
-         ["dvl.rate_hz", "dvl.dropout_min_s: got 9", "lake.terrace_m, level_m"]),
+         ["dvl.rate_hz", "dvl.dropout_min_s is 9 s", "lake.terrace_m, level_m"]),
         ({"mission": {"vehicles": 0}}, {"modem": {"kind": "micromodem"}}, ["vehicles", r"\(auv2\): modem.port"]),
         ({"gp.kernel.x": 1, "gp.kernel": "matern32", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
         ({}, {"mission": {"steps": 5}, "gp": {"x": 1}}, ["/auv2.*: mission: is the same", "gp.x"]),
@@ -151,22 +151,27 @@ def test_a_refused_value_causes_no_further_findings(tmp_path: Path) -> None:
 
 def test_files_are_those_of_the_checked_computer(tmp_path: Path) -> None:
     path = write(tmp_path, own={"gp": {"mean": "survey", "survey_file": "no_survey.csv"}})
-    error = "auv2: gp.survey_file: got 'no_survey.csv'; expected a file on this machine"
+    error = "auv2: gp.survey_file: 'no_survey.csv' does not exist on this machine"
     assert error in found(path, "error")
     assert error in found(path, "error", "auv2")
     assert error not in found(path, "error", "auv1")
 
 
 def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
-    assert "packet.key_file: got '' with tag true" in found(write(tmp_path, packet={"tag": True}), "error")[0]
-    assert "tdma.slot_s: got 3 s; expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
+    assert "packet.key_file is empty, but tag: true needs" in found(write(tmp_path, packet={"tag": True}), "error")[0]
+    assert "tdma.slot_s: 3 s is too short; use at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
 
 
 @pytest.mark.parametrize(
     ("sections", "own", "level", "words"),
     [
         ({}, {"vehicle": {"start_north_m": 900.0}}, "error", "auv2: .* 900, 0 m, outside the operating area"),
-        ({}, {"vehicle": {"start_north_m": -45.0}}, "warning", "auv2: .* m from the border; expected at least .* 10 m"),
+        (
+            {},
+            {"vehicle": {"start_north_m": -45.0}},
+            "warning",
+            r"auv2: .* m from the border, less than area.margin_m \(10 m\)",
+        ),
         ({"area": {"polygon_m": [-20.0, -20.0, 30.0, -20.0, 30.0, 600.0, -20.0, 600.0]}}, None, "warning", "one lane"),
         (
             {"area": {"polygon_m": [-20.0, -20.0, 20.0, -20.0, 20.0, 600.0, -20.0, 600.0]}},
@@ -180,31 +185,31 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
             "error",
             "auv2.*: vehicle.recovery_north_m, .* = 900, 0 m, the target of vehicle.at_end: .* m outside",
         ),
-        ({"planner": {"lane_spacing_m": 20.0}}, None, "warning", "expected at least 30 m, twice motion.turn_radius_m"),
-        ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m; expected .* at least 0.5 m"),
+        ({"planner": {"lane_spacing_m": 20.0}}, None, "warning", "use at least 30 m, twice motion.turn_radius_m"),
+        ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m are too close.* at least 0.5 m"),
         (
             {"level_set": {"level_m": 6.0}},
             None,
             "warning",
-            r"auv1: .* got 6 m; expected less than level_set.level_m = 6 m",
+            r"auv1: .* = 6 m of water.*stay below level_set.level_m \(6 m\)",
         ),
-        ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order: got \[1, 2\], without a slot for auv3"),
+        ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order: \[1, 2\] has no slot for auv3"),
         ({"tdma": {"order": [1, 2, 9]}}, None, "error", "9"),
-        ({"tdma": {"max_range_m": 500.0}}, None, "warning", "expected at least 922 m, the length of the area"),
-        ({"planner": {"plan_expiry_s": 50.0}}, None, "warning", "expected at least two cycles, 60 s"),
-        ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "expected less than the time of a leg, 15.7 s"),
-        ({"planner": {"deadline_s": 4.0}}, None, "warning", "expected less than planner.replan_lead_s = 4 s"),
+        ({"tdma": {"max_range_m": 500.0}}, None, "warning", "shorter than the area.*use at least 922 m"),
+        ({"planner": {"plan_expiry_s": 50.0}}, None, "warning", "use at least two cycles, 60 s"),
+        ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "is not less than the time of a leg, 15.7 s"),
+        ({"planner": {"deadline_s": 4.0}}, None, "warning", r"is not less than planner.replan_lead_s \(4 s\)"),
         ({"planner": {"method": "plain", "horizon": 200}}, None, "note", "200 actions and 3 samples"),
-        ({"mission": {"until": {"found": 1.0}}}, None, "error", "mission.until.found: got 1.0; expected .*0.99"),
-        ({"mission": {"until": {"found": 0.0}}}, None, "error", "mission.until.found: got 0.0; expected"),
+        ({"mission": {"until": {"found": 1.0}}}, None, "error", "mission.until.found must be .*0.99, not 1.0"),
+        ({"mission": {"until": {"found": 0.0}}}, None, "error", "mission.until.found must be .*, not 0.0"),
         (
             {"mission": {"until": {"undiscovered_m": -5.0}}},
             None,
             "error",
-            "mission.until.undiscovered_m: got -5.0; exp",
+            "mission.until.undiscovered_m must be .*, not -5.0",
         ),
-        ({"mission": {"until": {"deviation_m": 0.0}}}, None, "error", "mission.until.deviation_m: got 0.0"),
-        ({"mission": {"until": {"deviation_m": 24.0}}}, None, "warning", "got 24 m; expected less than 19.6 m"),
+        ({"mission": {"until": {"deviation_m": 0.0}}}, None, "error", "mission.until.deviation_m must be .*, not 0.0"),
+        ({"mission": {"until": {"deviation_m": 24.0}}}, None, "warning", "24 m has no effect.* within 19.6 m"),
         ({"mission": {"until": {"soon": 1.0}}}, None, "error", "soon"),
         (
             {"mission": {"until": {"found": 0.9, "undiscovered_m": 150.0}}},
@@ -240,13 +245,13 @@ def test_the_machine_of_a_vehicle_is_checked(tmp_path: Path) -> None:
     link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600"}
     path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key), "session": "a"}, sim={})
     errors = found(path, "error", "auv2")
-    assert f"modem.port: got {port}; expected a serial device" in errors
-    assert "link.endpoint: got /dev/no_such; expected a device on this machine" in errors
+    assert f"modem.port: {port} is not a serial device" in errors
+    assert "link.endpoint: /dev/no_such does not exist on this machine" in errors
     assert any(error.startswith("packet.key_file: ") for error in errors)
     warnings = found(path, "warning", "auv2")
     assert any("has a section sim" in text for text in warnings)
-    assert "record.folder: got ''; expected a folder, or the dive is not recorded" in warnings
-    assert found(path, "error", "auv4") == [*found(path, "error"), "auv4: expected one of the mission's 3 vehicles"]
+    assert "record.folder is empty, so the dive is not recorded; set a folder" in warnings
+    assert found(path, "error", "auv4") == [*found(path, "error"), "auv4 is not in the mission, which has 3 vehicles"]
 
 
 def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -345,6 +350,6 @@ def test_the_recordings_size_is_estimated_and_the_vehicles_disk_is_checked(
     assert ("note", "recording: about 4 MB on each vehicle, 12 MB of a simulated mission") in check(path).rows
     assert not any("record.folder" in text for _, text in check(path).rows), "another machine's disk"
     assert any(
-        level == "error" and text.startswith("record.folder: got 3 MB of free space beyond")
+        level == "error" and text.startswith("record.folder has 3 MB of free space beyond")
         for level, text in check(path, "auv1").rows
     )

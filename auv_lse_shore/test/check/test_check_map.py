@@ -97,7 +97,7 @@ def test_a_mission_file_is_never_taken_for_the_name_of_the_picture(
 ) -> None:
     with pytest.raises(SystemExit):
         main(["--map", str(mission)])
-    assert "expected a name that ends in .png. Give the mission file first" in capsys.readouterr().err
+    assert "does not end in .png. If it is the mission file, give it first" in capsys.readouterr().err
     assert mission.read_text() == MISSION
 
 

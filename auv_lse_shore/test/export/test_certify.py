@@ -206,7 +206,7 @@ def test_a_recording_without_soundings_is_refused(synthetic_run, tmp_path, capsy
         vehicle.soundings = vehicle.soundings[:0]
     run_writer.write_run(run, tmp_path / "run")
     assert main([str(tmp_path / "run")]) == 2
-    assert "got no sounding" in capsys.readouterr().err
+    assert "holds no sounding" in capsys.readouterr().err
 
 
 def alone(run, number):

@@ -188,15 +188,15 @@ def test_a_constant_sound_speed_scales_the_range():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--water-level", "0.3"], "--water-level: got no --datum"),
-        (["--water-level", "LEVEL", "--datum", "D"], r"got times 0 to 10 s; expected to cover the soundings"),
-        (["--sound-speed", "15"], "expected 1000 to 2000 m/s"),
-        (["--sound-speed", "LEVEL"], r"got columns time_s, level_m; expected a CSV file with columns depth_m"),
-        (["--std", "sounder=x"], "--std: got sounder=x; expected NAME=VALUE"),
-        (["--contours", "5,deep"], "--contours: got 5,deep"),
-        (["--crs", "EPSG:1"], "--crs: got EPSG:1; expected a projection"),
-        (["--contour-interval", "-1"], "expected more than 0 m"),
-        (["--contour-interval", "0"], "--contour-interval: got 0; expected more than 0 m"),
+        (["--water-level", "0.3"], "--water-level needs --datum"),
+        (["--water-level", "LEVEL", "--datum", "D"], r"covers only 0 to 10 s, but the soundings are from"),
+        (["--sound-speed", "15"], "must be within 1000 to 2000 m/s"),
+        (["--sound-speed", "LEVEL"], r"has the columns time_s, level_m; needed is a CSV file with columns depth_m"),
+        (["--std", "sounder=x"], "--std: sounder=x is not NAME=VALUE"),
+        (["--contours", "5,deep"], "--contours: 5,deep cannot be used"),
+        (["--crs", "EPSG:1"], "--crs: EPSG:1 is not a projection"),
+        (["--contour-interval", "-1"], "must be more than 0 m"),
+        (["--contour-interval", "0"], "--contour-interval must be more than 0 m, not 0"),
     ],
 )
 def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, options, message):
@@ -274,5 +274,5 @@ def test_the_published_schema_accepts_it(for_b12):
 
 
 def test_a_water_level_needs_a_datum():
-    with pytest.raises(SurveyError, match="got no --datum"):
+    with pytest.raises(SurveyError, match="needs --datum"):
         Survey(water_level=np.array([[0.0, 1.0]]))

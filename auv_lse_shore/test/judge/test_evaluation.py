@@ -200,5 +200,5 @@ def test_ground_on_another_grid_is_refused(synthetic_run):
     run = synthetic_run(steps=1)
     g = run.ground
     run.ground = GroundGrid(north_m=g.north_m[1:], east_m=g.east_m, depth_m=g.depth_m[1:], inside=g.inside[1:])
-    with pytest.raises(ValueError, match=r"run\.ground: got shape \(39, 50\); expected the map's \(40, 50\)"):
+    with pytest.raises(ValueError, match=r"run\.ground has the shape \(39, 50\), but the map has \(40, 50\)"):
         evaluate(run)

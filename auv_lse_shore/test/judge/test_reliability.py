@@ -43,9 +43,9 @@ def test_maps_together_are_one_map():
 
 
 def test_what_is_no_probability_is_refused():
-    with pytest.raises(ValueError, match=r"from 0\.5 to 1\.5; expected probabilities"):
+    with pytest.raises(ValueError, match=r"from 0\.5 to 1\.5, but probabilities are"):
         Reliability.of([0.5, 1.5], [True, True])
-    with pytest.raises(ValueError, match="p_safe got 2 values, safe 1"):
+    with pytest.raises(ValueError, match="p_safe has 2 values, but safe has 1"):
         Reliability.of([0.5, 0.5], [True])
 
 

@@ -241,9 +241,9 @@ def test_a_mission_file_of_an_earlier_version_is_read(run_folder, tmp_path):
 def test_a_path_without_a_recording_is_named(tmp_path):
     text = tmp_path / "a.mcap"
     text.write_text("not a recording at all")
-    with pytest.raises(RecordingError, match="expected an MCAP file"):
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
         list(RecordingFile(text).messages(frozenset()))
-    with pytest.raises(RecordingError, match="expected an MCAP file"):  # not that its mission file is missing
+    with pytest.raises(RecordingError, match="is not an MCAP file"):  # not that its mission file is missing
         find_parameters(text)
     empty = tmp_path / "b.mcap"
     empty.write_bytes(b"")

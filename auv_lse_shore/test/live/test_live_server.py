@@ -134,14 +134,14 @@ def test_without_control_and_on_a_recording_no_command_is_taken():
 @pytest.mark.parametrize(
     ("changed", "code", "words"),
     [
-        ({"body": "[]"}, 400, 'expected {"mission": text'),
-        ({"body": "{"}, 400, 'expected {"mission": text'),
-        ({"vehicles": 1}, 400, 'expected {"mission": text'),
-        ({"command": "go"}, 409, "command got 'go'; expected one of hold, surface, abort"),
-        ({"command": ["hold"]}, 409, "expected one of hold, surface, abort"),
-        ({"vehicles": []}, 409, "vehicles got []; expected numbers from 1 to 3"),
-        ({"vehicles": [1, 4]}, 409, "vehicles got [1, 4]; expected numbers from 1 to 3"),
-        ({"vehicles": [True]}, 409, "vehicles got [True]; expected numbers from 1 to 3"),
+        ({"body": "[]"}, 400, 'send {"mission": text'),
+        ({"body": "{"}, 400, 'send {"mission": text'),
+        ({"vehicles": 1}, 400, 'send {"mission": text'),
+        ({"command": "go"}, 409, "'go' is not a command; use one of hold, surface, abort"),
+        ({"command": ["hold"]}, 409, "is not a command; use one of hold, surface, abort"),
+        ({"vehicles": []}, 409, "vehicles must be numbers from 1 to 3, not []"),
+        ({"vehicles": [1, 4]}, 409, "vehicles must be numbers from 1 to 3, not [1, 4]"),
+        ({"vehicles": [True]}, 409, "vehicles must be numbers from 1 to 3, not [True]"),
         ({"mission": "an earlier one"}, 409, "another mission has begun; nothing was sent"),
     ],
 )
@@ -278,14 +278,14 @@ def test_a_port_that_is_taken_is_named_with_its_option():
 
 def test_the_command_reports_errors(tmp_path, capsys):
     assert main([str(tmp_path / "nowhere")]) == 2
-    assert "nowhere: does not exist; expected a run folder" in capsys.readouterr().err
+    assert "nowhere does not exist. Name a run folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--port", "99999"], "--port got 99999; expected 0 to 65535"),
-        (["--control"], "expected a running mission. Leave out RUN"),
+        (["--port", "99999"], "--port must be 0 to 65535, not 99999"),
+        (["--control"], "--control needs a running mission, but"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )
@@ -326,7 +326,7 @@ def test_a_recording_can_be_written_into_the_page(tmp_path, synthetic_run):
 def test_control_refuses_to_choose_between_missions(monkeypatch, capsys):
     monkeypatch.setattr("auv_lse_shore.live.command.busy_domains", lambda: [41, 42])
     assert main(["--control", "--no-open"]) == 2
-    assert "missions in the ROS domains [41, 42]; expected --domain N" in capsys.readouterr().err
+    assert "Several missions are running (domains 41, 42); choose one with --domain" in capsys.readouterr().err
 
 
 def test_the_buttons_stay_with_the_first_mission_found(monkeypatch, tmp_path):

@@ -104,7 +104,7 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert report.kwargs["cmd"][1:] == ["-m", "auv_lse_shore.mission.launched", str(out)]
     assert all(action.kwargs["on_exit"] for action in (*nodes, report)), "the launch ends with any of them"
     assert float(report.kwargs["sigterm_timeout"]) > 600, "SIGINT starts the report, which takes a while"
-    with pytest.raises(ValueError, match="exists and is not empty"):
+    with pytest.raises(ValueError, match="is not empty, and was left as it is"):
         start()
 
 
@@ -120,7 +120,7 @@ def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
     assert "/recorder_node" not in names(start()[:-1])
     assert Settings.load(tmp_path / "run" / "mission.yaml").record.folder == ""
     _, start = launch("auv_lse_sim/launch/mission.launch.py", record="maybe", out=str(tmp_path / "other"))
-    with pytest.raises(ValueError, match="record:=maybe: expected true or false"):
+    with pytest.raises(ValueError, match="record must be true or false, not maybe"):
         start()
 
 
@@ -142,10 +142,10 @@ def test_a_vehicle(launch: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert variables["AUV_LSE_DIVE"].startswith("auv2-")
     assert nodes[1].kwargs["additional_env"] == variables
     _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "other"))
-    with pytest.raises(DomainError, match="got 82, where the nodes of auv2 run already"):
+    with pytest.raises(DomainError, match="ROS domain 82 already has the nodes of auv2"):
         start()
     monkeypatch.setenv("ROS_DOMAIN_ID", "12")
-    with pytest.raises(DomainError, match=r"got 12; expected 81 to 101 or 0 for a vehicle"):
+    with pytest.raises(DomainError, match=r"ROS domain 12 is for simulations.*; a vehicle uses 81 to 101 or 0"):
         start()
     _, start = launch(path)
     with pytest.raises(ValueError, match=r"expected name:=auv2 params_file:=vehicles\.yaml"):

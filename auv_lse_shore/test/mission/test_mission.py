@@ -399,7 +399,7 @@ def _pids(folder: Path, executable: str) -> list[int]:
     [
         (["--vehicles", "21"], "mission.vehicles"),
         (["--set", "planner.iteratons=5"], "did you mean 'iterations'"),
-        (["--set", "planner.iterations"], "expected NAME=VALUE"),
+        (["--set", "planner.iterations"], "is not NAME=VALUE"),
         (["--method", "psychic"], "psychic"),
         (["--packet-loss", "1.5"], "packet_loss"),
         (["--bathymetry", "nowhere.csv"], "nowhere.csv"),

@@ -103,7 +103,7 @@ def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) 
 
 
 def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=r"auv1: modem\.port: missing; expected a serial device"):
+    with pytest.raises(ParameterError, match=r"auv1: modem\.port is missing. Give a serial device"):
         vehicle_file(Settings.load(run_file(tmp_path)))
     for modem, link in (("emulated", "direct"), ("direct", "mavlink")):
         with pytest.raises(ParameterError, match="of a run's emulated hardware"):
@@ -124,14 +124,14 @@ def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
     [
         ("planner.iterations=[1", "error: --set 'planner.iterations=[1': the value is not YAML: "),
         ("planner.[/x]=1", "planner.[/x]: unknown parameter"),
-        ("planner.iterations", "expected NAME=VALUE"),
+        ("planner.iterations", "is not NAME=VALUE"),
         (
             "planner.iteratons=5",
             "error: --set planner.iteratons=5: planner.iteratons: unknown parameter (value 5); did you mean",
         ),
-        ("auv2.planner.horizon=0", "error: --set auv2.planner.horizon=0: planner.horizon: got 0; expected a whole"),
+        ("auv2.planner.horizon=0", "error: --set auv2.planner.horizon=0: planner.horizon must be a whole"),
         ("planer.horizon=3", "error: --set planer.horizon=3: planer: unknown section; did you mean 'planner'?"),
-        ("planner.method=best", "error: --set planner.method=best: planner.method: got 'best'; expected one of 'tour'"),
+        ("planner.method=best", "error: --set planner.method=best: planner.method must be one of 'tour'"),
     ],
 )
 def test_a_wrong_set_is_named(
@@ -143,7 +143,7 @@ def test_a_wrong_set_is_named(
     assert words in printed
 
 
-@pytest.mark.parametrize(("factor", "words"), [("0", "expected more than 0; without it"), ("-1", "got -1.0; expected")])
+@pytest.mark.parametrize(("factor", "words"), [("0", "must be more than 0; without it"), ("-1", "not -1.0")])
 def test_a_pace_that_cannot_be_is_refused(
     factor: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,7 +171,7 @@ def test_a_disk_without_room_for_the_recording_refuses_the_mission(
 ) -> None:
     monkeypatch.setattr(mission, "free_mb", lambda folder: 210.0)
     assert main(["--out", str(tmp_path / "run")]) == 2
-    assert "record.folder: got 10 MB of free space beyond record.least_free_mb = 200 MB" in capsys.readouterr().out
+    assert "record.folder has 10 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().out
     assert not (tmp_path / "run").exists()
 
 

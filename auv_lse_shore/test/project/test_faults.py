@@ -354,10 +354,10 @@ def test_the_water_carries_a_packet_to_all_mates(team, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--vehicles", "0"], "argument --vehicles: got 0; expected a whole number from 1"),
-        (["--kills", "-1"], "argument --kills: got -1; expected a whole number from 0"),
-        (["--hours", "inf"], "argument --hours: got inf; expected a number above 0"),
-        (["--speed-up", "fast"], "argument --speed-up: got fast; expected a number above 0"),
+        (["--vehicles", "0"], "argument --vehicles: '0' is not a whole number of at least 1"),
+        (["--kills", "-1"], "argument --kills: '-1' is not a whole number of at least 0"),
+        (["--hours", "inf"], "argument --hours: 'inf' is not a number above 0"),
+        (["--speed-up", "fast"], "argument --speed-up: 'fast' is not a number above 0"),
     ],
 )
 def test_an_impossible_day_is_refused_by_name(arguments, words, capsys):

@@ -1,6 +1,7 @@
-"""Sizes that keep the code readable: functions, argument lists, modules and folders."""
+"""What keeps the code readable: sizes of functions, argument lists, modules and folders, and how errors are phrased."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,17 @@ def test_no_function_takes_more_than_8_arguments():
 
 def test_no_module_is_longer_than_500_lines():
     assert not [path for path in SOURCES if len(path.read_text().splitlines()) > 500]
+
+
+#: "depth_m: got 3; expected less": nothing is got or expected. `CONTRIBUTING.md` has the rule for errors.
+TEMPLATE = re.compile(r"; expected\b|: expected (?:an?|at|both|one|[\d{(])")
+
+
+def test_no_error_has_the_old_template():
+    paths = [*SOURCES, *ROOT.glob("auv_lse_*/launch/*.py"), *ROOT.glob("benchmarks/**/*.py")]
+    joined = {path: re.sub(r'"\s+f?"', "", path.read_text()) for path in paths}  # texts of several lines
+    found = {str(path.relative_to(ROOT)): match[0] for path, text in joined.items() if (match := TEMPLATE.search(text))}
+    assert not found, "say what is wrong, the value and the cure"
 
 
 PARTS = [*sorted(path.parent.name for path in ROOT.glob("*/package.xml")), "docs", "benchmarks", "config"]

@@ -131,7 +131,7 @@ def test_maps_that_cannot_be_compared_are_reported(flown: Path, tmp_path, capsys
     with pytest.raises(SystemExit) as end:
         main([str(flown), "--recompute", "modem"])
     assert end.value.code == 2
-    assert "'modem': expected gp, planner" in capsys.readouterr().err
+    assert "'modem' is neither of gp, planner" in capsys.readouterr().err
 
 
 def test_a_table_leaves_out_empty_columns() -> None:

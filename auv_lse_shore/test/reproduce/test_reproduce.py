@@ -114,7 +114,7 @@ def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--seeds", "0", "--out", str(tmp_path)])
     assert ended.value.code == 2
-    assert "--seeds: got 0; expected a whole number from 1" in capsys.readouterr().err
+    assert "--seeds: '0' is not a whole number of at least 1" in capsys.readouterr().err
 
 
 def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, capsys):
@@ -124,4 +124,4 @@ def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, cap
     file = tmp_path / "file"
     file.touch()
     assert main(["--quick", "--out", str(file)]) == 2
-    assert f"{file}: got a file; expected a folder, or an unused name" in capsys.readouterr().err
+    assert f"{file} is a file, not a folder; choose another name" in capsys.readouterr().err

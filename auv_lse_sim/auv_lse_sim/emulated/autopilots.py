@@ -106,7 +106,5 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) ->
 def _endpoint(endpoint: str) -> str:
     address = read_address(endpoint)
     if address.kind != "udpin" or address.position not in LOCAL_HOSTS or address.number == 0:
-        raise AddressError(
-            f"link.endpoint got {endpoint!r}; expected udpin://127.0.0.1:PORT for a simulated autopilot. Change it"
-        )
+        raise AddressError(f"link.endpoint {endpoint!r} cannot be a simulated autopilot's; use udpin://127.0.0.1:PORT")
     return f"udpout://{address.position}:{address.number}"

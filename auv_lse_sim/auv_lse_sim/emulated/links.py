@@ -145,6 +145,6 @@ def _host_port(port: str) -> HostPort:
     if address.kind == "serial" and not address.position.startswith("/dev/"):
         return PtyPort(Path(address.position))
     raise AddressError(
-        f"modem.port got {port!r}; expected a path outside /dev (a link to a pty) or tcp://127.0.0.1:PORT for an "
-        "emulated modem. Change modem.port"
+        f"modem.port {port!r} cannot be an emulated modem's; use a path outside /dev (a link to a pty) or "
+        "tcp://127.0.0.1:PORT"
     )

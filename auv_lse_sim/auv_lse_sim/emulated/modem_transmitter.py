@@ -104,7 +104,7 @@ class Transmitter:
             return  # a real modem keeps it for the next cycle, which would be wrong here
         size = RATES[sending.cycle.rate].frame_bytes
         if not 1 <= len(frame.data) <= size:
-            self._host.refuse(now_s, 7, f"frame of {len(frame.data)} bytes: expected 1 to {size}")
+            self._host.refuse(now_s, 7, f"a frame of {len(frame.data)} bytes is not sent; a frame has 1 to {size}")
             return
         sending.frames.append(frame.data)
         sending.asked_s = now_s

@@ -55,7 +55,7 @@ def checked_leg(waypoint: Waypoint) -> Leg:
     leg = waypoint.leg
     values = (leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m)
     if not all(math.isfinite(v) for v in values) or leg.radius_m <= 0.0 or leg.straight_m < 0.0:
-        raise ValueError(f"waypoint of step {leg.step}: got {values}; expected finite numbers and a radius above 0")
+        raise ValueError(f"waypoint of step {leg.step}: {values} must be finite, with a radius above 0")
     return leg
 
 

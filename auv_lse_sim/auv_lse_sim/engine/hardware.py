@@ -62,4 +62,6 @@ def _free_ports(number: int) -> list[int]:
         found.append(port)
         if len(found) == number:
             return found
-    raise OSError(f"UDP ports {PORTS[0]} to {PORTS[-1]} of 127.0.0.1: got {len(found)} free ports; expected {number}")
+    raise OSError(
+        f"UDP ports {PORTS[0]} to {PORTS[-1]} of 127.0.0.1: only {len(found)} of the {number} ports needed are free"
+    )

@@ -21,6 +21,6 @@ def parameter_file(arguments: Sequence[str]) -> Path:
         if "mission" in read_parameter_file(path).get("/**", {}):
             return path
     raise ParameterError(
-        f"sim_node: expected --params-file MISSION.yaml with a 'mission' section under '/**'; got "
-        f"{', '.join(map(str, given)) or 'no --params-file'} (any run's mission.yaml will do)"
+        "sim_node needs --params-file with a mission file that has a 'mission' section under '/**', as any run's "
+        f"mission.yaml has (given: {', '.join(map(str, given)) or 'none'})"
     )

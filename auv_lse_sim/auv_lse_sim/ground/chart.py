@@ -67,8 +67,7 @@ def coarse_chart(
     known = np.isfinite(truth)
     if not known.any():
         raise GroundError(
-            "sim.chart: no ground is known in the operating area; expected some. Choose "
-            "another area, or set sim.chart.smoothing_m: 0"
+            "sim.chart: no ground is known in the operating area. Choose another area, or set sim.chart.smoothing_m: 0"
         )
     sigma = config.smoothing_m / spacing_m
     weight = ndimage.gaussian_filter(known.astype(float), sigma, mode="nearest")

@@ -59,8 +59,8 @@ def depths_of(values: Array, path: Path, what: str, up: bool | None, config: Bat
     if not up:
         if level is not None:
             raise GroundError(
-                f"{path}: {span}, taken as depths (positive down), with sim.bathymetry.water_level_m = {level:g} m; "
-                "expected water_level_m for elevations only: leave it out, or set sim.bathymetry.depth_sign: up"
+                f"{path}: {span}, taken as depths (positive down), but sim.bathymetry.water_level_m = {level:g} "
+                "m needs elevations. Leave it out, or set sim.bathymetry.depth_sign: up"
             )
         return values, _DOWN
     surface = 0.0 if level is None else level

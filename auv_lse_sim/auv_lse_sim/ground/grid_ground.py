@@ -54,15 +54,17 @@ class GridGround:
         depth = np.array(depth_m, dtype=float)
         if depth.shape != (len(north), len(east)):
             raise GroundError(
-                f"{name}: depth_m has shape {depth.shape}; expected (len(north_m), len(east_m)) = "
-                f"({len(north)}, {len(east)})"
+                f"{name}: depth_m must have the shape (len(north_m), len(east_m)) = ({len(north)}, {len(east)}), "
+                f"not {depth.shape}"
             )
         deepest = np.nanmax(np.where(np.isfinite(depth), depth, -np.inf))
         if deepest > DEEPEST_M:
-            raise GroundError(f"{name}: depth {deepest:g} m; expected metres, at most {DEEPEST_M:g}")
+            raise GroundError(f"{name}: depth {deepest:g} m is deeper than {DEEPEST_M:g} m; depths must be in metres")
         known = np.isfinite(depth) & (depth > 0.0)
         if known.sum() < 4:
-            raise GroundError(f"{name}: {int(known.sum())} grid nodes hold water; expected at least 4 depths > 0")
+            raise GroundError(
+                f"{name}: only {int(known.sum())} grid nodes hold water; at least 4 must have a depth > 0"
+            )
         self._name = name
         self._origin = None if origin is None else checked_origin(*origin, where=f"{name}: origin")
         self._notes = notes
@@ -135,7 +137,7 @@ def check_nodes(name: str, rows: int, columns: int) -> None:
     """
     if rows * columns > MAX_GRID_NODES:
         raise GroundError(
-            f"{name}: got {rows:,} x {columns:,} nodes; expected at most {MAX_GRID_NODES:,}. Cut the grid, or make it "
+            f"{name} has {rows:,} x {columns:,} nodes, more than {MAX_GRID_NODES:,}. Cut the grid, or make it "
             "coarser (gdal_translate -projwin, -tr)"
         )
 
@@ -150,10 +152,13 @@ def checked_origin(lat: Any, lon: Any, where: str) -> tuple[float, float]:
         lat_deg, lon_deg = (float(np.asarray(v, dtype=float).item()) for v in (lat, lon))
     except (TypeError, ValueError):
         shapes = f"{np.shape(lat)}, {np.shape(lon)}"
-        raise GroundError(f"{where}: of shapes {shapes}; expected one latitude and one longitude in degrees") from None
+        raise GroundError(
+            f"{where} must be one latitude and one longitude in degrees, not of shapes {shapes}"
+        ) from None
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
         raise GroundError(
-            f"{where}: {lat_deg:g}, {lon_deg:g}; expected degrees, a latitude of -90 to 90, a longitude of -180 to 180"
+            f"{where}: {lat_deg:g}, {lon_deg:g} is not a position in degrees, with a latitude of -90 to 90 and a "
+            "longitude of -180 to 180"
         )
     return lat_deg, lon_deg
 
@@ -161,11 +166,9 @@ def checked_origin(lat: Any, lon: Any, where: str) -> tuple[float, float]:
 def _axis(values: Any, what: str, name: str) -> tuple[Array, float]:
     axis = np.asarray(values, dtype=float)
     if axis.ndim != 1 or len(axis) < 2:
-        raise GroundError(f"{name}: {what} has shape {axis.shape}; expected at least 2 coordinates in a row")
+        raise GroundError(f"{name}: {what} must be a row of at least 2 coordinates, not of shape {axis.shape}")
     steps = np.diff(axis)
     step = float(axis[-1] - axis[0]) / (len(axis) - 1)
     if not np.isfinite(axis).all() or step <= 0.0 or np.abs(steps - step).max() > 0.01 * step:
-        raise GroundError(
-            f"{name}: {what} runs from {axis[0]:g} to {axis[-1]:g}; expected growing, evenly spaced metres"
-        )
+        raise GroundError(f"{name}: {what} must increase in even steps (m); it runs from {axis[0]:g} to {axis[-1]:g}")
     return axis, step

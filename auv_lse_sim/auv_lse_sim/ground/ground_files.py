@@ -33,7 +33,7 @@ def load_ground(
     config = config or BathymetryConfig()
     if not path.is_file():
         what = "is not a file" if path.exists() else "no such file"
-        raise GroundError(f"{path}: {what}; expected bathymetry as .csv, .npz, .asc, .tif, .nc or .bag")
+        raise GroundError(f"{path}: {what}; give bathymetry as .csv, .npz, .asc, .tif, .nc or .bag")
     kinds = {
         ".csv": read_soundings_ground,
         ".txt": read_soundings_ground,
@@ -53,7 +53,7 @@ def load_ground(
     elif reader is read_soundings_ground and is_xyz(path):
         reader = read_xyz_ground
     if reader is None:
-        raise GroundError(f"{path}: ending {path.suffix!r}; expected one of {', '.join(kinds)}")
+        raise GroundError(f"{path}: files ending in {path.suffix!r} cannot be read; use one of {', '.join(kinds)}")
     if origin is not None:
         origin = checked_origin(*origin, where=f"{path}: area.origin_lat_deg, origin_lon_deg")
     try:

@@ -167,8 +167,8 @@ class SyntheticLake:
                 self._spline = self._tabulated()
                 return
         raise ValueError(
-            f"lake: no lake with islands={self.config.islands} in 200 draws of seed {self.seed}; "
-            "expected parameters that leave room for a closed contour (fewer inlets, a larger window)"
+            f"lake: 200 draws of seed {self.seed} gave no lake with islands={self.config.islands}; leave more "
+            "room for a closed contour (fewer inlets, a larger window)"
         )
 
     def _good(self, depth: Array) -> bool:

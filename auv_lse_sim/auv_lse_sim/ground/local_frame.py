@@ -26,7 +26,7 @@ def check_near(path: Path, north: Array, east: Array, lat: Array, lon: Array, or
     """
     if is_far(north, east):
         raise GroundError(
-            f"{path}: latitude {lat.min():.5f} to {lat.max():.5f}, longitude {lon.min():.5f} to {lon.max():.5f} deg, "
-            f"all farther than {FAR_M / 1000:g} km from the mission's area.origin_lat_deg, origin_lon_deg = "
-            f"{origin[0]:g}, {origin[1]:g}; expected an origin near the data: change it, or leave both out"
+            f"{path}: latitude {lat.min():.5f} to {lat.max():.5f}, longitude {lon.min():.5f} to {lon.max():.5f} "
+            f"deg are all farther than {FAR_M / 1000:g} km from the mission's area.origin_lat_deg, "
+            f"origin_lon_deg = {origin[0]:g}, {origin[1]:g}. Change the origin, or leave both out"
         )

@@ -140,8 +140,9 @@ def _check_overlap(
     e = ground.extent
     if high[0] < e.north_min_m or low[0] > e.north_max_m or high[1] < e.east_min_m or low[1] > e.east_max_m:
         raise GroundError(
-            f"area.origin_lat_deg, origin_lon_deg: got {asked[0]:.5f}, {asked[1]:.5f}; expected an area on the ground, "
-            f"whose origin is {origin[0]:.5f}, {origin[1]:.5f}. Correct the origin, or remove it to use the ground's"
+            f"area.origin_lat_deg, origin_lon_deg: {asked[0]:.5f}, {asked[1]:.5f} puts the area off the ground, "
+            f"whose origin is {origin[0]:.5f}, {origin[1]:.5f}. Correct the origin, or remove it to use the "
+            "ground's"
         )
 
 
@@ -212,7 +213,7 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     if not free.any():
         raise GroundError(
             f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "
-            "vehicle's depth plus its minimum water); expected some. Choose another area, or shallower vehicles"
+            "vehicle's depth plus its minimum water). Choose another area, or shallower vehicles"
         )
     if free[raster.wanted].all():
         return settings, []
@@ -222,8 +223,8 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     labels, count = ndimage.label(inner, structure=np.ones((3, 3)))
     if count == 0:
         raise GroundError(
-            f"area: no water of {limit_m:g} m or more in {wanted_by} is wide enough for margin_m = {area.margin_m:g} m "
-            "on either side; expected some. Choose a smaller margin, or another area"
+            f"area: no water of {limit_m:g} m or more in {wanted_by} is wide enough for margin_m = "
+            f"{area.margin_m:g} m on either side. Choose a smaller margin, or another area"
         )
     sizes = np.bincount(labels.ravel())[1:]
     first = settings.vehicle(1).vehicle
@@ -314,8 +315,9 @@ def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
             break
     else:
         raise GroundError(
-            f"area: the widest location is {max(float(clearance.max()), 0.0):.0f} m from its border; expected at least "
-            f"{margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area or a smaller margin"
+            f"area: the widest location is only {max(float(clearance.max()), 0.0):.0f} m from its border, less "
+            f"than {margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area or a smaller "
+            "margin"
         )
     fit, roomy = locations[clearance >= needed], clearance[clearance >= needed]
     overrides: dict[str, Any] = {}
@@ -400,10 +402,11 @@ def prior_warnings(settings: Settings) -> list[str]:
     if found is None:
         return []
     return [
-        f"level_set.level_m: got {level:g} m, {found.sigmas:.1f} standard deviations (gp.signal_std_m "
-        f"{gp.signal_std_m:g} m) from the nearest prior mean, {found.nearest_m:.3g} m; expected at most "
-        f"{MAX_LEVEL_SIGMAS:g}. The prior nearly excludes this isobath, so map risk starts too low and the lawnmower "
-        f"bound misleads. Set gp.signal_std_m to {found.wide_enough_m:g} or more, or fit with --mean plane"
+        f"level_set.level_m: {level:g} m is {found.sigmas:.1f} standard deviations (gp.signal_std_m "
+        f"{gp.signal_std_m:g} m) from the nearest prior mean, {found.nearest_m:.3g} m, more than "
+        f"{MAX_LEVEL_SIGMAS:g}. The prior nearly excludes this isobath, so map risk starts too low and the "
+        f"lawnmower bound misleads. Set gp.signal_std_m to {found.wide_enough_m:g} or more, or fit with --mean "
+        "plane"
     ]
 
 

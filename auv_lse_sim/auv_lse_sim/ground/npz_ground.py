@@ -28,26 +28,26 @@ def read_npz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
     depth, notes = grid_depths(grid.values, path, grid.depth_name, grid.upward, config)
     if upside_down(depth, notes[0], config):
         raise GroundError(
-            f"{path}: {grid.depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: "
-            f"{SIGN_ADVICE}"
+            f"{path}: {grid.depth_name} is mostly negative (median {np.nanmedian(depth):g} m), but depths are "
+            f"positive down: {SIGN_ADVICE}"
         )
     distance = grid.others.get("dist_to_sounding_m")
     if distance is not None:
         if distance.dtype.kind not in "fiu":
-            raise GroundError(f"{path}: dist_to_sounding_m holds {distance.dtype}; expected numbers")
+            raise GroundError(f"{path}: dist_to_sounding_m holds {distance.dtype}, not numbers")
         if distance.shape != depth.shape:
-            raise GroundError(f"{path}: dist_to_sounding_m has shape {distance.shape}; expected {depth.shape}")
+            raise GroundError(f"{path}: dist_to_sounding_m has the shape {distance.shape}, not {depth.shape}")
         depth = np.where(distance <= config.max_gap_m, depth, np.nan)
         notes.append(f"unknown beyond {config.max_gap_m:g} m of a sounding")
     if ("lat0" in grid.others) != ("lon0" in grid.others):
-        raise GroundError(f"{path}: only one of lat0, lon0; expected both or neither")
+        raise GroundError(f"{path} has only one of lat0, lon0; give both or neither")
     if "lat0" in grid.others:
         origin = checked_origin(grid.others["lat0"], grid.others["lon0"], f"{path}: lat0, lon0")
     north, east = grid.north_m, grid.east_m
     if north.size and east.size and is_far(north, east):
         raise GroundError(
-            f"{path}: {ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
-            "not projected ones (UTM): subtract an origin, and give its latitude and longitude as lat0, lon0"
+            f"{path}: {ranges(north, east)} are farther than {FAR_M / 1000:g} km from a local origin, so they "
+            "may be projected (UTM). Subtract an origin, and give its latitude and longitude as lat0, lon0"
         )
     return GridGround(
         north,

@@ -40,12 +40,15 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
     negative = np.flatnonzero(depth < 0.0)
     if upside_down(depth, sign_note, config):
         raise GroundError(
-            f"{path}:{lines[negative[0]]}: depth {depth[negative[0]]:g} m, as for {len(negative)} of {len(depth)} "
-            f"soundings; expected {column} positive down: {SIGN_ADVICE}"
+            f"{path}:{lines[negative[0]]}: depth {depth[negative[0]]:g} m is negative, as {len(negative)} of "
+            f"{len(depth)} soundings are, but {column} is positive down: {SIGN_ADVICE}"
         )
     deep = np.flatnonzero(depth > DEEPEST_M)
     if len(deep):
-        raise GroundError(f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m; expected metres, below {DEEPEST_M:g}")
+        raise GroundError(
+            f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m is deeper than {DEEPEST_M:g} m; depths must be in "
+            "metres"
+        )
     notes_on_depth = f"{len(depth)} soundings, {sign_note}"
     locations = local_positions(table, origin)
     north, east = locations.north_m, locations.east_m
@@ -56,8 +59,8 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
         check_near(path, north, east, table.lat_deg, table.lon_deg, locations.origin)
     elif is_far(north, east):
         raise GroundError(
-            f"{path}: {ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
-            "not projected ones (UTM): give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
+            f"{path}: {ranges(north, east)} are farther than {FAR_M / 1000:g} km from a local origin, so they "
+            "may be projected (UTM). Give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
             f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
         )
     check_together(path, north, east, lines)
@@ -110,7 +113,7 @@ def grid_soundings(
     low, high = order[first + (count - 1) // 2], order[first + count // 2]
     locations, values = np.stack([north[low], east[low]], axis=1), 0.5 * (depth[low] + depth[high])
     if len(locations) < 10:
-        raise GroundError(f"{name}: {len(locations)} soundings at different locations; expected at least 10")
+        raise GroundError(f"{name}: soundings at {len(locations)} different locations are too few; give at least 10")
     step = config.resolution_m
     axes = []
     for column in (0, 1):
@@ -118,14 +121,14 @@ def grid_soundings(
         axes.append(start + step * np.arange(math.ceil((locations[:, column].max() - start) / step) + 1))
     if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > MAX_GRID_NODES:
         raise GroundError(
-            f"{name}: soundings span {np.ptp(locations[:, 0]):.0f} m x {np.ptp(locations[:, 1]):.0f} m; expected an "
-            f"area that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
+            f"{name}: soundings over {np.ptp(locations[:, 0]):.0f} m x {np.ptp(locations[:, 1]):.0f} m do not "
+            f"make a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
         )
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     try:
         grid = LinearNDInterpolator(locations, values)(nodes)
     except QhullError as error:
-        raise GroundError(f"{name}: the soundings lie on one line; expected them to cover an area") from error
+        raise GroundError(f"{name}: the soundings lie on one line; give soundings over an area") from error
     distance = cKDTree(locations).query(nodes, distance_upper_bound=config.max_gap_m)[0]
     grid = np.where(np.isfinite(distance), grid, np.nan).reshape(len(axes[0]), len(axes[1]))
     grid = _smoothed(grid, config.smoothing_m / step)

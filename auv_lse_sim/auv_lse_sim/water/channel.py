@@ -203,8 +203,8 @@ class Channel:
         table = RATES[rate]
         if not 0 <= n_bytes <= table.frames * table.frame_bytes:
             raise ValueError(
-                f"{n_bytes} bytes: a packet of rate {rate} holds {table.frames} x {table.frame_bytes}; "
-                "expected less, or another rate"
+                f"{n_bytes} bytes do not fit a packet of rate {rate}, {table.frames} x {table.frame_bytes}; send "
+                "less, or use another rate"
             )
         return self.config.overhead_s + 8.0 * n_bytes / table.bit_rate_bps
 
@@ -237,7 +237,7 @@ class Channel:
         if not now_s >= self._until_s:
             raise ValueError(f"transmission at {now_s} s: arrivals until {self._until_s} s were given already")
         if source not in positions:
-            raise ValueError(f"transmission of vehicle {source}: expected its position among {sorted(positions)}")
+            raise ValueError(f"transmission of vehicle {source}: its position is not among {sorted(positions)}")
         if any(vehicle == source and until > now_s for vehicle, _, until in self._sending):
             raise ValueError(f"transmission of vehicle {source} at {now_s} s: it is still sending")
         self._sending.append((source, now_s, end))

@@ -249,8 +249,8 @@ def test_without_hardware_there_is_nothing_to_open():
     [
         ({"auv1.modem.kind": "micromodem", "auv1.modem.port": "/dev/ttyUSB0"}, "outside /dev"),
         ({"auv1.modem.kind": "micromodem", "auv1.modem.port": "tcp://10.0.0.1:4001"}, "tcp://127.0.0.1"),
-        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpout://127.0.0.1:14550"}, "expected udpin"),
-        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpin://0.0.0.0:14550"}, "expected udpin"),
+        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpout://127.0.0.1:14550"}, "use udpin"),
+        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpin://0.0.0.0:14550"}, "use udpin"),
     ],
 )
 def test_invalid_ports_are_named(overrides, words):

@@ -167,5 +167,5 @@ def test_autopilot_check_hears_mavsdk_as_an_autopilot_and_names_what_it_lacks(ca
     printed = capsys.readouterr().out
     assert code == 1, printed
     assert "ok      HEARTBEAT: " in printed, printed
-    assert "MISSING LOCAL_POSITION_NED: 0.0 Hz; expected at least 1 Hz for odometry" in printed
+    assert "MISSING LOCAL_POSITION_NED: 0.0 Hz; at least 1 Hz are needed for odometry" in printed
     assert "MISSING not armed: the mission waits until it is" in printed

@@ -39,7 +39,7 @@ def test_a_factory_modem_is_only_asked(bucket, capsys):
     (port, _), stop = bucket
     assert main([port, "--vehicle", "1"]) == 0
     printed = capsys.readouterr().out
-    assert "note    SRC = 0; expected 1: the driver sets it; by hand: $CCCFG,SRC,1*" in printed
+    assert "note    SRC = 0, but must be 1: the driver sets it; by hand: $CCCFG,SRC,1*" in printed
     assert "ok      clock: +0.0 s from this computer's" in printed
     assert "note    BND = 1: must be equal on all modems" in printed
     assert printed.endswith("nothing is missing\n")
@@ -102,7 +102,7 @@ def test_silence_and_absent_ports_are_missing(tmp_path, capsys):
     assert main([silent.port, "--mission", str(mission)]) == 1
     silent.close()
     printed = capsys.readouterr().out
-    assert "MISSING no answer to $CCCFQ,SRC; expected $CACFG. Check power" in printed
+    assert "MISSING no answer to $CCCFQ,SRC. Check power" in printed
     assert "trying 9600 Bd\n" in printed
     assert main([str(tmp_path / "absent")]) == 1
     assert "MISSING " in capsys.readouterr().out
@@ -111,10 +111,10 @@ def test_silence_and_absent_ports_are_missing(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nowhere"], "expected /dev/NAME"),
-        (["/dev/x", "--vehicle", "0"], "--vehicle: got 0; expected 1 to 127"),
-        (["/dev/x", "--ping", "1"], "expected another modem"),
-        (["/dev/x", "--listen", "0"], "--listen: got 0"),
+        (["nowhere"], "is not an address; write /dev/NAME"),
+        (["/dev/x", "--vehicle", "0"], "--vehicle must be 1 to 127, not 0"),
+        (["/dev/x", "--ping", "1"], "is --vehicle's own modem; choose another"),
+        (["/dev/x", "--listen", "0"], "--listen must be more than 0 s, not 0"),
         (["/dev/x", "--set", "SRC=3"], "the driver sets SRC"),
         (["/dev/x", "--mission", "/absent.yaml"], "/absent.yaml"),
     ],

@@ -168,7 +168,7 @@ def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
         (Sentence("CCCFG", ("NOPE", "1")).encode(), b"unknown setting"),
         (Sentence("CCCFG", ("SRC", "200")).encode(), b"out of range"),
         (Sentence("CCCYC", ("0", "1", "0", "4", "0", "3")).encode(), b"rate 4 with 3 frames"),
-        (Sentence("CCTMS", ("noon", "0")).encode(), b"expected a time"),
+        (Sentence("CCTMS", ("noon", "0")).encode(), b"not a time such as"),
         (Sentence("CCTXD", ("1", "0", "0", "ABC")).encode(), b"hexadecimal"),
     ],
 )

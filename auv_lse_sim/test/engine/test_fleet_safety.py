@@ -54,7 +54,7 @@ def test_a_limit_that_trips_brings_the_vehicle_to_the_surface() -> None:
     until(team, 20.0)
     status = team.cores[0].safety.run.status
     assert status.state is RunState.HOLDING
-    assert "expected at most 2.0 m" in status.limits[0]
+    assert "deeper than 2.0 m" in status.limits[0]
     until(team, 60.0)
     assert all(vehicle.position[2] == 0.0 for vehicle in team.world.vehicles.values())
 

@@ -384,9 +384,9 @@ def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path)
     [
         (PARAMETERS.replace("iterations", "iteratons"), "/auv1", "did you mean 'iterations'"),
         (PARAMETERS.replace("planner:", "plnner:"), "/auv1", "did you mean 'planner'"),
-        (PARAMETERS.replace("iterations: 30", "iterations: 0"), "/auv1", "planner.iterations: got 0"),
+        (PARAMETERS.replace("iterations: 30", "iterations: 0"), "/auv1", "planner.iterations must be a whole number"),
         (PARAMETERS, "/scout", "ends in the vehicle's number"),
-        (PARAMETERS, "/auv3", "vehicle: got 3; expected 1 to mission.vehicles = 2"),
+        (PARAMETERS, "/auv3", "vehicle 3 does not exist; mission.vehicles is 2"),
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_words(

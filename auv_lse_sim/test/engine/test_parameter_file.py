@@ -12,7 +12,7 @@ def test_the_file_with_the_mission_is_found_among_others(tmp_path: Path) -> None
     mission.write_text("/**:\n  ros__parameters:\n    mission: {steps: 4}\n")
     arguments = ["sim_node", "--ros-args", "--params-file", str(own), "--params-file", str(mission)]
     assert parameter_file(arguments) == mission
-    with pytest.raises(ParameterError, match=f"got {own}"):
+    with pytest.raises(ParameterError, match=f"given: {own}"):
         parameter_file(arguments[:4])
     with pytest.raises(ParameterError, match="no --params-file"):
         parameter_file(["sim_node"])

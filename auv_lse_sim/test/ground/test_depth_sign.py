@@ -16,7 +16,8 @@ def test_elevations_are_negated(tmp_path):
     check_bottom(load_ground(path))
     path = write_csv(tmp_path / "t.csv", ["north_m", "east_m", "depth_m"], north, east, -depth)
     with pytest.raises(
-        GroundError, match=r"t\.csv:2: depth -.* as for 3000 of 3000 soundings; expected depth_m positive down"
+        GroundError,
+        match=r"t\.csv:2: depth -.* m is negative, as 3000 of 3000 soundings are, but depth_m is positive down",
     ):
         load_ground(path)
     check_bottom(load_ground(path, BathymetryConfig(depth_sign="up")))
@@ -76,7 +77,9 @@ def test_named_elevations_above_sea_level_need_the_water_level(tmp_path, ending)
     land = write_grid(tmp_path / f"l.{ending}", *topobathy(2 / 3))
     assert "nodes are land" in load_ground(land).describe()
     depths = write_grid(tmp_path / f"d.{ending}", axis, -height, "depth_m")
-    with pytest.raises(GroundError, match=r"depth_m from .* with sim\.bathymetry\.water_level_m = 1200 m; expected"):
+    with pytest.raises(
+        GroundError, match=r"depth_m from .* but sim\.bathymetry\.water_level_m = 1200 m needs elevations"
+    ):
         load_ground(depths, config)
     shallow = write_grid(tmp_path / f"n.{ending}", *topobathy(0.1), "depth_m")
     with pytest.raises(GroundError, match=r"positive down: set sim\.bathymetry\.depth_sign: up for elevations"):

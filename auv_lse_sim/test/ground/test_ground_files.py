@@ -17,21 +17,21 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("a.csv", "", r"a\.csv: 0 lines; expected a header"),
+        ("a.csv", "", r"a\.csv has 0 lines; write a header"),
         (
             "a.csv",
             "x,y\n1,2\n",
-            r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m \(or easting, northing\) or lat,lon,depth_m",
+            r"a\.csv:1: the columns x, y are not enough; needed are east_m,north_m,depth_m .* or lat,lon,depth_m",
         ),
-        ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20'; expected 3"),
+        ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20', but the header has 3"),
         ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'. Write a finite number"),
         ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'. Write a finite number"),
-        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m; expected metres, below 11000"),
-        ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95; expected degrees"),
+        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m is deeper than 11000 m; depths must be in metres"),
+        ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95, which is not in degrees"),
         (
             "a.csv",
             "east_m,north_m,depth_m\n1,2,3\n4,5,6\n",
-            r"a\.csv: 2 soundings at different locations; expected at least 10",
+            r"a\.csv: soundings at 2 different locations are too few; give at least 10",
         ),
         ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i},{2 * i},3\n" for i in range(60)), r"lie on one line"),
         (
@@ -40,7 +40,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
             r"2 x 2 to 5000 x 5000",
         ),
         ("a.npz", "no zip", r"a\.npz is damaged or not npz"),
-        ("a.pdf", "x", r"ending '\.pdf'; expected one of \.csv"),
+        ("a.pdf", "x", r"files ending in '\.pdf' cannot be read; use one of \.csv"),
         ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x' is no line of a header"),
         ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"but no cellsize, or dx and dy"),
         (
@@ -72,7 +72,7 @@ def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(GroundError, match=r": is not a file; expected bathymetry as"):
+    with pytest.raises(GroundError, match=r": is not a file; give bathymetry as"):
         load_ground(tmp_path)
     with pytest.raises(GroundError, match=r"nowhere\.csv: no such file"):
         load_ground("nowhere.csv")
@@ -85,13 +85,15 @@ def test_origins_are_on_earth(tmp_path):
     (tmp_path / "s.csv").write_text("lat,lon,depth_m\n" + rows)
     # Longitudes of 0 to 360 are read, and the origin is what area.origin_lon_deg may be.
     assert load_ground(tmp_path / "s.csv").origin == pytest.approx((47.5018, -91.4973), abs=2e-4)
-    with pytest.raises(GroundError, match=r"s\.csv: area\.origin_lat_deg, origin_lon_deg: 500, 8; expected degrees"):
+    with pytest.raises(
+        GroundError, match=r"s\.csv: area\.origin_lat_deg, origin_lon_deg: 500, 8 is not a position in degrees"
+    ):
         load_ground(tmp_path / "s.csv", origin=(500.0, 8.0))
     (tmp_path / "depth.asc").write_text(ascii_text(np.full((30, 30), 20.0), 1e12, 1e12, 10.0))
     (tmp_path / "depth.prj").write_text("EPSG:32632")
-    with pytest.raises(GroundError, match=r"depth\.asc: .*(expected degrees|outside of its projection)"):
+    with pytest.raises(GroundError, match=r"depth\.asc: .*(not a position in degrees|outside of its projection)"):
         load_ground(tmp_path / "depth.asc")
-    with pytest.raises(GroundError, match=r"grid: origin: 47, 361; expected"):
+    with pytest.raises(GroundError, match=r"grid: origin: 47, 361 is not a position"):
         GridGround([0, 1], [0, 1], np.ones((2, 2)), origin=(47.0, 361.0))
 
 

@@ -109,8 +109,8 @@ def test_no_islands_when_none_are_asked_for():
 @pytest.mark.parametrize(
     ("values", "match"),
     [
-        ({"terrace_m": 20.0}, "terrace_m, level_m, deepest_m: got 20, 15"),
-        ({"deep_share_low": 0.6, "deep_share_high": 0.5}, "deep_share_low: got 0.6; expected at most"),
+        ({"terrace_m": 20.0}, "terrace_m, level_m, deepest_m must be ascending depths, not 20, 15"),
+        ({"deep_share_low": 0.6, "deep_share_high": 0.5}, "deep_share_low is 0.6, but must not exceed"),
         ({"island": 2}, "did you mean 'islands'"),
     ],
 )

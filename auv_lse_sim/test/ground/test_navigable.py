@@ -181,7 +181,7 @@ def test_the_origin_of_the_ground_holds():
     replaced = "area.origin 47.00090, 8.00000 deg is replaced by the origin of the ground, 47.00000, 8.00000 deg"
     assert any(replaced in note for note in notes)
     assert min(fitted.area.polygon_m[::2]) == pytest.approx(min(elsewhere.area.polygon_m[::2]) + 100.1, abs=15.0)
-    with pytest.raises(GroundError, match=r"got 47\.00000, 9\.50000; expected an area on the ground"):
+    with pytest.raises(GroundError, match=r"47\.00000, 9\.50000 puts the area off the ground"):
         fit_to_ground(settings(**{"area.origin_lat_deg": 47.0, "area.origin_lon_deg": 9.5}), terrain)
     again, notes = fit_to_ground(fitted, terrain)
     assert again.area.origin_lon_deg == 8.0

@@ -27,24 +27,24 @@ def test_npz(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "match"),
     [
-        ({"depth_m": np.ones((3, 3))}, "arrays are depth_m; expected east_m"),
+        ({"depth_m": np.ones((3, 3))}, "has the arrays depth_m; needed are east_m"),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1], "depth_m": np.ones((3, 3))},
-            r"shape \(3, 3\), north_m \(3,\), east_m \(2,\); expected",
+            r"shape \(3, 3\), north_m \(3,\), east_m \(2,\); they must be",
         ),
         (
             {"north_m": [0, 1, 5], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3))},
-            "north_m runs from 0 to 5; expected growing",
+            "north_m must increase in even steps .*from 0 to 5",
         ),
         ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": -np.ones((3, 3))}, "mostly negative"),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), 2e4)},
-            "depth 20000 m; expected metres",
+            "depth 20000 m is deeper than",
         ),
         ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), np.nan)}, "0 grid nodes hold water"),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), "x")},
-            "depth_m holds <U1; expected numbers",
+            "depth_m holds <U1, not numbers",
         ),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 3.0},
@@ -52,19 +52,19 @@ def test_npz(tmp_path):
         ),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": [3.0, 4.0], "lon0": 5.0},
-            r"lat0, lon0: of shapes \(2,\), \(\); expected one latitude",
+            r"lat0, lon0 must be one latitude .*, not of shapes \(2,\), \(\)",
         ),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": "north", "lon0": 5.0},
-            r"lat0, lon0: .*expected one latitude",
+            r"lat0, lon0 must be one latitude",
         ),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 500.0, "lon0": 5.0},
-            r"lat0, lon0: 500, 5; expected degrees, a latitude of -90 to 90",
+            r"lat0, lon0: 500, 5 is not a position in degrees, with a latitude of -90 to 90",
         ),
         (
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 5.0, "lon0": np.nan},
-            r"lat0, lon0: 5, nan; expected degrees",
+            r"lat0, lon0: 5, nan is not a position in degrees",
         ),
     ],
 )
@@ -99,7 +99,7 @@ def test_damaged_npz(tmp_path, save):
     with path.open("wb") as file:
         np.save(file, np.ones((3, 3)))
     with pytest.raises(
-        GroundError, match=r"^[^:]*g\.npz: a single array of shape \(3, 3\) \(npy\); expected an npz file"
+        GroundError, match=r"^[^:]*g\.npz is a single array of shape \(3, 3\) \(npy\); save .* as an npz file"
     ):
         load_ground(path)
 

@@ -34,8 +34,8 @@ def rates(x, gyro):
 @pytest.mark.parametrize(
     ("values", "match"),
     [
-        ({"min_altitude_m": 60.0}, r"max_altitude_m: got 60; expected more than min_altitude_m = 60 m"),
-        ({"dropout_min_s": 3.0}, r"dropout_min_s: got 3; expected at most dropout_max_s = 2 s"),
+        ({"min_altitude_m": 60.0}, r"max_altitude_m is 60 m, but must be above min_altitude_m \(60 m\)"),
+        ({"dropout_min_s": 3.0}, r"dropout_min_s is 3 s, but must not exceed dropout_max_s \(2 s\)"),
     ],
 )
 def test_intervals_out_of_order_are_refused(values, match):

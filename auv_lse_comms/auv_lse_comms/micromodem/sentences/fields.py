@@ -23,7 +23,7 @@ class SentenceError(ValueError):
 def take_text(fields: Sequence[str], index: int, name: str) -> str:
     """The field's text."""
     if index >= len(fields):
-        raise SentenceError(f"{name}: missing; expected field {index + 1}, got {len(fields)} fields")
+        raise SentenceError(f"{name} (field {index + 1}) is missing; the sentence has {len(fields)} fields")
     return fields[index]
 
 
@@ -36,10 +36,10 @@ def take_int(fields: Sequence[str], index: int, name: str, low: int | None = Non
     """An integer, `low` to `high` where they are given."""
     text = take_text(fields, index, name)
     if not is_int(text):
-        raise SentenceError(f"{name}: got {text[:40]!r}; expected an integer in field {index + 1}")
+        raise SentenceError(f"{name} (field {index + 1}) is {text[:40]!r}, not an integer")
     value = int(text)
     if (low is not None and value < low) or (high is not None and value > high):
-        raise SentenceError(f"{name}: got {value}; expected {low} to {high} in field {index + 1}")
+        raise SentenceError(f"{name} (field {index + 1}) is {value}, outside {low} to {high}")
     return value
 
 
@@ -47,7 +47,7 @@ def take_float(fields: Sequence[str], index: int, name: str) -> float:
     """A decimal number without exponent."""
     text = take_text(fields, index, name)
     if not _FLOAT.match(text):
-        raise SentenceError(f"{name}: got {text[:40]!r}; expected a number in field {index + 1}")
+        raise SentenceError(f"{name} (field {index + 1}) is {text[:40]!r}, not a number")
     return float(text)
 
 
@@ -74,7 +74,7 @@ def take_hex(fields: Sequence[str], index: int, name: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except ValueError as error:
-        raise SentenceError(f"{name}: got {text[:20]!r}...; expected hexadecimal digits ({error})") from None
+        raise SentenceError(f"{name} is {text[:20]!r}..., not hexadecimal digits ({error})") from None
 
 
 def iso_time(utc_s: float) -> str:
@@ -101,7 +101,7 @@ def read_iso_time(text: str, name: str) -> tuple[float, float]:
             raise ValueError("shape")
         whole = datetime.strptime(match[1], "%Y-%m-%dT%H:%M:%S").replace(tzinfo=UTC)
     except ValueError:
-        raise SentenceError(f"{name}: got {text[:40]!r}; expected a time such as 2019-12-02T03:02:59Z") from None
+        raise SentenceError(f"{name} is {text[:40]!r}, not a time such as 2019-12-02T03:02:59Z") from None
     fraction = match[2] or ""
     resolution = 10.0 ** -(len(fraction) - 1) if fraction else 1.0
     return (whole - _EPOCH).total_seconds() + (float(fraction) if fraction else 0.0), resolution

@@ -70,14 +70,14 @@ class CommandDesk:
             CommandError: if the command or a vehicle does not exist, or no mission is followed.
         """
         if not isinstance(name, str) or name not in COMMANDS:
-            raise CommandError(f"command got {name!r}; expected one of {', '.join(COMMANDS)}")
+            raise CommandError(f"{name!r} is not a command; use one of {', '.join(COMMANDS)}")
         with self._lock:
             if not self._vehicles:
-                raise CommandError("no mission is running; expected one. Commands cannot change a recording")
+                raise CommandError("No mission is running; recordings are read-only")
             there = range(1, self._vehicles + 1)
             found = [k for k in vehicles if type(k) is int and k in there]
             if not found or len(found) < len(vehicles):
-                raise CommandError(f"vehicles got {list(vehicles)!r}; expected numbers from 1 to {self._vehicles}")
+                raise CommandError(f"vehicles must be numbers from 1 to {self._vehicles}, not {list(vehicles)!r}")
             order = Order(COMMANDS[name], tuple(sorted(set(found))))
             self._orders.append(order)
         return order.outcomes

@@ -73,7 +73,7 @@ class RecordingFile:
         if self._offset == 0:
             start = file.read(len(_MAGIC))
             if not _MAGIC.startswith(start):
-                raise RecordingError(f"{self.path}: begins with {start!r}; expected an MCAP file ({_MAGIC!r})")
+                raise RecordingError(f"{self.path} is not an MCAP file: it begins with {start!r}, not {_MAGIC!r}")
             if len(start) < len(_MAGIC):
                 return
             self._offset = len(_MAGIC)
@@ -121,7 +121,7 @@ class RecordingFile:
         if schema is None or channel.message_encoding != "cdr":
             raise RecordingError(
                 f"{self.path}: {channel.topic}: encoding {channel.message_encoding!r} without a usable schema; "
-                "expected CDR with its message definition, as rosbag2 writes it"
+                "only CDR with its message definition, as rosbag2 writes it, can be read"
             )
         found = get_types_from_msg(schema.data.decode(), schema.name)
         self._types.register({k: v for k, v in found.items() if k not in self._types.fielddefs})
@@ -193,5 +193,5 @@ def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
     if damaged is not None:
         raise damaged
     raise RecordingError(
-        f"{recording}: got no mission file in it, beside it or above it; expected mission.yaml. Name it: --mission FILE"
+        f"{recording}: there is no mission.yaml in it, beside it or above it. Name the mission file with --mission FILE"
     )

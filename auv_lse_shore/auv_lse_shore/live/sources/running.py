@@ -108,8 +108,8 @@ class MissionFollower:
     def _settings(self, found: RunningMission) -> Settings:
         if self._mission is None and found.run is None:
             raise ValueError(
-                f"ROS domain {found.domain} got no mission file, because its mission was not started on this machine; "
-                "expected one. Name it: --mission FILE"
+                f"ROS domain {found.domain}: its mission was not started on this machine, so its mission file is "
+                "unknown. Name it with --mission FILE"
             )
         return Settings.load(self._mission or (found.run or Path()) / "mission.yaml", read_area=read_area)
 

@@ -122,9 +122,9 @@ class _Guard(tornado.web.RequestHandler):
         """Checks the headers first."""
         host, origin = self.request.headers.get("Host", ""), self.request.headers.get("Origin")
         if host not in self._hosts:
-            self._refuse(f"Host {host!r}: expected one of {', '.join(sorted(self._hosts))}")
+            self._refuse(f"Host {host!r} is not served; use {' or '.join(sorted(self._hosts))}")
         elif origin is not None and origin not in {f"http://{name}" for name in self._hosts}:
-            self._refuse(f"Origin {origin!r}: expected http://{host}")
+            self._refuse(f"Origin {origin!r} is not http://{host}")
 
     def _refuse(self, reason: str, status: int = 403) -> None:
         self.set_status(status)
@@ -188,7 +188,7 @@ class CommandHandler(_Guard):
             wanted = json.loads(self.request.body)
             mission, command, vehicles = wanted["mission"], wanted["command"], list(wanted["vehicles"])
         except (ValueError, TypeError, KeyError):
-            self._refuse('expected {"mission": text, "command": text, "vehicles": [number, ...]}', 400)
+            self._refuse('send {"mission": text, "command": text, "vehicles": [number, ...]}', 400)
             return
         try:
             if mission != self.timeline.since("", 0, 0)[0]:
@@ -229,7 +229,7 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
             wanted = json.loads(message)
             name, have = str(wanted["name"]), int(wanted["have"])
         except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
-            self.close(1003, 'expected {"name": text, "have": number}')
+            self.close(1003, 'send {"name": text, "have": number}')
             return
         if self._sending is None:
             self._sending = asyncio.get_running_loop().create_task(self._send(name, have))
