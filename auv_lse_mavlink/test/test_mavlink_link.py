@@ -228,7 +228,7 @@ def test_targets_survive_both_kinds_of_message(north, east, depth, heading, shif
     ("change", "words"),
     [
         ({"coordinate_frame": mavlink.MAV_FRAME_BODY_NED}, "not MAV_FRAME_LOCAL_NED"),
-        ({"type_mask": 0xFFF}, "without the position"),
+        ({"type_mask": 0xFFF}, "leaves out the position"),
         ({"x": math.nan}, "must be finite"),
     ],
 )
@@ -694,7 +694,7 @@ def test_reached_ends_are_left_out_of_the_next_mission():
     ],
 )
 def test_a_mission_origin_that_is_no_position_is_named(area):
-    with pytest.raises(ParameterError, match=r"m.yaml: area.* (need|must be a (number|mapping))"):
+    with pytest.raises(ParameterError, match=r"m.yaml: area.* (need|are .* one is missing|must be a (number|mapping))"):
         origin_of({"area": area}, "m.yaml")
 
 
@@ -834,7 +834,7 @@ def test_a_target_too_deep_or_far_outside_never_reaches_the_autopilot(mode):
 
 
 def test_invalid_limits_are_reported():
-    with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m: .*at least 3 corners"):
+    with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m has .*at least 3 corners"):
         target_limits({"area": {"polygon_m": [0.0, 1.0]}}, "m.yaml")
     assert target_limits({}, "m.yaml").deepest_m == 10.0
     assert not target_limits({}, "m.yaml").is_afloat

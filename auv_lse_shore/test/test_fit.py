@@ -108,7 +108,7 @@ def test_warns_of_what_the_data_do_not_determine():
         (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"all have the depth 1\.0 m"),
         (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "all depths lie on one plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "use constant or plane"),
-        (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
+        (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "needs a constant mean"),
     ],
 )
 def test_refusals(positions, depths, options, message):

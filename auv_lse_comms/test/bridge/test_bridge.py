@@ -273,7 +273,7 @@ def test_soundings_that_are_not_finite_are_dropped_and_counted() -> None:
 def test_a_plan_that_does_not_fit_is_refused_and_the_previous_one_stays() -> None:
     b = bridge()
     b.set_plan(PLAN)
-    with pytest.raises(PacketError, match="step = 70000"):
+    with pytest.raises(PacketError, match="step is 70000"):
         b.set_plan(dataclasses.replace(PLAN, step=70000))
     payload = b.poll(1.0)
     assert payload is not None

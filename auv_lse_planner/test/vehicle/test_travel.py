@@ -118,7 +118,7 @@ def test_leg_is_overdue_after_four_times_its_duration_plus_ten_seconds():
 
 def test_the_first_decision_plans_from_the_configured_start_unless_the_vehicle_is_elsewhere():
     travel = _travel(start_north_m=100.0, start_east_m=50.0, start_heading_rad=1.0)
-    with pytest.raises(ValueError, match="no odometry yet"):
+    with pytest.raises(ValueError, match="there is no odometry yet"):
         travel.anchor(PLANNER)
     for off_m, from_odometry in ((9.0, False), (11.0, True)):
         travel.move(_at(0.0, 100.0 + off_m, 50.0, 0.5))

@@ -97,7 +97,7 @@ def test_vehicles_share_a_domain_but_not_a_name(tmp_path: Path) -> None:
         note_run(90, tmp_path, "auv2-1123-184534-3f2a", vehicle=2)
         assert busy_domains() == [90]
         assert run_on(90) is None, "the live page looks for simulations there"
-        running = r"nodes of auv2 run already \(auv2-1123-184534-3f2a in "
+        running = r"already has the nodes of auv2 \(auv2-1123-184534-3f2a in "
         with pytest.raises(DomainError, match=running), vehicle_domain(90, 2, simulated=False):
             pass
     assert busy_domains() == []
@@ -109,7 +109,7 @@ def test_a_simulated_vehicle_joins_its_simulator_alone(tmp_path: Path) -> None:
         note_run(domain, tmp_path, "sim-1123-184534-3f2a")
         with vehicle_domain(domain, 1, simulated=True) as joined:
             assert joined == domain
-    with pytest.raises(DomainError, match="where no simulator of this machine runs"):
+    with pytest.raises(DomainError, match="has no simulator of this machine"):
         vehicle_domain(domain, 1, simulated=True).__enter__()
 
 
@@ -127,7 +127,7 @@ def test_a_domain_with_nodes_that_reserved_nothing_is_not_taken() -> None:
         assert free in domains_with_participants()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
         stray.bind(("127.0.0.1", 7400 + 250 * free + 12))  # the second participant; the first has ended
-        with pytest.raises(DomainError, match="where other nodes run on this machine"), simulator_domain(str(free)):
+        with pytest.raises(DomainError, match="has other nodes of this machine"), simulator_domain(str(free)):
             pass
         with pytest.raises(DomainError, match="are in use"), own_domain([free]):
             pass

@@ -72,7 +72,7 @@ def _check_order(settings: Settings, findings: Findings) -> bool:
         for number in range(1, vehicles + 1):
             Tdma(tdma, number, vehicles)
     except ValueError as error:
-        findings.error(f"{settings.where}: tdma: {error}")
+        findings.error(f"{settings.where}: {error}")
         return False
     for number in range(1, vehicles + 1):
         if number not in order:

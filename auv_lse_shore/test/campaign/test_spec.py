@@ -55,7 +55,7 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"seeds": 0}, "seeds must be .*, not 0"),
         ({"seeds": 99999999999}, "seeds: 99999999999 are more than 100000 seeds"),
         ({"seeds": {"first": 1, "count": 100001}}, "seeds: .* are more than 100000 seeds"),
-        ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings called 'a'"),
+        ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings are called 'a'"),
         ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
         ({"list": [{"planner.method": "plain"}], "grid": {"planner.method": ["plain"]}}, "in grid and in list"),
         ({"set": ["x"]}, r"set must hold parameters by dotted name.*, not \['x'\]"),

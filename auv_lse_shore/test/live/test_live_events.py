@@ -247,7 +247,7 @@ def test_a_path_without_a_recording_is_named(tmp_path):
         find_parameters(text)
     empty = tmp_path / "b.mcap"
     empty.write_bytes(b"")
-    with pytest.raises(RecordingError, match="Name it: --mission FILE"):
+    with pytest.raises(RecordingError, match="Name the mission file with --mission FILE"):
         find_parameters(empty)
 
 

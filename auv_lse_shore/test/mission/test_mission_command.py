@@ -150,7 +150,7 @@ def test_a_pace_that_cannot_be_is_refused(
     """0 was taken and flown at once real time, where the parameter says that it is as fast as it goes."""
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["--real-time-factor", factor]) == 2
-    assert f"error: --real-time-factor {factor}: " in (said := capsys.readouterr().out)
+    assert "error: --real-time-factor" in (said := capsys.readouterr().out)
     assert words in said
 
 

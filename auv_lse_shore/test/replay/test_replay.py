@@ -119,7 +119,7 @@ def test_options_that_do_not_fit_the_recording_are_refused(
         (["--out", "page"], "--out requires --report"),
         (["--report", "--recompute", "gp"], "--recompute and --report exclude each other"),
         (["--rate", "2", "--report"], "--rate plays a recording, so it excludes --recompute and --report"),
-        (["--paused", "--recompute", "gp"], "--paused: plays a recording"),
+        (["--paused", "--recompute", "gp"], "--paused plays a recording"),
         (["--recompute", "gp", "--csv", "no folder/steps.csv"], "the folder no folder does not exist"),
         (["--recompute", "gp", "--tolerance", "-1"], "--tolerance must be at least 0, not -1"),
     ],

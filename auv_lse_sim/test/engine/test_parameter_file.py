@@ -14,5 +14,5 @@ def test_the_file_with_the_mission_is_found_among_others(tmp_path: Path) -> None
     assert parameter_file(arguments) == mission
     with pytest.raises(ParameterError, match=f"given: {own}"):
         parameter_file(arguments[:4])
-    with pytest.raises(ParameterError, match="no --params-file"):
+    with pytest.raises(ParameterError, match=r"\(given: none\)"):
         parameter_file(["sim_node"])
