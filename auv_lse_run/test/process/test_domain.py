@@ -59,7 +59,7 @@ def test_no_two_missions_get_the_same_domain_and_busy_ones_are_found(tmp_path: P
 def test_a_vehicle_that_a_simulation_runs_itself_is_refused_a_second_time(tmp_path: Path) -> None:
     with simulation_domain(None, tmp_path / "a run", 2) as number:
         for vehicle in (1, 2):
-            taken = rf"the nodes of auv{vehicle} run already \(sim-\S+ in {tmp_path}/a run\)"
+            taken = rf"already has the nodes of auv{vehicle} \(sim-\S+ in {tmp_path}/a run\)"
             with pytest.raises(DomainError, match=taken), vehicle_domain(number, vehicle, True):
                 pass
         with vehicle_domain(number, 3, True) as same:
