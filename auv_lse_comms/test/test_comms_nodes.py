@@ -43,7 +43,7 @@ def test_micromodem_node_sends_to_the_configured_destination(
         assert s.node._modem.modem._sending._waiting.destination == sent
 
 
-def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: Path) -> None:
+def test_modem_node_refuses_a_slot_order_with_an_unknown_vehicle_and_goes_on(tmp_path: Path) -> None:
     with spun(ModemNode, tmp_path / "p.yaml", "mission: {vehicles: 3, steps: 10}\ntdma: {order: [1, 2, 3]}") as s:
         (result,) = s.node.set_parameters([Parameter("tdma.order", value=[1, 4])])
         assert not result.successful

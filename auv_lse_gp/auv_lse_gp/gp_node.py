@@ -148,7 +148,7 @@ class GpNode(VehicleNode):
         """Whether to compute a map now: not if nobody reads it, and less often for the recorder alone."""
         if not self._maps.is_due(now_s):
             return False
-        readers = max(outlet.readers for outlet in (self._field, self._risk, self._isobath))
+        readers = max(publisher.readers for publisher in (self._field, self._risk, self._isobath))
         if readers > self.recorded:
             return True
         return bool(readers) and self._unwatched_maps.is_due(now_s)

@@ -15,7 +15,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from auv_lse_common.node.local_post import Outlet
+from auv_lse_common.node.intra_process import TopicPublisher
 from auv_lse_common.topics.map_codecs import DEPTH_STEP_M, decode_field
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_common.topics.records import FieldReport, RunReport
@@ -107,7 +107,7 @@ def test_gp_node_publishes_a_complete_map_when_the_mission_is_over(
 def test_gp_node_computes_maps_as_often_as_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(GpNode, "_start_timer", lambda node: None)  # the test calls its steps
     readers, published = {"field": 0, "risk_map": 0, "isobath": 0}, []
-    monkeypatch.setattr(Outlet, "readers", property(lambda outlet: readers.get(outlet._topic.name, 0)))
+    monkeypatch.setattr(TopicPublisher, "readers", property(lambda publisher: readers.get(publisher._topic.name, 0)))
     monkeypatch.setattr(GpNode, "_publish_maps", lambda node, now_s: published.append(now_s))
     node = flown(tmp_path, PARAMETERS.replace("1000.0", "10.0") + "    record: {folder: somewhere}\n")
     try:

@@ -51,8 +51,8 @@ from auv_lse_mavlink.messages.events import (
 )
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.origin import OriginExchange
+from auv_lse_mavlink.messages.sender_filter import SenderFilter
 from auv_lse_mavlink.messages.status import ORIGIN_REFUSED, AutopilotStatus
-from auv_lse_mavlink.messages.strangers import StrangerFilter
 from auv_lse_mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_mavlink.raw_track import RawTrack
 from auv_lse_mavlink.targets.limits import TargetLimits
@@ -110,7 +110,7 @@ class VehicleLink:
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
         self._codec = MavlinkCodec(config.system_id, config.component_id, key, nonce)
-        self._strangers = StrangerFilter(self._codec, self._autopilot, self.counts)
+        self._sender_filter = SenderFilter(self._codec, self._autopilot, self.counts)
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -188,7 +188,7 @@ class VehicleLink:
 
     def recognizes(self, datagram: bytes) -> bool:
         """Whether a datagram contains a message of this vehicle's autopilot; counts it if not."""
-        return self._strangers.recognizes(datagram)
+        return self._sender_filter.recognizes(datagram)
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now, one message each; each is returned once."""
@@ -283,7 +283,7 @@ class VehicleLink:
             self._origin.host_stepped(now_s)
             self._clock.forget_utc()
         self._now_s = now_s
-        self._strangers.renew()
+        self._sender_filter.renew()
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:

@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.transport.ports import MAX_BYTES, MAX_DATAGRAMS
 from auv_lse_mavlink.link import LinkState
 from auv_lse_mavlink.messages.events import AutopilotEstimate
-from auv_lse_mavlink.messages.strangers import EXAMINED_BYTES
+from auv_lse_mavlink.messages.sender_filter import EXAMINED_BYTES
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 from auv_lse_mavlink.port import AutopilotPort
 

@@ -185,7 +185,9 @@ def test_an_autopilot_gets_no_waypoint_of_a_simulation(tmp_path: Path, monkeypat
         s.until(legs.get_subscription_count)
         for step, dive in enumerate((SIM, "", OTHER, DIVE)):
             legs.publish(Waypoint(dive=dive, step=step, end_north_m=9.0))
-            s.until(lambda n=step: sum(sum(c.values()) for c in s.node.strangers._counts.values()) + (n == 3) > n)
+            s.until(
+                lambda n=step: sum(sum(c.values()) for c in s.node.foreign_messages._counts.values()) + (n == 3) > n
+            )
         s.until(lambda: s.node._last is not None)
         assert (s.node._waypoints, s.node._last[0]) == (1, 3)
 

@@ -148,12 +148,12 @@ class RecorderNode(BaseNode):
             if sender is None and not self._ends:
                 self._held.append(partial(write, data, participant, stamp_ns))
                 return
-            if with_dive and self._is_strangers(found, sender or ""):
+            if with_dive and self._is_foreign(found, sender or ""):
                 return
             if found is not None and found.topic.name == "dive":
                 self.senders.introduce(deserialize_message(data, Dive), participant or b"")
                 self._write_held()
-                if self._is_strangers(found, dive_in(data)):
+                if self._is_foreign(found, dive_in(data)):
                     return
             if limited and not self._takes(topic, len(data)):
                 return
@@ -186,7 +186,7 @@ class RecorderNode(BaseNode):
         for write in held:
             write()
 
-    def _is_strangers(self, found: Found, sender: str) -> bool:
+    def _is_foreign(self, found: Found, sender: str) -> bool:
         """Whether a message of a dive is another one's. Team mates in the same domain are recorded, too."""
         vehicle, own_vehicle = f"auv{found.vehicle}", vehicle_of(self.dive)
         if found.vehicle and own_vehicle not in ("", vehicle) and vehicle_of(sender) in ("", vehicle):

@@ -62,7 +62,7 @@ def whole_pieces(data: bytes) -> Iterator[Piece]:
 
 
 def _piece(data: bytes, at: int) -> Piece | None:
-    """The record at a place; None if it is not whole."""
+    """The record at an offset; None if it is not whole."""
     end = _end(data, at)
     if end is None:
         return None
@@ -77,7 +77,7 @@ def _piece(data: bytes, at: int) -> Piece | None:
 
 
 def _end(data: bytes, at: int) -> int | None:
-    """The end of the record at a place by its length; None if that does not fit."""
+    """The end of the record at an offset by its length; None if that does not fit."""
     if at + _HEAD > len(data) or data[at] not in _KINDS:
         return None
     end = at + _HEAD + int.from_bytes(data[at + 1 : at + _HEAD], "little")
@@ -146,25 +146,25 @@ def _largest(compression: str, size: int) -> int:
 
 
 def _next_chunk(data: bytes, at: int) -> int:
-    """Where the next record begins whose lengths are those of a chunk, at or after a place; the data's end without one.
+    """Where the next record begins whose lengths are those of a chunk, at or after an offset; else the data's end.
 
-    A record of another kind at this very place counts, too.
+    A record of another kind at this very offset counts, too.
     """
     if at < len(data) and data[at] != _CHUNK and (end := _end(data, at)) is not None and _is_followed(data, end):
         return at
     while at < len(data):
         window = np.frombuffer(data[at : at + _WINDOW], np.uint8)
-        for place in np.flatnonzero(window == _CHUNK) + at:
-            if _looks_like_chunk(data, int(place)):
-                return int(place)
+        for offset in np.flatnonzero(window == _CHUNK) + at:
+            if _looks_like_chunk(data, int(offset)):
+                return int(offset)
         at += len(window)
     return len(data)
 
 
 def _whole_chunk(data: bytes, at: int, end: int) -> int | None:
     """Where the first whole chunk begins in a part of the file; None without one."""
-    places = np.flatnonzero(np.frombuffer(data[at:end], np.uint8) == _CHUNK) + at
-    found = (int(p) for p in places if _looks_like_chunk(data, int(p)) and _piece(data, int(p)) is not None)
+    offsets = np.flatnonzero(np.frombuffer(data[at:end], np.uint8) == _CHUNK) + at
+    found = (int(p) for p in offsets if _looks_like_chunk(data, int(p)) and _piece(data, int(p)) is not None)
     return next(found, None)
 
 

@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 
 from auv_lse_common.support.confinement import confined
 from auv_lse_run.process.processes import LAST_STOP_S, RECORDER
-from auv_lse_run.vehicle.run_vehicle import begun_dive, crew_of, open_dive
+from auv_lse_run.vehicle.run_vehicle import begin_dive, open_dive, vehicle_processes
 
 #: The reserved ROS domain, until the launch ends.
 _RESERVED = ExitStack()
@@ -32,25 +32,25 @@ def _nodes(context):
     wanted_out = Path(value("out")) if value("out") else None
     record, out = open_dive(value("name"), file, wanted_out, Path("dives"), simulated)
     recorded = None if not value("record") else _truth("record", value("record"))
-    crew = crew_of(value("name"), file, out, simulated, recorded)
-    common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
-    domain, dive = _RESERVED.enter_context(begun_dive(crew, None, file, out, record))
+    processes = vehicle_processes(value("name"), file, out, simulated, recorded)
+    common = {"output": "screen", "respawn": not processes.lockstep, "respawn_delay": 2.0}
+    domain, dive = _RESERVED.enter_context(begin_dive(processes, None, file, out, record))
     dive = confined(domain) | dive
     nodes = [
         Node(
             package=process.package,
             executable=process.executable,
             namespace=process.namespace,
-            parameters=[str(crew.file), {"use_sim_time": crew.simulated}],
+            parameters=[str(processes.file), {"use_sim_time": processes.simulated}],
             additional_env=dive,
             **common,
         )
-        for process in crew.processes
+        for process in processes.nodes
     ]
-    if crew.recording is not None:
+    if processes.recording is not None:
         out.mkdir(parents=True, exist_ok=True)
         recorder = {"package": RECORDER.package, "executable": RECORDER.executable, **common}
-        files = [str(crew.file), {"record.folder": str(crew.recording)}]
+        files = [str(processes.file), {"record.folder": str(processes.recording)}]
         nodes.insert(0, Node(**recorder, parameters=files, additional_env=dive, sigterm_timeout=str(LAST_STOP_S)))
     return nodes
 

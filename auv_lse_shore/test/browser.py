@@ -160,8 +160,8 @@ class Browser:
 class Serving:
     """A server on a thread of its own, as `auv_lse live` runs it; may be stopped and started again on its port."""
 
-    def __init__(self, timeline, desk=None):
-        self.timeline, self.desk, self.port = timeline, desk, 0
+    def __init__(self, timeline, commands=None):
+        self.timeline, self.commands, self.port = timeline, commands, 0
         self.start()
 
     def start(self):
@@ -171,7 +171,7 @@ class Serving:
         assert ready.wait(10)
 
     async def _serve(self, ready):
-        server = LiveServer(self.timeline, self.port, self.desk)
+        server = LiveServer(self.timeline, self.port, self.commands)
         self.port, self.url = server.port, server.url
         self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
         ready.set()

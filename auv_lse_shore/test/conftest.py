@@ -1,4 +1,4 @@
-"""Fixtures that tests of several rooms share."""
+"""Fixtures that tests of several subpackages share."""
 
 import pytest
 from synthetic_run import make_run

@@ -4,8 +4,8 @@
     python -m benchmarks.planning.real_lake FILE --whole
 
 FILE is a lake's grid or soundings, as `auv_lse mission --bathymetry` takes it. Each of its windows is mown and flown by
-`tour`, with locations as booked and corrected. With --whole, the file's whole lake and two made-up concave lakes are
-flown by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the
+`tour`, with dead-reckoned and corrected positions. With --whole, the file's whole lake and two made-up concave lakes
+are flown by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the
 made-up
 lakes were fixed before any was flown: drowned valleys whose banks rise to land, with side valleys and islands. `FRESH`
 is flown with --fresh.
@@ -35,7 +35,7 @@ from benchmarks.planning.planner_methods import area, spread_windows
 #: Settings by name; the first is compared with the others.
 SETTINGS: dict[str, dict[str, Any]] = {
     "tour": {},
-    "tour, locations as booked": {"positions.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
+    "tour, dead-reckoned": {"positions.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
     "lawnmower": {"planner.method": "lawnmower"},
 }
 #: Methods flown on whole lakes; `OPEN` ignores the shore.

@@ -19,7 +19,7 @@ from rclpy.subscription import Subscription
 
 from auv_lse_common.mission_file.parameters import describe, merge, nest, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
-from auv_lse_common.node.dive import Strangers, own_dive
+from auv_lse_common.node.dive import ForeignMessages, own_dive
 from auv_lse_common.node.heartbeat import Heartbeat
 from auv_lse_common.node.senders import Senders, take_with_sender
 from auv_lse_common.topics.quality import INTRODUCTIONS, writer_quality
@@ -44,7 +44,7 @@ class BaseNode(Node):
         where: Origin of its parameters, for error messages.
         parameters: Its parameters, nested by section.
         dive: Id of the dive or simulation that it belongs to; "" if it was started by hand.
-        strangers: Number of ignored messages of other dives.
+        foreign_messages: Number of ignored messages of other dives.
         gather_s: Time (s) for which messages are collected and then handled together, which costs less.
     """
 
@@ -54,7 +54,7 @@ class BaseNode(Node):
         """Reads the node's parameters; rejects unknown top-level sections."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.dive = own_dive()
-        self.strangers, self._new_strangers = Strangers(self.dive), NewProblems()
+        self.foreign_messages, self._new_foreign = ForeignMessages(self.dive), NewProblems()
         self.senders = Senders(self.dive)
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
@@ -143,13 +143,13 @@ class BaseNode(Node):
             sender: Its id.
         """
         now_s = time.monotonic()
-        if not self.strangers.ignores(topic, sender, now_s):
+        if not self.foreign_messages.ignores(topic, sender, now_s):
             return False
-        for text in self._new_strangers.of(self.strangers.problems(now_s)):
-            self.on_stranger(text)
+        for text in self._new_foreign.of(self.foreign_messages.problems(now_s)):
+            self.on_foreign_messages(text)
         return True
 
-    def on_stranger(self, text: str) -> None:
+    def on_foreign_messages(self, text: str) -> None:
         """Reports another dive on the log and on the terminal of the command that has started the node."""
         self.get_logger().warning(text)
         Heartbeat(os.environ).report(f"{self.get_fully_qualified_name()}: {text}")

@@ -92,7 +92,7 @@ _FURTHER = "one of several further dives"
 _MAX_NAME = 40
 
 
-class Strangers:
+class ForeignMessages:
     """The messages of other dives that a node has ignored."""
 
     def __init__(self, own: str) -> None:

@@ -21,7 +21,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.executable import leave
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.heartbeat import BEAT_PERIOD_S, Heartbeat
-from auv_lse_common.node.local_post import POST
+from auv_lse_common.node.intra_process import INTRA_PROCESS
 from auv_lse_common.support.confinement import confine
 from auv_lse_common.support.installed_copy import refuse_mixture
 from auv_lse_common.support.ros_logs import init_arguments
@@ -142,7 +142,7 @@ class Main:
             print(f"{self.make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
             return 0
         mains = (self, *beside)
-        POST.share([main.name for main in mains])
+        INTRA_PROCESS.share([main.name for main in mains])
         code = _run([main.make for main in mains], arguments)
         leave(code)
         return code

@@ -17,8 +17,8 @@ from rclpy.publisher import Publisher
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.dive import tagged
+from auv_lse_common.node.intra_process import INTRA_PROCESS, TopicPublisher
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
-from auv_lse_common.node.local_post import POST, Outlet
 from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import NODES, StateFile, open_state
@@ -82,7 +82,7 @@ class VehicleNode(BaseNode):
         self.journal, self.state = self._open_files(replaced)
         self._health = Health(level=Level.OK, text="started")  # published last
         self._storage_problem = ""  # published last
-        self._has_strangers = False  # published last
+        self._hears_foreign = False  # published last
         self._has_logged_waiting = False
         self._unheard: set[str] = set()  # topics that the node needs and has received nothing on
         self._readers: dict[Publisher, int] = {}
@@ -93,12 +93,14 @@ class VehicleNode(BaseNode):
         self._matched = self._greeted = self._is_ready = False
         self._introduction: Publisher | None = None
         self._introducers: set[str] = set()  # nodes that publish messages of standard types for this one
-        self._phase_ends: dict[str, Outlet] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
+        self._phase_ends: dict[
+            str, TopicPublisher
+        ] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
         if self.lockstep:
             topic = MISSION_TOPICS["/lockstep/done"]
             self._done = self.create_publisher(LockstepDone, topic.name, writer_quality(topic))
             self._readers[self._done] = len(topic.readers)
-        self._answers = POST.answers if POST.nodes else Answers()
+        self._answers = INTRA_PROCESS.answers if INTRA_PROCESS.nodes else Answers()
         self._diagnostics = self.publisher("diagnostics")
 
     @property
@@ -143,7 +145,7 @@ class VehicleNode(BaseNode):
 
     def publish_health(self, now_s: float, health: Health, name: str = "") -> None:
         """Publishes the health of a device, `name`, or of this node and its files."""
-        if name and self._has_strangers:  # a driver reports its device's health alone
+        if name and self._hears_foreign:  # a driver reports its device's health alone
             self.publish_health(now_s, Health(level=Level.OK, text="ok"))
         if not name:
             self._health, self._storage_problem = health, self._find_storage_problem()
@@ -152,10 +154,10 @@ class VehicleNode(BaseNode):
             HealthReport(stamp_s=now_s, name=name, level=health.level, text=health.text, values=health.values)
         )
 
-    def on_stranger(self, text: str) -> None:
+    def on_foreign_messages(self, text: str) -> None:
         """Reports another dive on the log, on the terminal and, with the node's last health, in the diagnostics."""
-        super().on_stranger(text)
-        self._has_strangers = True
+        super().on_foreign_messages(text)
+        self._hears_foreign = True
         self.publish_health(self.now_s(), self._health)
 
     def _find_storage_problem(self) -> str:
@@ -163,9 +165,9 @@ class VehicleNode(BaseNode):
 
     def _with_problems(self, health: Health) -> Health:
         values = {**health.values, "journal": self.journal.status} if self.journal.status else health.values
-        strangers = self.strangers.problems(time.monotonic()).values()
-        self._has_strangers = bool(strangers)
-        found = "; ".join(filter(None, (self._storage_problem, *strangers, self._waits_for())))
+        foreign = self.foreign_messages.problems(time.monotonic()).values()
+        self._hears_foreign = bool(foreign)
+        found = "; ".join(filter(None, (self._storage_problem, *foreign, self._waits_for())))
         if not found:
             return dataclasses.replace(health, values=values)
         text = found if health.level is Level.OK else f"{health.text}; {found}"
@@ -182,7 +184,7 @@ class VehicleNode(BaseNode):
 
     # ------------------------------------------------------------------ topics
 
-    def publisher(self, name: str) -> Outlet:
+    def publisher(self, name: str) -> TopicPublisher:
         """Where to publish one of the vehicle's topics. In lockstep its readers in other processes are waited for."""
         topic = VEHICLE_TOPICS[name]
         publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
@@ -194,7 +196,9 @@ class VehicleNode(BaseNode):
         if topic.is_standard and topic.readers and not self._introduction:
             self._introduction = self.introduce(self._vehicle)
             self._readers[self._introduction] = reader_count(VEHICLE_TOPICS["dive"], self._possible_readers())
-        return Outlet(publisher, topic, POST, lambda value: tagged(encoded(topic, value, self._vehicle), self.dive))
+        return TopicPublisher(
+            publisher, topic, INTRA_PROCESS, lambda value: tagged(encoded(topic, value, self._vehicle), self.dive)
+        )
 
     def _possible_readers(self) -> list[str]:
         """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
@@ -203,7 +207,7 @@ class VehicleNode(BaseNode):
 
     def _is_beside(self, reader: str, topic: Topic) -> bool:
         """Whether `reader` gets the topic's messages without ROS: in lockstep, from a node in the same process."""
-        return self.lockstep and reader in POST.nodes and POST.carries(topic)
+        return self.lockstep and reader in INTRA_PROCESS.nodes and INTRA_PROCESS.carries(topic)
 
     def _waits_for(self) -> str:
         if self.lockstep or not self._unheard:
@@ -256,7 +260,7 @@ class VehicleNode(BaseNode):
 
     def _subscribe(self, topic: Topic, take: Callable[[Any], None]) -> None:
         if self._is_beside(self._role, topic):
-            POST.read(topic.name, take)
+            INTRA_PROCESS.read(topic.name, take)
         else:
             quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
             kind = message_class(topic.kind)
@@ -360,7 +364,7 @@ class VehicleNode(BaseNode):
             handler.unanswered = ready.tick
             self._answer()
         self._answer()
-        POST.deliver()
+        INTRA_PROCESS.deliver()
 
     def announce(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
         """Lockstep: announces to those who wait for it that `phase` of `tick` is handled, with its counts.

@@ -6,7 +6,7 @@ import pytest
 
 from auv_lse_common.node.dive import (
     DIVE_VARIABLE,
-    Strangers,
+    ForeignMessages,
     dive_of,
     is_foreign,
     is_simulation,
@@ -74,41 +74,41 @@ def test_the_projects_messages_carry_the_id():
 
 def test_a_topic_on_which_the_own_dive_publishes_takes_no_message_without_an_id():
     """A recording that is played in a vehicle's domain looks like a user's driver."""
-    strangers, odometry, command = Strangers(DIVE), VEHICLE_TOPICS["odometry"], VEHICLE_TOPICS["mission/command"]
-    assert not strangers.ignores(odometry, "", 0.0), "a user's driver"
+    foreign, odometry, command = ForeignMessages(DIVE), VEHICLE_TOPICS["odometry"], VEHICLE_TOPICS["mission/command"]
+    assert not foreign.ignores(odometry, "", 0.0), "a user's driver"
     for topic in (odometry, command):
-        assert not strangers.ignores(topic, DIVE, 1.0)
-    assert strangers.ignores(odometry, "", 2.0)
-    assert not strangers.ignores(command, "", 2.0), "operators"
-    assert not Strangers("").ignores(odometry, "", 2.0)
+        assert not foreign.ignores(topic, DIVE, 1.0)
+    assert foreign.ignores(odometry, "", 2.0)
+    assert not foreign.ignores(command, "", 2.0), "operators"
+    assert not ForeignMessages("").ignores(odometry, "", 2.0)
 
 
-def test_strangers_are_counted_and_forgotten_after_a_minute():
-    strangers = Strangers(DIVE)
+def test_foreign_messages_are_counted_and_forgotten_after_a_minute():
+    foreign = ForeignMessages(DIVE)
     odometry, waypoint = VEHICLE_TOPICS["odometry"], VEHICLE_TOPICS["waypoint"]
-    assert not strangers.ignores(odometry, DIVE, 0.0)
-    assert strangers.problems(0.0) == {}
+    assert not foreign.ignores(odometry, DIVE, 0.0)
+    assert foreign.problems(0.0) == {}
     for t in range(3):
-        assert strangers.ignores(odometry, OTHER, float(t))
-    assert strangers.ignores(waypoint, "", 2.0)
-    assert strangers.ignores(MISSION_TOPICS["/lockstep/tick"], SIM, 2.0)
-    found = strangers.problems(3.0)
+        assert foreign.ignores(odometry, OTHER, float(t))
+    assert foreign.ignores(waypoint, "", 2.0)
+    assert foreign.ignores(MISSION_TOPICS["/lockstep/tick"], SIM, 2.0)
+    found = foreign.problems(3.0)
     assert set(found) == {OTHER, "", SIM}
     assert found[OTHER].startswith(f"{OTHER} publishes in this ROS domain, too: 3 messages ignored (odometry).")
-    assert strangers.problems(70.0) == {}
-    assert strangers.ignores(odometry, OTHER, 100.0)
-    assert ": 1 messages" in strangers.problems(100.0)[OTHER]
+    assert foreign.problems(70.0) == {}
+    assert foreign.ignores(odometry, OTHER, 100.0)
+    assert ": 1 messages" in foreign.problems(100.0)[OTHER]
 
 
 def test_a_flood_of_ids_is_counted_together():
-    strangers, odometry = Strangers(DIVE), VEHICLE_TOPICS["odometry"]
+    foreign, odometry = ForeignMessages(DIVE), VEHICLE_TOPICS["odometry"]
     for number in range(1000):
-        assert strangers.ignores(odometry, f"auv2-1123-184534-{number:04x}", 1.0)
-    assert strangers.ignores(odometry, "x" * 1000, 1.0)
-    found = strangers.problems(1.0)
+        assert foreign.ignores(odometry, f"auv2-1123-184534-{number:04x}", 1.0)
+    assert foreign.ignores(odometry, "x" * 1000, 1.0)
+    found = foreign.problems(1.0)
     assert len(found) == 9
     assert found["one of several further dives"].startswith(
         "one of several further dives publishes in this ROS domain, too: 993 "
     )
-    assert strangers.ignores(odometry, "x" * 1000, 100.0)
-    assert list(strangers.problems(100.0)) == ["x" * 40], "the others are gone"
+    assert foreign.ignores(odometry, "x" * 1000, 100.0)
+    assert list(foreign.problems(100.0)) == ["x" * 40], "the others are gone"

@@ -42,7 +42,7 @@ def config(**values) -> ModemConfig:
     return ModemConfig(kind="micromodem", port="/dev/null", **values)
 
 
-class Desk:
+class Bench:
     """A driver and somebody who types the modem's answers."""
 
     def __init__(self, **values):
@@ -68,7 +68,7 @@ class Desk:
         self.modem.opened(self.now_s)
         self.hear("CAREV,030259,AUV,2.0.27087")
 
-    def configure(self) -> "Desk":
+    def configure(self) -> "Bench":
         self.open()
         while (asked := self.written())[-1].startswith("CCCFG"):
             self.hear("CACFG," + asked[-1].split(",", 1)[1])
@@ -77,7 +77,7 @@ class Desk:
         assert self.modem.state is State.IDLE
         return self
 
-    def sending(self) -> "Desk":
+    def sending(self) -> "Bench":
         self.configure()
         self.modem.send(self.now_s, PAYLOAD)
         self.written()
@@ -95,63 +95,63 @@ def kinds(events):
 
 
 def test_settings_are_sent_one_by_one_each_after_the_answer_to_the_one_before():
-    desk = Desk()
-    desk.open()
+    bench = Bench()
+    bench.open()
     lines = []
     for _ in range(20):
-        now = desk.written()
+        now = bench.written()
         assert len(now) == 1
         lines += now
         if not now[0].startswith("CCCFG"):
             break
-        desk.hear("CACFG," + now[0].split(",", 1)[1])
+        bench.hear("CACFG," + now[0].split(",", 1)[1])
     assert lines[0] == "CCCFG,SRC,3"
     assert {"CCCFG,CST,1", "CCCFG,RXP,1", "CCCFG,REV,1", "CCCFG,ASD,0"} <= set(lines)
     assert lines[-1] == "CCTMQ,0"
 
 
 def test_ready_only_after_settings_and_clock():
-    desk = Desk().configure()
-    assert desk.modem.counts["configured"] == 1
+    bench = Bench().configure()
+    assert bench.modem.counts["configured"] == 1
 
 
 def test_an_unanswered_setting_is_repeated_and_then_the_port_reopened():
-    desk = Desk(retries=2, reply_timeout_s=1.0)
-    desk.open()
-    assert desk.written() == ["CCCFG,SRC,3"]
-    desk.wait(1.1)
-    assert desk.written() == ["CCCFG,SRC,3"]
-    assert not desk.modem.wants_reopen
-    events = desk.wait(2.2)
-    assert desk.modem.wants_reopen
+    bench = Bench(retries=2, reply_timeout_s=1.0)
+    bench.open()
+    assert bench.written() == ["CCCFG,SRC,3"]
+    bench.wait(1.1)
+    assert bench.written() == ["CCCFG,SRC,3"]
+    assert not bench.modem.wants_reopen
+    events = bench.wait(2.2)
+    assert bench.modem.wants_reopen
     assert "Problem" in kinds(events)
-    desk.modem.closed(desk.now_s, "reopening")
-    desk.open()
-    assert not desk.modem.wants_reopen
-    assert desk.written() == ["CCCFG,SRC,3"]
+    bench.modem.closed(bench.now_s, "reopening")
+    bench.open()
+    assert not bench.modem.wants_reopen
+    assert bench.written() == ["CCCFG,SRC,3"]
 
 
 def test_a_refused_setting_is_reported_and_skipped_unless_required():
-    desk = Desk()
-    desk.open()
-    desk.written()
-    desk.hear("CACFG,SRC,3")
-    desk.written()
-    desk.hear("CACFG,CST,1")
-    assert desk.written() == ["CCCFG,RXP,1"]
-    (problem,) = desk.hear("CAERR,030259,NMEA,4,unknown setting")
+    bench = Bench()
+    bench.open()
+    bench.written()
+    bench.hear("CACFG,SRC,3")
+    bench.written()
+    bench.hear("CACFG,CST,1")
+    assert bench.written() == ["CCCFG,RXP,1"]
+    (problem,) = bench.hear("CAERR,030259,NMEA,4,unknown setting")
     assert "RXP" in problem.text
-    assert desk.written() == ["CCCFG,RXD,1"]
-    assert desk.modem.counts["settings_refused"] == 1
+    assert bench.written() == ["CCCFG,RXD,1"]
+    assert bench.modem.counts["settings_refused"] == 1
 
 
 def test_further_settings_of_the_mission_file_are_sent_last():
-    desk = Desk(settings={"BND": 0, "FC0": 10000})
-    desk.open()
+    bench = Bench(settings={"BND": 0, "FC0": 10000})
+    bench.open()
     asked = []
-    while (lines := desk.written())[-1].startswith("CCCFG"):
+    while (lines := bench.written())[-1].startswith("CCCFG"):
         asked.append(lines[-1])
-        desk.hear("CACFG," + lines[-1].split(",", 1)[1])
+        bench.hear("CACFG," + lines[-1].split(",", 1)[1])
     assert asked[-2:] == ["CCCFG,BND,0", "CCCFG,FC0,10000"]
     assert {"CCCFG,TXP,1", "CCCFG,TXF,1", "CCCFG,RXD,1"} < set(asked)
 
@@ -160,26 +160,26 @@ def test_the_drivers_own_settings_and_names_that_break_a_sentence_are_refused():
     assert tuple(setting.name for setting, _ in settings_of(config(), 3)) == DRIVERS_OWN
     for name in DRIVERS_OWN:
         with pytest.raises(ParameterError, match=rf"settings.{name} is 9, but the driver sets SRC, .* itself"):
-            Desk(settings={name: 9})
+            Bench(settings={name: 9})
     for name in ("BND,1", "", "B*D", "BND\r\n"):
         with pytest.raises(ParameterError, match="use letters, digits"):
-            Desk(settings={name: 9})
+            Bench(settings={name: 9})
 
 
 def test_a_refused_required_setting_is_repeated_forever():
-    desk = Desk(retries=1, reply_timeout_s=1.0)
-    desk.open()
+    bench = Bench(retries=1, reply_timeout_s=1.0)
+    bench.open()
     for _ in range(5):
-        assert desk.written() == ["CCCFG,SRC,3"]
-        desk.hear("CAERR,030259,NMEA,4,no")
-        if not (lines := desk.written()):
-            desk.wait(1.1)
-            lines = desk.written()
+        assert bench.written() == ["CCCFG,SRC,3"]
+        bench.hear("CAERR,030259,NMEA,4,no")
+        if not (lines := bench.written()):
+            bench.wait(1.1)
+            lines = bench.written()
         assert lines == ["CCCFG,SRC,3"]
-        desk.hear("CACFG,SRC,9")  # nor does another value count as an answer
-        if not desk.modem._session._out:
-            desk.wait(1.1)
-    assert desk.modem.state is State.CONFIGURING
+        bench.hear("CACFG,SRC,9")  # nor does another value count as an answer
+        if not bench.modem._session._out:
+            bench.wait(1.1)
+    assert bench.modem.state is State.CONFIGURING
 
 
 # ------------------------------------------------------------------ clock
@@ -190,110 +190,110 @@ def test_a_refused_required_setting_is_repeated_forever():
 )
 def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again(synchronous, command):
     """With a PPS the time is that of its next edge, a second ahead."""
-    desk = Desk(synchronous=synchronous)
-    desk.now_s = math.floor(NOW_S) + 0.5
-    desk.open()
-    while (asked := desk.written())[-1].startswith("CCCFG"):
-        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
-    (checked,) = desk.hear("CATMQ,2000-01-01T00:00:00Z,NONE,NONE")
+    bench = Bench(synchronous=synchronous)
+    bench.now_s = math.floor(NOW_S) + 0.5
+    bench.open()
+    while (asked := bench.written())[-1].startswith("CCCFG"):
+        bench.hear("CACFG," + asked[-1].split(",", 1)[1])
+    (checked,) = bench.hear("CATMQ,2000-01-01T00:00:00Z,NONE,NONE")
     assert not checked.within_tolerance
-    assert checked.offset_s == pytest.approx(946684801.0 - desk.now_s)
-    assert desk.written() == []  # not in the middle of a second
-    desk.wait(0.55, step=0.05)
-    assert desk.written() == [command]
-    desk.hear("CATMS,0,2019-12-02T03:03:00Z")
-    assert desk.written() == ["CCTMQ,0"]
-    events = desk.hear("CATMQ,2019-12-02T03:03:00Z,USER_CMD,RTC")
+    assert checked.offset_s == pytest.approx(946684801.0 - bench.now_s)
+    assert bench.written() == []  # not in the middle of a second
+    bench.wait(0.55, step=0.05)
+    assert bench.written() == [command]
+    bench.hear("CATMS,0,2019-12-02T03:03:00Z")
+    assert bench.written() == ["CCTMQ,0"]
+    events = bench.hear("CATMQ,2019-12-02T03:03:00Z,USER_CMD,RTC")
     assert kinds(events) == ["ClockChecked", "ModemReady"]
-    assert desk.modem.counts["clock_set"] == 1
+    assert bench.modem.counts["clock_set"] == 1
 
 
 @pytest.mark.parametrize(("reading_s", "offset_s"), [(0, 0.0), (-1, 0.0), (-2, -1.5), (1, 0.5), (5, 4.5)])
 def test_a_clock_reading_in_whole_seconds_is_exact_within_its_second(reading_s, offset_s):
-    desk = Desk(set_clock=False, clock_tolerance_s=0.1)
-    desk.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
-    desk.open()
-    while (asked := desk.written())[-1].startswith("CCCFG"):
-        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
-    events = desk.hear(f"CATMQ,{iso_time(desk.now_s + reading_s)},NONE,NONE")
+    bench = Bench(set_clock=False, clock_tolerance_s=0.1)
+    bench.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
+    bench.open()
+    while (asked := bench.written())[-1].startswith("CCCFG"):
+        bench.hear("CACFG," + asked[-1].split(",", 1)[1])
+    events = bench.hear(f"CATMQ,{iso_time(bench.now_s + reading_s)},NONE,NONE")
     assert events[0].offset_s == pytest.approx(offset_s)
-    assert desk.modem.state is State.IDLE  # it is used all the same
+    assert bench.modem.state is State.IDLE  # it is used all the same
     assert ("Problem" in kinds(events)) == (abs(offset_s) > 0.1)
 
 
 def test_a_modem_without_clock_commands_is_used():
-    desk = Desk()
-    desk.open()
-    while (asked := desk.written())[-1].startswith("CCCFG"):
-        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
-    events = desk.hear("CAERR,030259,NMEA,1,unknown command")
+    bench = Bench()
+    bench.open()
+    while (asked := bench.written())[-1].startswith("CCCFG"):
+        bench.hear("CACFG," + asked[-1].split(",", 1)[1])
+    events = bench.hear("CAERR,030259,NMEA,1,unknown command")
     assert kinds(events) == ["Problem", "ModemReady"]
 
 
 def test_clock_and_address_are_asked_for_again_and_again():
-    desk = Desk(clock_period_s=10.0).configure()
-    desk.wait(9.0)
-    assert desk.written() == []
-    desk.wait(1.5)
-    assert desk.written() == ["CCCFQ,SRC", "CCTMQ,0"]
+    bench = Bench(clock_period_s=10.0).configure()
+    bench.wait(9.0)
+    assert bench.written() == []
+    bench.wait(1.5)
+    assert bench.written() == ["CCCFQ,SRC", "CCTMQ,0"]
 
 
 def test_silence_is_detected_by_the_clock_check():
-    desk = Desk(clock_period_s=10.0, reply_timeout_s=1.0, retries=1).configure()
-    desk.wait(25.0)
-    assert desk.modem.wants_reopen
+    bench = Bench(clock_period_s=10.0, reply_timeout_s=1.0, retries=1).configure()
+    bench.wait(25.0)
+    assert bench.modem.wants_reopen
 
 
 def test_a_step_back_of_the_hosts_clock_does_not_freeze_the_waits():
-    desk = Desk(reply_timeout_s=1.0)
-    desk.open()
-    desk.written()
-    desk.now_s -= 1e6
-    desk.wait(1.2)
-    assert desk.written() == ["CCCFG,SRC,3"]
-    assert desk.modem.counts["clock_steps"] == 1
+    bench = Bench(reply_timeout_s=1.0)
+    bench.open()
+    bench.written()
+    bench.now_s -= 1e6
+    bench.wait(1.2)
+    assert bench.written() == ["CCCFG,SRC,3"]
+    assert bench.modem.counts["clock_steps"] == 1
 
 
 # ------------------------------------------------------------------ transmission
 
 
 def test_the_handshake_word_for_word():
-    desk = Desk().configure()
-    number = desk.modem.send(desk.now_s, PAYLOAD)
-    assert desk.written() == ["CCCYC,0,3,0,4,0,1"]
-    desk.hear("CACYC,0,3,0,4,0,1")
-    assert desk.written() == []
-    desk.hear("CADRQ,030259,3,0,0,256,1")
-    assert desk.written() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
-    assert desk.hear("CATXD,3,0,0,252") == []
-    assert desk.hear("CATXP,252") == [TransmitStarted(number=number)]
-    assert desk.modem.quiet
-    assert desk.hear("CATXF,252") == [TransmitDone(number=number)]
-    assert desk.hear("CAXST,6,20191202,030259.0000,14,0,200,5000,25000,4,3,0,0,1,1,3,252") == []
-    assert desk.modem.state is State.IDLE
+    bench = Bench().configure()
+    number = bench.modem.send(bench.now_s, PAYLOAD)
+    assert bench.written() == ["CCCYC,0,3,0,4,0,1"]
+    bench.hear("CACYC,0,3,0,4,0,1")
+    assert bench.written() == []
+    bench.hear("CADRQ,030259,3,0,0,256,1")
+    assert bench.written() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
+    assert bench.hear("CATXD,3,0,0,252") == []
+    assert bench.hear("CATXP,252") == [TransmitStarted(number=number)]
+    assert bench.modem.quiet
+    assert bench.hear("CATXF,252") == [TransmitDone(number=number)]
+    assert bench.hear("CAXST,6,20191202,030259.0000,14,0,200,5000,25000,4,3,0,0,1,1,3,252") == []
+    assert bench.modem.state is State.IDLE
 
 
 @pytest.mark.parametrize(("rate", "size", "frames"), [(3, 252, 1), (4, 257, 2), (5, 2048, 8)])
 def test_frames_by_rate(rate, size, frames):
-    desk = Desk(rate=rate).configure()
+    bench = Bench(rate=rate).configure()
     payload = bytes(i % 251 for i in range(size))
-    desk.modem.send(desk.now_s, payload, 7)
-    assert desk.written() == [f"CCCYC,0,3,7,{rate},0,{frames}"]
-    desk.hear(f"CACYC,0,3,7,{rate},0,{frames}")
+    bench.modem.send(bench.now_s, payload, 7)
+    assert bench.written() == [f"CCCYC,0,3,7,{rate},0,{frames}"]
+    bench.hear(f"CACYC,0,3,7,{rate},0,{frames}")
     sent = b""
     for frame in range(1, frames + 1):
-        desk.hear(f"CADRQ,030259,3,7,0,256,{frame}")
-        (lines,) = desk.written()
+        bench.hear(f"CADRQ,030259,3,7,0,256,{frame}")
+        (lines,) = bench.written()
         sent += bytes.fromhex(lines.split(",")[-1])
-        desk.hear(f"CATXD,3,7,0,{len(lines.split(',')[-1]) // 2}")
+        bench.hear(f"CATXD,3,7,0,{len(lines.split(',')[-1]) // 2}")
     assert sent == payload
-    assert kinds(desk.hear(f"CATXP,{size}", f"CATXF,{size}")) == ["TransmitStarted", "TransmitDone"]
+    assert kinds(bench.hear(f"CATXP,{size}", f"CATXF,{size}")) == ["TransmitStarted", "TransmitDone"]
 
 
 @pytest.mark.parametrize("size", [0, 513])
 def test_a_payload_that_does_not_fit_is_refused(size):
     with pytest.raises(ValueError, match=f"payload: {size} bytes do not fit rate 4; send 1 to 512"):
-        Desk().configure().modem.send(NOW_S, bytes(size))
+        Bench().configure().modem.send(NOW_S, bytes(size))
 
 
 @pytest.mark.parametrize(
@@ -301,12 +301,12 @@ def test_a_payload_that_does_not_fit_is_refused(size):
     [{"CACYC,0,3,0,4,0,1"}, {"CATXD,3,0,0,252"}, {"CATXP,252"}, {"CACYC,0,3,0,4,0,1", "CATXD,3,0,0,252", "CATXP,252"}],
 )
 def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
-    desk = Desk().configure()
-    desk.modem.send(desk.now_s, PAYLOAD)
+    bench = Bench().configure()
+    bench.modem.send(bench.now_s, PAYLOAD)
     answers = ["CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,252", "CATXP,252", "CATXF,252"]
-    events = desk.hear(*(answer for answer in answers if answer not in lost))
+    events = bench.hear(*(answer for answer in answers if answer not in lost))
     assert kinds(events) == ["TransmitStarted", "TransmitDone"]
-    assert desk.modem.state is State.IDLE
+    assert bench.modem.state is State.IDLE
 
 
 @pytest.mark.parametrize(
@@ -326,76 +326,76 @@ def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
     ],
 )
 def test_every_refusal_ends_the_transmission_once(heard, error, reason):
-    desk = Desk().configure()
-    number = desk.modem.send(desk.now_s, PAYLOAD)
-    desk.hear(*heard)
-    failures = [e for e in desk.hear(error) + desk.wait(20.0) if isinstance(e, TransmitFailed)]
+    bench = Bench().configure()
+    number = bench.modem.send(bench.now_s, PAYLOAD)
+    bench.hear(*heard)
+    failures = [e for e in bench.hear(error) + bench.wait(20.0) if isinstance(e, TransmitFailed)]
     assert [f.number for f in failures] == [number]
     assert reason in failures[0].reason
 
 
 def test_other_errors_are_reported_and_leave_the_transmission_alone():
-    desk = Desk().configure()
-    desk.modem.send(desk.now_s, PAYLOAD)
-    (problem,) = desk.hear("CAERR,030259,AUX,3,something inside")
+    bench = Bench().configure()
+    bench.modem.send(bench.now_s, PAYLOAD)
+    (problem,) = bench.hear("CAERR,030259,AUX,3,something inside")
     assert "AUX 3 something inside" in problem.text
-    assert desk.modem.state is State.CYCLING
-    assert desk.modem.counts["error: AUX"] == 1
-    desk.hear("CAERR,030259,NEWMODULE,3,who knows")
-    assert desk.modem.counts["error: other"] == 1
+    assert bench.modem.state is State.CYCLING
+    assert bench.modem.counts["error: AUX"] == 1
+    bench.hear("CAERR,030259,NEWMODULE,3,who knows")
+    assert bench.modem.counts["error: other"] == 1
 
 
 def test_a_packet_whose_slot_is_over_is_dropped_and_a_late_request_is_not_answered():
-    desk = Desk(start_timeout_s=2.0).configure()
-    number = desk.modem.send(desk.now_s, PAYLOAD)
-    desk.written()
-    desk.hear("CACYC,0,3,0,4,0,1")
-    events = desk.wait(2.1)
+    bench = Bench(start_timeout_s=2.0).configure()
+    number = bench.modem.send(bench.now_s, PAYLOAD)
+    bench.written()
+    bench.hear("CACYC,0,3,0,4,0,1")
+    events = bench.wait(2.1)
     assert [e.number for e in events] == [number]
     assert "too late" in events[0].reason
-    desk.hear("CADRQ,030302,3,0,0,256,1")
-    assert desk.written() == []
-    assert desk.modem.counts["unasked_requests"] == 1
-    assert desk.hear("CAERR,030304,DATA_TIMEOUT,1") == []  # the modem's own end of it
+    bench.hear("CADRQ,030302,3,0,0,256,1")
+    assert bench.written() == []
+    assert bench.modem.counts["unasked_requests"] == 1
+    assert bench.hear("CAERR,030304,DATA_TIMEOUT,1") == []  # the modem's own end of it
 
 
 def test_one_packet_waits_while_the_modem_is_busy_and_a_second_is_refused():
-    desk = Desk().sending()
-    second = desk.modem.send(desk.now_s, PAYLOAD[::-1])
-    third = desk.modem.send(desk.now_s, PAYLOAD)
-    assert [(e.number, "busy" in e.reason) for e in desk.modem.events()] == [(third, True)]
-    assert desk.written() == []
-    desk.hear("CATXF,252")
-    assert desk.written() == ["CCCYC,0,3,0,4,0,1"]
-    desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1")
-    assert desk.written() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
-    assert desk.hear("CATXP,252") == [TransmitStarted(number=second)]
+    bench = Bench().sending()
+    second = bench.modem.send(bench.now_s, PAYLOAD[::-1])
+    third = bench.modem.send(bench.now_s, PAYLOAD)
+    assert [(e.number, "busy" in e.reason) for e in bench.modem.events()] == [(third, True)]
+    assert bench.written() == []
+    bench.hear("CATXF,252")
+    assert bench.written() == ["CCCYC,0,3,0,4,0,1"]
+    bench.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1")
+    assert bench.written() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
+    assert bench.hear("CATXP,252") == [TransmitStarted(number=second)]
 
 
 def test_a_packet_requested_while_the_modem_is_missing_is_dropped_in_time():
-    desk = Desk(start_timeout_s=2.0)
-    desk.modem.poll(desk.now_s)
-    number = desk.modem.send(desk.now_s, PAYLOAD)
-    assert desk.wait(1.5) == []
-    (failure,) = desk.wait(1.0)
+    bench = Bench(start_timeout_s=2.0)
+    bench.modem.poll(bench.now_s)
+    number = bench.modem.send(bench.now_s, PAYLOAD)
+    assert bench.wait(1.5) == []
+    (failure,) = bench.wait(1.0)
     assert (failure.number, "no modem" in failure.reason) == (number, True)
-    desk.configure()
-    assert desk.written() == []
+    bench.configure()
+    assert bench.written() == []
 
 
 def test_a_transmission_without_an_end_times_out():
-    desk = Desk(transmit_timeout_s=5.0).sending()
-    events = desk.wait(5.2)
+    bench = Bench(transmit_timeout_s=5.0).sending()
+    events = bench.wait(5.2)
     assert kinds(events) == ["TransmitFailed"]
-    assert desk.modem.state is State.IDLE
+    assert bench.modem.state is State.IDLE
 
 
 def test_closing_the_port_fails_transmissions_in_progress():
-    desk = Desk().sending()
-    desk.modem.closed(desk.now_s, "unplugged")
-    assert kinds(desk.modem.events()) == ["ModemLost", "TransmitFailed"]
-    desk.modem.receive(desk.now_s, b"$CATXF,252*51\r\n")
-    assert desk.modem.events() == []
+    bench = Bench().sending()
+    bench.modem.closed(bench.now_s, "unplugged")
+    assert kinds(bench.modem.events()) == ["ModemLost", "TransmitFailed"]
+    bench.modem.receive(bench.now_s, b"$CATXF,252*51\r\n")
+    assert bench.modem.events() == []
 
 
 # ------------------------------------------------------------------ reception
@@ -412,9 +412,9 @@ def statistics(mode=0, bad=0, frames=1, toa="20191202030257.0500", clock=14):
 
 
 def test_a_reception_ends_with_its_statistics_and_reports_what_the_modem_measured():
-    desk = Desk().configure()
-    assert desk.hear(CYCLE, PROBE, MFD, FRAME) == []
-    (packet,) = desk.hear(statistics())
+    bench = Bench().configure()
+    assert bench.hear(CYCLE, PROBE, MFD, FRAME) == []
+    (packet,) = bench.hear(statistics())
     assert (packet.source, packet.destination, packet.payload, packet.rate) == (2, 0, PAYLOAD, 4)
     assert packet.snr_db == 12.3
     assert packet.utc_s == pytest.approx(1575255777.05 + packet_duration_s(4, 252), abs=1e-4)
@@ -423,25 +423,25 @@ def test_a_reception_ends_with_its_statistics_and_reports_what_the_modem_measure
 
 @pytest.mark.parametrize("order", list(itertools.permutations([CYCLE, PROBE, MFD])))
 def test_the_order_of_the_announcements_does_not_matter(order):
-    desk = Desk().configure()
-    assert kinds(desk.hear(*order, FRAME, statistics())) == ["PacketReceived"]
+    bench = Bench().configure()
+    assert kinds(bench.hear(*order, FRAME, statistics())) == ["PacketReceived"]
 
 
 @pytest.mark.parametrize("lost", [CYCLE, PROBE, MFD])
 def test_lost_announcements_do_not_lose_the_packet(lost):
-    desk = Desk().configure()
+    bench = Bench().configure()
     heard = [text for text in (CYCLE, PROBE, MFD, FRAME, statistics()) if text != lost]
-    assert kinds(desk.hear(*heard)) == ["PacketReceived"]
+    assert kinds(bench.hear(*heard)) == ["PacketReceived"]
 
 
 def test_lost_statistics_do_not_lose_the_packet():
-    desk = Desk(receive_timeout_s=5.0).configure()
-    assert desk.hear(CYCLE, PROBE, FRAME) == []
-    (packet,) = desk.wait(5.2)
+    bench = Bench(receive_timeout_s=5.0).configure()
+    assert bench.hear(CYCLE, PROBE, FRAME) == []
+    (packet,) = bench.wait(5.2)
     assert packet.payload == PAYLOAD
     assert math.isnan(packet.snr_db)
-    assert desk.modem.counts["receptions_without_statistics"] == 1
-    events = desk.hear(CYCLE, PROBE, FRAME, CYCLE, PROBE, FRAME, statistics())
+    assert bench.modem.counts["receptions_without_statistics"] == 1
+    events = bench.hear(CYCLE, PROBE, FRAME, CYCLE, PROBE, FRAME, statistics())
     assert kinds(events) == ["PacketReceived", "PacketReceived"]
 
 
@@ -460,8 +460,8 @@ def test_lost_statistics_do_not_lose_the_packet():
     ],
 )
 def test_a_reception_that_gives_no_packet_is_reported_once_with_its_reason(heard, reason):
-    desk = Desk().configure()
-    events = desk.hear(*heard) + desk.wait(30.0)
+    bench = Bench().configure()
+    events = bench.hear(*heard) + bench.wait(30.0)
     failures = [e for e in events if isinstance(e, ReceptionFailed)]
     assert len(failures) == 1
     assert reason in failures[0].reason
@@ -469,52 +469,52 @@ def test_a_reception_that_gives_no_packet_is_reported_once_with_its_reason(heard
 
 
 def test_two_frames_make_one_packet_in_the_order_of_their_numbers():
-    desk = Desk().configure()
-    (packet,) = desk.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,2,BB", "CARXD,2,0,0,1,AA", statistics(frames=2))
+    bench = Bench().configure()
+    (packet,) = bench.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,2,BB", "CARXD,2,0,0,1,AA", statistics(frames=2))
     assert packet.payload == b"\xaa\xbb"
 
 
 def test_a_frame_filled_up_with_zeros_is_cut_to_the_packet():
-    desk = Desk().configure()
-    (packet,) = desk.hear(CYCLE, FRAME + "00000000", statistics())
+    bench = Bench().configure()
+    (packet,) = bench.hear(CYCLE, FRAME + "00000000", statistics())
     assert packet.payload == PAYLOAD
-    (packet,) = desk.hear(CYCLE, FRAME + "00000001", statistics())
+    (packet,) = bench.hear(CYCLE, FRAME + "00000001", statistics())
     assert len(packet.payload) == 256  # that was no filling: the packet layer shall judge it
 
 
 def test_packets_for_others_are_not_handed_on():
-    desk = Desk().configure()
-    assert desk.hear("CACYC,0,2,9,4,0,1", "CARXD,2,9,0,1,00", statistics()) == []
-    assert desk.modem.counts["not_for_us"] == 1
+    bench = Bench().configure()
+    assert bench.hear("CACYC,0,2,9,4,0,1", "CARXD,2,9,0,1,00", statistics()) == []
+    assert bench.modem.counts["not_for_us"] == 1
 
 
 def test_a_reception_during_the_handshake_disturbs_neither():
-    desk = Desk().configure()
-    number = desk.modem.send(desk.now_s, PAYLOAD)
-    events = desk.hear(PROBE, CYCLE, "CACYC,0,3,0,4,0,1", FRAME, "CADRQ,030259,3,0,0,256,1", statistics(), "CATXP,252")
+    bench = Bench().configure()
+    number = bench.modem.send(bench.now_s, PAYLOAD)
+    events = bench.hear(PROBE, CYCLE, "CACYC,0,3,0,4,0,1", FRAME, "CADRQ,030259,3,0,0,256,1", statistics(), "CATXP,252")
     assert kinds(events) == ["PacketReceived", "TransmitStarted"]
     assert events[1].number == number
 
 
 def test_travel_time_from_the_second_when_clocks_are_synchronous():
-    desk = Desk(synchronous=True).configure()
-    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000"))
+    bench = Bench(synchronous=True).configure()
+    (packet,) = bench.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000"))
     assert packet.travel_s == pytest.approx(0.4)
     assert (packet.sent_s, packet.arrival_s) == (1575255777.0, pytest.approx(1575255777.4, abs=1e-5))
-    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000", clock=6))
+    (packet,) = bench.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000", clock=6))
     assert math.isnan(packet.travel_s)  # held by its own RTC only
 
 
 def test_a_ping_word_for_word():
-    desk = Desk().configure()
-    number = desk.modem.ping(desk.now_s, 2)
-    assert desk.written() == ["CCMPC,3,2"]
-    assert kinds(desk.hear("CAMPC,3,2", "CATXP,0", "CATXF,0", "CARXP,0")) == ["PingStarted"]
-    desk.wait(3.0)
-    (answered,) = desk.hear("CAMPR,2,3,0.4567", statistics(frames=0).replace(",4,2,0,0,3,", ",0,2,3,0,2,"))
+    bench = Bench().configure()
+    number = bench.modem.ping(bench.now_s, 2)
+    assert bench.written() == ["CCMPC,3,2"]
+    assert kinds(bench.hear("CAMPC,3,2", "CATXP,0", "CATXF,0", "CARXP,0")) == ["PingStarted"]
+    bench.wait(3.0)
+    (answered,) = bench.hear("CAMPR,2,3,0.4567", statistics(frames=0).replace(",4,2,0,0,3,", ",0,2,3,0,2,"))
     assert (answered.number, answered.source, answered.travel_s) == (number, 2, 0.4567)
     assert answered.utc_s == pytest.approx(NOW_S + 0.5 * (3.0 - MINI_PACKET_S))
-    assert desk.modem.state is State.IDLE
+    assert bench.modem.state is State.IDLE
 
 
 @pytest.mark.parametrize(
@@ -527,9 +527,9 @@ def test_a_ping_word_for_word():
     ],
 )
 def test_a_ping_that_fails_is_reported_once_with_its_reason(heard, reason):
-    desk = Desk().configure()
-    desk.modem.ping(desk.now_s, 2)
-    events = desk.hear(*heard) + desk.wait(8.0)
+    bench = Bench().configure()
+    bench.modem.ping(bench.now_s, 2)
+    events = bench.hear(*heard) + bench.wait(8.0)
     (failed,) = [event for event in events if isinstance(event, PingFailed)]
     assert reason in failed.reason
     assert not any(isinstance(event, (PingAnswered, ReceptionFailed)) for event in events)
@@ -538,52 +538,52 @@ def test_a_ping_that_fails_is_reported_once_with_its_reason(heard, reason):
 @pytest.mark.parametrize("destination", [0, 3, 128])
 def test_a_ping_of_no_other_modem_is_refused(destination):
     with pytest.raises(ValueError, match="choose another modem"):
-        Desk().configure().modem.ping(NOW_S, destination)
+        Bench().configure().modem.ping(NOW_S, destination)
 
 
 @pytest.mark.parametrize("toa", ["20000101000000.0000", "garbage", ""])
 def test_an_implausible_arrival_time_is_replaced_by_the_hosts(toa):
-    desk = Desk().configure()
-    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa=toa))
-    assert packet.utc_s == desk.now_s
+    bench = Bench().configure()
+    (packet,) = bench.hear(CYCLE, FRAME, statistics(toa=toa))
+    assert packet.utc_s == bench.now_s
 
 
 def test_an_fsk_packet_has_two_statistics_and_ends_with_the_second():
-    desk = Desk().configure()
+    bench = Bench().configure()
     mini = "CACST,6,0,20191202030257.0500,14,1,1,1,1,0,0,0,0,0,0,2,0,0,1,1,0,12,12.3,10.0,9.9,-10.5,0,0.2,60,25000,5000"
-    assert desk.hear("CACYC,0,2,0,0,0,1", mini) == []
-    assert kinds(desk.hear("CARXP,0", "CARXD,2,0,0,1,AABB", mini)) == ["PacketReceived"]
+    assert bench.hear("CACYC,0,2,0,0,0,1", mini) == []
+    assert kinds(bench.hear("CARXP,0", "CARXD,2,0,0,1,AABB", mini)) == ["PacketReceived"]
 
 
 def test_frames_of_two_senders_never_make_one_packet():
-    desk = Desk().configure()
+    bench = Bench().configure()
     other = "CARXD,5,0,0,2,BB"
-    events = desk.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,1,AA", other, statistics(frames=2))
+    events = bench.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,1,AA", other, statistics(frames=2))
     assert kinds(events) == ["ReceptionFailed", "ReceptionFailed"]
     assert not [e for e in events if isinstance(e, PacketReceived)]
 
 
 def test_a_frame_received_twice_counts_once():
-    desk = Desk().configure()
-    (packet,) = desk.hear(CYCLE, FRAME, FRAME, statistics())
+    bench = Bench().configure()
+    (packet,) = bench.hear(CYCLE, FRAME, FRAME, statistics())
     assert packet.payload == PAYLOAD
-    assert desk.modem.counts["repeated_frames"] == 1
+    assert bench.modem.counts["repeated_frames"] == 1
 
 
 def test_a_modem_that_accepted_part_of_a_frame_is_reported():
-    desk = Desk().configure()
-    desk.modem.send(desk.now_s, PAYLOAD)
-    (problem,) = desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
+    bench = Bench().configure()
+    bench.modem.send(bench.now_s, PAYLOAD)
+    (problem,) = bench.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
     assert "accepted 250 of the frame's 252 bytes" in problem.text
 
 
 def test_unexpected_sentences_change_nothing():
-    desk = Desk().configure()
-    events = desk.hear("CATXD,3,0,0,252", "CATXP,252", "CATXF,252", "CATMS,0,2019-12-02T03:02:59Z", "CAXXX,1")
+    bench = Bench().configure()
+    events = bench.hear("CATXD,3,0,0,252", "CATXP,252", "CATXF,252", "CATMS,0,2019-12-02T03:02:59Z", "CAXXX,1")
     assert events == []
-    assert desk.modem.state is State.IDLE
-    assert desk.modem.counts["unasked_transmissions"] == 1
-    assert desk.modem.ignored.counts["CAXXX"] == 1
+    assert bench.modem.state is State.IDLE
+    assert bench.modem.counts["unasked_transmissions"] == 1
+    assert bench.modem.ignored.counts["CAXXX"] == 1
 
 
 # ------------------------------------------------------------------ reboot
@@ -591,55 +591,55 @@ def test_unexpected_sentences_change_nothing():
 
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_running_modem_is_restarted_once_to_report_its_firmware(answers):
-    desk = Desk()
-    desk.modem.opened(desk.now_s)
-    desk.written()
-    desk.hear("CACFG,SRC,3")
-    assert desk.written() == ["CCMSC,3,3,0"]
+    bench = Bench()
+    bench.modem.opened(bench.now_s)
+    bench.written()
+    bench.hear("CACFG,SRC,3")
+    assert bench.written() == ["CCMSC,3,3,0"]
     if answers:
-        desk.hear("CAMSC,3,3,0", "CAREV,030259,INIT,", "CAREV,030300,AUV,2.0.27087")
+        bench.hear("CAMSC,3,3,0", "CAREV,030259,INIT,", "CAREV,030300,AUV,2.0.27087")
     else:
-        desk.wait(2.1)
-    assert desk.modem.version == ("2.0.27087" if answers else "")
-    assert desk.written() == ["CCCFG,CST,1"]
-    while (asked := desk.written() or ["CCCFG,CST,1"])[-1].startswith("CCCFG"):
-        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
+        bench.wait(2.1)
+    assert bench.modem.version == ("2.0.27087" if answers else "")
+    assert bench.written() == ["CCCFG,CST,1"]
+    while (asked := bench.written() or ["CCCFG,CST,1"])[-1].startswith("CCCFG"):
+        bench.hear("CACFG," + asked[-1].split(",", 1)[1])
     assert asked == ["CCTMQ,0"]
-    assert desk.modem.counts["restarts"] == 1
-    assert desk.modem.counts["reboots"] == 0
+    assert bench.modem.counts["restarts"] == 1
+    assert bench.modem.counts["reboots"] == 0
 
 
 def test_a_rebooted_modem_is_configured_when_it_reports_its_start():
-    desk = Desk().sending()
-    events = desk.hear("CAREV,030300,INIT,")
+    bench = Bench().sending()
+    events = bench.hear("CAREV,030300,INIT,")
     assert kinds(events) == ["ModemLost", "TransmitFailed"]
-    assert desk.written() == []
-    desk.hear("CAREV,030300,AUV,2.0.27087")
-    assert desk.written() == ["CCCFG,SRC,3"]
-    assert desk.modem.version == "2.0.27087"
-    assert desk.modem.counts["reboots"] == 1
+    assert bench.written() == []
+    bench.hear("CAREV,030300,AUV,2.0.27087")
+    assert bench.written() == ["CCCFG,SRC,3"]
+    assert bench.modem.version == "2.0.27087"
+    assert bench.modem.counts["reboots"] == 1
 
 
 def test_a_reboot_whose_second_line_is_lost_is_configured_after_a_wait():
-    desk = Desk().configure()
-    desk.hear("CAREV,030300,INIT,")
-    desk.wait(2.1)
-    assert desk.written() == ["CCCFG,SRC,3"]
+    bench = Bench().configure()
+    bench.hear("CAREV,030300,INIT,")
+    bench.wait(2.1)
+    assert bench.written() == ["CCCFG,SRC,3"]
 
 
 def test_a_reboot_without_report_is_detected_by_the_address():
-    desk = Desk(clock_period_s=5.0).configure()
-    desk.wait(5.1)
-    assert "CCCFQ,SRC" in desk.written()
-    (lost,) = desk.hear("CACFG,SRC,0")
+    bench = Bench(clock_period_s=5.0).configure()
+    bench.wait(5.1)
+    assert "CCCFQ,SRC" in bench.written()
+    (lost,) = bench.hear("CACFG,SRC,0")
     assert "address is 0" in lost.reason
-    assert desk.written() == ["CCCFG,SRC,3"]
+    assert bench.written() == ["CCCFG,SRC,3"]
 
 
 def test_a_revision_without_init_is_not_a_reboot():
-    desk = Desk().configure()
-    assert desk.hear("CAREV,030300,AUV,2.0.27087") == []
-    assert desk.modem.state is State.IDLE
+    bench = Bench().configure()
+    assert bench.hear("CAREV,030300,AUV,2.0.27087") == []
+    assert bench.modem.state is State.IDLE
 
 
 # ------------------------------------------------------------------ the table, and the rest
@@ -664,10 +664,10 @@ def test_every_message_has_a_handler():
 
 
 def test_bad_fields_are_reported_and_survived():
-    desk = Desk().configure()
-    (problem,) = desk.hear("CARXD,2,0,0,1,XYZ")
+    bench = Bench().configure()
+    (problem,) = bench.hear("CARXD,2,0,0,1,XYZ")
     assert "CARXD" in problem.text
-    assert kinds(desk.hear(CYCLE, FRAME, statistics())) == ["PacketReceived"]
+    assert kinds(bench.hear(CYCLE, FRAME, statistics())) == ["PacketReceived"]
 
 
 @pytest.mark.parametrize("address", [0, 128, -1])

@@ -1,4 +1,4 @@
-"""Soundings booked where they were taken: the map made again, and what it knows of the positions that are left."""
+"""Soundings moved to where they were taken: the map made again, and what it knows of the positions that are left."""
 
 from __future__ import annotations
 

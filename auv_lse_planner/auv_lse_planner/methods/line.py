@@ -11,8 +11,8 @@ plans that the budget allows are compared by what their next `NEXT_LEGS` legs lo
     J = mean over draws k of ( N_k if the plan begins like the route along the draw's own contours, else N )
 
 N is the length that these legs are expected to locate as they are. N_k is what the draw's route follows in as many
-legs, if that is more. A plan begins like a route if both are at the same place after `COMMON_LEGS` legs, from where the
-vehicle can still follow whichever draw turns out to be true. Where the line is known, all draws begin alike, and
+legs, if that is more. A plan begins like a route if both reach the same location after `COMMON_LEGS` legs, from where
+the vehicle can still follow whichever draw turns out to be true. Where the line is known, all draws begin alike, and
 following counts nearly a metre per metre. Where nothing is known no two draws agree, and a plan counts by what it is
 expected to locate as it is. So nothing but J tells a vehicle to follow or to explore.
 
@@ -43,8 +43,8 @@ Array = NDArray[np.float64]
 
 #: Additional weight of what the next legs locate, and the legs over which it decays by e.
 NEAR_WEIGHT, NEAR_LEGS = 10.0, 5.0
-#: Legs over which plans are compared, and those after which a plan and a draw's route must be at the same place, to so
-#: many metres.
+#: Legs over which plans are compared, those after which a plan and a draw's route must have reached the same location,
+#: and how near that is (m).
 NEXT_LEGS, COMMON_LEGS, COMMON_M = 8, 2, 20.0
 #: In J, what the prior expects on ground without data counts by this share: on the lakes that this was tuned on, the
 #: isobath is half as long as a stationary prior about the level expects.

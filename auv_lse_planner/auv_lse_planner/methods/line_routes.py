@@ -2,7 +2,7 @@
 
 Each route follows the level's contours of one field: the posterior mean, or a draw from the posterior. Where the map
 knows the line, all fields agree, so every route begins by following it. Farther away draws differ, and each shows one
-place where the line may be. The planner's objective decides between them; nothing here does.
+location where the line may be. The planner's objective decides between them; nothing here does.
 
 A stretch of a contour is wanted if the standard deviation s left there is more than 10 m times the field's own slope,
 which is the definition of `reward/line.py`, and no mate plans to pass it. From where it is, a route goes to the stretch

@@ -32,7 +32,7 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.position_margin import PositionMargin
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.reward.anytime import NO_PREFERENCE, AnytimeReward, Constant, Value, Weighting
+from auv_lse_planner.reward.anytime import NO_PREFERENCE, AnytimeReward, ConstantValue, Value, Weighting
 from auv_lse_planner.reward.fix import gain_of_fix
 from auv_lse_planner.reward.losses import Loss
 from auv_lse_planner.reward.path import PathReward
@@ -47,7 +47,7 @@ MAX_MATE_LOCATIONS = 800
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class RemainingTour:
     """What follows the legs of a long mission that are planned in detail.
 
     Attributes:
@@ -111,7 +111,7 @@ class PlanningContext:
     def map_reward(
         self,
         situation: Situation,
-        rest: Rest | None = None,
+        rest: RemainingTour | None = None,
         loss: Loss | None = None,
         near: tuple[float, float] = NO_PREFERENCE,
     ) -> AnytimeReward:
@@ -123,9 +123,9 @@ class PlanningContext:
             near: `Weighting.near`; it replaces `planner.anytime_weight`.
         """
         planner, steps = situation.planner, self.horizon.end
-        mates, end, constant = self.mates_ahead(situation), steps, Constant()
+        mates, end, constant = self.mates_ahead(situation), steps, ConstantValue()
         if rest is not None:
-            end, constant = rest.begin, Constant(self.window.elsewhere_risk, rest.drop)
+            end, constant = rest.begin, ConstantValue(self.window.elsewhere_risk, rest.drop)
             kept = self.window.near(rest.locations_m)
             legs = (rest.begin - situation.step + 1.0 + np.flatnonzero(kept)).astype(np.float64)
             mates.append((legs, rest.locations_m[kept]))

@@ -32,7 +32,7 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_gp.inference.cached_points import CachedPoints
-from auv_lse_planner.methods.method import Followed, PlanningContext, Rest, Situation
+from auv_lse_planner.methods.method import Followed, PlanningContext, RemainingTour, Situation
 from auv_lse_planner.paths.steering import LOOK_AHEAD, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
@@ -77,10 +77,10 @@ class Stages:
         """Whether the stage reaches the mission's end."""
         return self._end >= self._steps
 
-    def rest(self) -> Rest:
+    def rest(self) -> RemainingTour:
         """What follows the stage."""
         first = max(self._end - self._line_step, 0)
-        return Rest(self._end, self._line_m[first + 1 : self._steps - self._line_step + 1], self._drop)
+        return RemainingTour(self._end, self._line_m[first + 1 : self._steps - self._line_step + 1], self._drop)
 
     def begins(self, step: int) -> bool:
         """Whether a stage begins at this step."""

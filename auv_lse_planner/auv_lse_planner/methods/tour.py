@@ -199,12 +199,12 @@ class Tour(Method):
         in_area = space.path_feasible(s.state, actions, LOOK_AHEAD, static=True)
         return "shallow ground" if in_area else "border of the area"
 
-    def _lack(self, s: Situation, path: PlannedPath) -> float:
+    def _margin_shortfall_m2(self, s: Situation, path: PlannedPath) -> float:
         """Sum of the squared clearances (m^2) that a path's next legs lack for the present uncertainty of the
         location."""
         if not s.margin.is_wider(self.context.space):
             return 0.0
-        return s.margin.lack(self.context.space, self.context.map_locations(path)[:LEGS].reshape(-1, 2))[0]
+        return s.margin.shortfall_m2(self.context.space, self.context.map_locations(path)[:LEGS].reshape(-1, 2))[0]
 
     def _chosen(
         self, s: Situation, candidates: list[Candidate], floor: float, path_reward: Callable[[], PathReward]
@@ -213,12 +213,12 @@ class Tour(Method):
 
         If there is none, the one with the largest expected end, less a penalty for what it lacks of the margin.
         """
-        lack = np.array([self._lack(s, c.path) for c in candidates])
+        shortfall_m2 = np.array([self._margin_shortfall_m2(s, c.path) for c in candidates])
         end = np.array([c.value.expected_end for c in candidates])
-        allowed = np.flatnonzero((end >= floor) & (lack <= TOLERATED_M2))
+        allowed = np.flatnonzero((end >= floor) & (shortfall_m2 <= TOLERATED_M2))
         if len(allowed):
             return self._best(s, [candidates[i] for i in allowed], path_reward)
-        return candidates[int(np.argmax(end - ROOM_WEIGHT * np.abs(end).max() * lack))]
+        return candidates[int(np.argmax(end - ROOM_WEIGHT * np.abs(end).max() * shortfall_m2))]
 
     def _interval_is_over(self, step: int, planner: PlannerConfig) -> bool:
         every = planner.tour_interval * (1 if self._stages is None else INTERVALS)

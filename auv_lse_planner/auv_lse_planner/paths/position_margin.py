@@ -26,14 +26,14 @@ Array = NDArray[np.float64]
 DEVIATIONS = 2.5
 #: Number of next legs that keep them. Later legs are planned again, when the location may be known better.
 LEGS = 16
-#: A plan whose locations lack less than this sum of squares (m^2) is near enough to keeping the margin.
+#: A plan whose shortfalls have a smaller sum of squares (m^2) is near enough to keeping the margin.
 TOLERATED_M2 = 10.0
 #: Covariance (m^2) of an exact position.
 EXACT = np.zeros((2, 2))
 
 
 @compiled
-def lack_of_room(space, room, locations, margin, covariance):
+def room_shortfall(space, room, locations, margin, covariance):
     """Sum of the squared missing clearances (m^2) at locations (P, 2), bilinear on the raster, and its gradient (P, 2).
 
     The clearance needed is `room`. Where the location's standard deviation towards the border exceeds `margin` (m),
@@ -59,11 +59,11 @@ def lack_of_room(space, room, locations, margin, covariance):
         needed = room
         if variance > margin * margin:
             needed += DEVIATIONS * math.sqrt(variance) - margin
-        lack = needed - (low * (1.0 - u) + high * u)
-        if lack > 0.0:
-            total += lack * lack
-            gradient[p, 0] = -2.0 * lack * north
-            gradient[p, 1] = -2.0 * lack * east
+        shortfall = needed - (low * (1.0 - u) + high * u)
+        if shortfall > 0.0:
+            total += shortfall * shortfall
+            gradient[p, 0] = -2.0 * shortfall * north
+            gradient[p, 1] = -2.0 * shortfall * east
     return total, gradient
 
 
@@ -81,12 +81,12 @@ class PositionMargin:
         """Whether it exceeds `area.margin_m` in any direction."""
         return float(np.linalg.eigvalsh(self.covariance_m2)[-1]) > space.margin_m**2
 
-    def lack(self, space: FreeSpace, locations_m: Array, room_m: float = 0.0) -> tuple[float, Array]:
+    def shortfall_m2(self, space: FreeSpace, locations_m: Array, room_m: float = 0.0) -> tuple[float, Array]:
         """Sum of the squared clearances (m^2) that locations (P, 2) lack in the area, and its gradient (P, 2).
 
         Args:
             room_m: Clearance to keep in addition to the margin.
         """
         covariance = np.ascontiguousarray(self.covariance_m2)
-        total, gradient = lack_of_room(space.arguments(static=True), room_m, locations_m, space.margin_m, covariance)
+        total, gradient = room_shortfall(space.arguments(static=True), room_m, locations_m, space.margin_m, covariance)
         return float(total), np.asarray(gradient)

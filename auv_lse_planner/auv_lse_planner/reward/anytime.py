@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
+from auv_lse_planner.reward.joint import Cells, JointCovariance, Measured, Timetable
 from auv_lse_planner.reward.losses import Loss, Losses, RiskLoss
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Weighting:
 
 
 @dataclass(frozen=True, slots=True)
-class Constant:
+class ConstantValue:
     """What the paths of a decision do not change: the ground elsewhere, and the rest of a long mission.
 
     Attributes:
@@ -162,7 +162,7 @@ class AnytimeReward:
         weighting: Weighting,
         coarse: CachedPoints | None = None,
         inflation: float = 1.0,
-        constant: Constant = Constant(),
+        constant: ConstantValue = ConstantValue(),
     ) -> None:
         """Locations planned on the posterior count as measured before the first leg.
 
@@ -183,7 +183,7 @@ class AnytimeReward:
         self._weighting, self._inflation = weighting, inflation if self._loss.inflates else 1.0
         checkpoints = -(-self.legs // CHECKPOINT_LEGS)
         self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), VALUE_RISK_SHARE, cache_inverse=False)
-        self._rough: _Drop | None = None
+        self._rough: _ExpectedRiskDrop | None = None
         self.risk_before = self._exact.risk_before + constant.risk
 
     def weighing(self, share: float) -> AnytimeReward:
@@ -198,7 +198,7 @@ class AnytimeReward:
 
     def _drop(
         self, points: CachedPoints, every: int, schedule: _Schedule, least_share: float, *, cache_inverse: bool
-    ) -> _Drop:
+    ) -> _ExpectedRiskDrop:
         """The drop of risk at the given points, with every n-th (`every`) of the mates' positions."""
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
@@ -207,7 +207,7 @@ class AnytimeReward:
         counted = _Counted.of(points, self._loss, self._inflation, least_share, scale)
         measured = Measured(points.posterior, points.posterior.kernel.scale(locations), cache_inverse)
         groups = schedule.after(legs)
-        return _Drop(points.posterior, counted, schedule, measured, groups, cache_inverse)
+        return _ExpectedRiskDrop(points.posterior, counted, schedule, measured, groups, cache_inverse)
 
     def value(self, locations_m: Array) -> Value:
         """Value of a path over the whole map.
@@ -248,7 +248,7 @@ class AnytimeReward:
         """Risk before the first leg within `NEAR_M` of locations (P, 2): a fast estimate of their benefit."""
         return self._coarsely().risk_near(np.asarray(locations_m, dtype=float).reshape(-1, 2))
 
-    def _coarsely(self) -> _Drop:
+    def _coarsely(self) -> _ExpectedRiskDrop:
         if self._rough is None:
             schedule = _Schedule.of(self._weighting, min(GRADIENT_CHECKPOINTS, -(-self.legs // CHECKPOINT_LEGS)))
             self._rough = self._drop(
@@ -304,7 +304,7 @@ class _Counted:
         return cls(cells, points.locations_m[kept], losses.take(kept), uninflated, scale, total)
 
 
-class _Drop:
+class _ExpectedRiskDrop:
     """The drop of risk over one set of cells at each checkpoint, with one set of mates' positions."""
 
     def __init__(
@@ -330,7 +330,7 @@ class _Drop:
         self._mates, self._mate_groups = mates, mate_groups
         self._timetables: dict[bytes, Timetable] = {}
 
-    def weighted_by(self, weighting: Weighting) -> _Drop:
+    def weighted_by(self, weighting: Weighting) -> _ExpectedRiskDrop:
         """A copy with other weights of the checkpoints."""
         other = copy.copy(self)
         other.schedule = self.schedule.weighted_by(weighting)
@@ -373,13 +373,13 @@ class _Drop:
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._counted.losses.before[near].sum())
 
-    def _joint(self, locations_m: Array, legs: Array) -> Joint:
+    def _joint(self, locations_m: Array, legs: Array) -> JointCovariance:
         key = legs.tobytes()
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
             self._timetables[key] = Timetable(self._posterior, self._cells, self._mates, *groups)
         own = Measured(self._posterior, self._posterior.kernel.scale(locations_m), self._cache_inverse)
-        return Joint(self._posterior, self._cells, own, self._timetables[key])
+        return JointCovariance(self._posterior, self._cells, own, self._timetables[key])
 
     def _weighted(self, risks: Array) -> float:
         """J from the risks at the contributing checkpoints."""

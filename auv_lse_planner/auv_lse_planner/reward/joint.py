@@ -143,7 +143,7 @@ class Timetable:
         return self._cross
 
 
-class Joint:
+class JointCovariance:
     """Conditions the cells on the positions of this vehicle and its mates in time order."""
 
     def __init__(self, posterior: Posterior, cells: Cells, own: Measured, timetable: Timetable) -> None:

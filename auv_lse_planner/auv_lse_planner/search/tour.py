@@ -30,7 +30,7 @@ from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour, length_m
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.polyline import SHORTEST_M, locations_along, pull_back
-from auv_lse_planner.paths.position_margin import EXACT, LEGS, PositionMargin, lack_of_room
+from auv_lse_planner.paths.position_margin import EXACT, LEGS, PositionMargin, room_shortfall
 from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
@@ -319,14 +319,14 @@ class TourSearch:
             value, gradient = reward.value_and_gradient(locations)
             if not scale:
                 scale = max(abs(value), 1e-9)
-            lack, push = lack_of_room(room, ROOM_M, locations, self._space.margin_m, EXACT)
+            shortfall_m2, push = room_shortfall(room, ROOM_M, locations, self._space.margin_m, EXACT)
             if near and margin is not None:
-                more, there = margin.lack(self._space, locations[:near], ROOM_M)
-                lack += more
+                more, there = margin.shortfall_m2(self._space, locations[:near], ROOM_M)
+                shortfall_m2 += more
                 push[:near] += there
             up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)
             penalty, slope = d.penalized(x, up)
-            value = value / scale - ROOM_WEIGHT * lack - penalty
+            value = value / scale - ROOM_WEIGHT * shortfall_m2 - penalty
             if value > best:
                 best, best_m = value, corners
             return -value, -slope

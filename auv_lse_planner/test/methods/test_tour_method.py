@@ -250,7 +250,7 @@ def test_a_vehicle_with_an_uncertain_place_returns_from_the_border_without_a_voi
     assert path is not None
     margin = PositionMargin(np.diag([1.0, 400.0]))
     locations_m = planner.rollout.leg_locations(path.states[:-1], path.actions, 2)[:LEGS]
-    assert margin.lack(planner.space, locations_m.reshape(-1, 2))[0] <= TOLERATED_M2
+    assert margin.shortfall_m2(planner.space, locations_m.reshape(-1, 2))[0] <= TOLERATED_M2
     sent = planner.rollout.follow(decisions[-1].plan).from_step(path.step)
     assert np.array_equal(sent.states, path.states), "team mates rebuild the path"
     for before, after in itertools.pairwise(decisions):

@@ -15,11 +15,11 @@ def test_only_the_uncertainty_towards_the_border_counts():
     assert DEVIATIONS == 2.5
     # 25 m from the southern border: 2.5 x 20 m are asked, so 25 m are missing, and 6 m more if room is to be left.
     # The raster's distances err by up to twice its spacing of 2 m, on the safe side: by at most 4 m in 25 m.
-    assert margin.lack(space, south)[0] == pytest.approx(25.0**2, rel=0.15)
-    assert margin.lack(space, south, 6.0)[0] == pytest.approx(31.0**2, rel=0.15)
-    assert margin.lack(space, west)[0] == 0.0, "9 m are not more than area.margin_m"
-    assert margin.lack(space, np.array([[-9.0, 200.0]]))[0] == pytest.approx(39.0**2, rel=0.1)
-    assert margin.lack(space, np.array([[40.0, 200.0]]))[0] == 0.0
+    assert margin.shortfall_m2(space, south)[0] == pytest.approx(25.0**2, rel=0.15)
+    assert margin.shortfall_m2(space, south, 6.0)[0] == pytest.approx(31.0**2, rel=0.15)
+    assert margin.shortfall_m2(space, west)[0] == 0.0, "9 m are not more than area.margin_m"
+    assert margin.shortfall_m2(space, np.array([[-9.0, 200.0]]))[0] == pytest.approx(39.0**2, rel=0.1)
+    assert margin.shortfall_m2(space, np.array([[40.0, 200.0]]))[0] == 0.0
 
 
 def test_a_margin_is_wider_where_one_deviation_exceeds_the_areas_margin():

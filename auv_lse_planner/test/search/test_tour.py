@@ -7,7 +7,7 @@ from planner_helpers import rollout, world
 from auv_lse_common.support.compiled import plain
 from auv_lse_common.vocabulary.plan import length_m
 from auv_lse_planner.paths.polyline import locations_along, pull_back
-from auv_lse_planner.paths.position_margin import EXACT, PositionMargin, lack_of_room
+from auv_lse_planner.paths.position_margin import EXACT, PositionMargin, room_shortfall
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.search.tour import ROOM_M, TourSearch
 
@@ -74,7 +74,7 @@ def test_compiled_equals_plain():
     locations = rng.uniform(-30, 400, (40, 2))
     for covariance in (EXACT, np.array([[900.0, 200.0], [200.0, 400.0]])):
         arguments = (own, 20.0, locations, space.margin_m, covariance)
-        fast, slow = lack_of_room(*arguments), plain(lack_of_room)(*arguments)
+        fast, slow = room_shortfall(*arguments), plain(room_shortfall)(*arguments)
         assert fast[0] == pytest.approx(slow[0], rel=1e-12)
         assert fast[1] == pytest.approx(slow[1], rel=1e-12)
 
@@ -84,12 +84,14 @@ def test_lack_of_room_gradient_agrees_with_finite_differences(std_m: float):
     _, _, space, _ = world()
     margin = PositionMargin(np.diag([std_m**2, 0.0]))
     location = np.array([[-13.3, 101.1]])
-    total, gradient = margin.lack(space, location, 20.0)
+    total, gradient = margin.shortfall_m2(space, location, 20.0)
     assert total > (0.0 if std_m == 0.0 else 40.0**2)
     for axis in (0, 1):
         step = np.zeros((1, 2))
         step[0, axis] = 1e-5
-        slope = (margin.lack(space, location + step, 20.0)[0] - margin.lack(space, location - step, 20.0)[0]) / 2e-5
+        slope = (
+            margin.shortfall_m2(space, location + step, 20.0)[0] - margin.shortfall_m2(space, location - step, 20.0)[0]
+        ) / 2e-5
         assert gradient[0, axis] == pytest.approx(slope, abs=1e-5)
 
 

@@ -132,8 +132,8 @@ def _mission(message: Any) -> dict[str, Any]:
 
 def _position(message: Any) -> dict[str, Any]:
     at = message.pose.pose.position
-    place = {"north_m": _number(at.y), "east_m": _number(at.x), "depth_m": _number(-at.z)}
-    return place | {"speed_mps": _number(message.twist.twist.linear.x)}
+    position = {"north_m": _number(at.y), "east_m": _number(at.x), "depth_m": _number(-at.z)}
+    return position | {"speed_mps": _number(message.twist.twist.linear.x)}
 
 
 def _autopilot(message: Any) -> dict[str, Any]:

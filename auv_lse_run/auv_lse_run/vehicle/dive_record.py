@@ -147,7 +147,7 @@ class DiveRecord:
                 self._begin_files()
             except OSError as error:
                 reason = (
-                    f"{journals}: no place for the state of the mission: {error.strerror or error}. No mission starts "
+                    f"{journals}: cannot store the state of the mission: {error.strerror or error}. No mission starts "
                     "whose state a restart would lose: free space, or name another folder by --out"
                 )
                 if self._simulated:

@@ -51,10 +51,11 @@ _FIRST_START_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Crew:
+class VehicleProcesses:
     """The processes of one vehicle.
 
     Attributes:
+        nodes: Its nodes without the recorder.
         file: The parameter file; that of a real vehicle is in memory (Linux).
         recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
@@ -63,7 +64,7 @@ class Crew:
 
     vehicle: int
     file: Path
-    processes: tuple[Process, ...]
+    nodes: tuple[Process, ...]
     recording: Path | None
     simulated: bool
     lockstep: bool
@@ -75,7 +76,7 @@ class Crew:
             LaunchError: if one is not installed.
         """
         clock = ("-p", "use_sim_time:=true") if self.simulated else ()
-        tasks = [node_task(process, self.file, *clock) for process in self.processes]
+        tasks = [node_task(process, self.file, *clock) for process in self.nodes]
         if self.recording is not None:
             tasks.insert(1, self._recorder(self.recording))
         return tasks
@@ -97,7 +98,7 @@ def vehicle_number(name: str) -> int:
     return int(match[1])
 
 
-def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> Crew:
+def vehicle_processes(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> VehicleProcesses:
     """The processes of the vehicle `name` ("auv2"), according to the mission file.
 
     Args:
@@ -134,11 +135,11 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
         file = out / "mission.yaml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-    processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
-    return Crew(
+    own_nodes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
+    return VehicleProcesses(
         vehicle=vehicle,
         file=file,
-        processes=processes,
+        nodes=own_nodes,
         recording=out / "bag" if record else None,
         simulated=simulated,
         lockstep=lockstep,
@@ -153,10 +154,10 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
         file: The mission's parameter file.
         out: The folder for logs and recording; None: a new one in `dives`, or that of the dive to continue.
         dives: The folder of all dives.
-        simulated: As `crew_of` takes it. Without `out`, each start of a simulated vehicle begins a new dive.
+        simulated: As `vehicle_processes` takes it. Without `out`, each start of a simulated vehicle begins a new dive.
 
     Raises:
-        ParameterError: as `crew_of`, or if `out` has a recording of another dive.
+        ParameterError: as `vehicle_processes`, or if `out` has a recording of another dive.
     """
     vehicle = vehicle_number(name)
     patterns = read_parameter_file(file)
@@ -172,13 +173,13 @@ def open_dive(name: str, file: Path, out: Path | None, dives: Path, simulated: b
 
 
 @contextmanager
-def begun_dive(
-    crew: Crew, wanted: str | None, file: Path, out: Path, record: DiveRecord
+def begin_dive(
+    processes: VehicleProcesses, wanted: str | None, file: Path, out: Path, record: DiveRecord
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Reserves the ROS domain of a vehicle's dive for as long as the context lasts.
 
     Args:
-        crew: The vehicle's processes.
+        processes: The vehicle's processes.
         wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
         file: The mission file; a simulator's is in its run folder.
         out: The folder for logs and recording.
@@ -191,14 +192,14 @@ def begun_dive(
         DomainError: if the domain is invalid or in use.
         StateFolderError: if the nodes' state could not be kept.
     """
-    simulator = simulator_of(file.resolve().parent) if crew.simulated else None
+    simulator = simulator_of(file.resolve().parent) if processes.simulated else None
     domain = domain_number(wanted_domain(wanted) or simulator or "0")
-    with vehicle_domain(domain, crew.vehicle, crew.simulated):
-        dive = (crew.simulated and dive_on(domain)) or new_dive(f"auv{crew.vehicle}")
+    with vehicle_domain(domain, processes.vehicle, processes.simulated):
+        dive = (processes.simulated and dive_on(domain)) or new_dive(f"auv{processes.vehicle}")
         variables = record.begin(out, dive) | {COPY_VARIABLE: own_copy()}
         note_software(out)
         with suppress(DomainError):  # a full disk must not keep a vehicle from continuing
-            note_run(domain, out, variables[DIVE_VARIABLE], crew.vehicle)
+            note_run(domain, out, variables[DIVE_VARIABLE], processes.vehicle)
         try:
             yield domain, variables
         finally:
@@ -273,9 +274,9 @@ def run(options: argparse.Namespace) -> int:
         options.name, options.file = chosen_vehicle(options.name, options.file)
         number, out = vehicle_number(options.name), options.out
         record, out = open_dive(options.name, options.file, out, root / "dives", options.simulated)
-        crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
-        tasks = crew.tasks()
-        domain, variables = stack.enter_context(begun_dive(crew, options.domain, options.file, out, record))
+        processes = vehicle_processes(options.name, options.file.resolve(), out, options.simulated, options.record)
+        tasks = processes.tasks()
+        domain, variables = stack.enter_context(begin_dive(processes, options.domain, options.file, out, record))
     except (ParameterError, LaunchError, DomainError, StateFolderError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -283,37 +284,39 @@ def run(options: argparse.Namespace) -> int:
         print(f"error: --out {out}: cannot be created: {error.strerror or error}", file=sys.stderr)
         return 2
     with stack:
-        follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
+        follows = (
+            f", following the simulator{' in lockstep' if processes.lockstep else ''}" if processes.simulated else ""
+        )
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         doubt = record.doubt and f"holds until RESET: {record.doubt}"
         for text in filter(None, (doubt, record.copies_problem, loopback_problem())):
             _say(f"auv{number}: {text}")
         waits = {WAIT_VARIABLE: "1"} if options.wait else {}
         _say(f"auv{number}: ROS domain {domain}{follows}; {dive}; logs in {out / 'logs'}")
-        return _keep_running(crew, tasks, out / "logs", node_environment(domain) | variables | waits)
+        return _keep_running(processes, tasks, out / "logs", node_environment(domain) | variables | waits)
 
 
-def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
+def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
     """Keeps the tasks running until a signal, a fatal death or the simulated mission's end; returns the exit code."""
     interrupt = Interrupt()
     # In lockstep a node may take any time for a tick, and none can be restarted.
-    silent_s = math.inf if crew.lockstep else SILENT_S
+    silent_s = math.inf if processes.lockstep else SILENT_S
     keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
-        stack.callback(_say, f"auv{crew.vehicle}: all nodes have ended")
+        stack.callback(_say, f"auv{processes.vehicle}: all nodes have ended")
         stack.callback(keeper.stop)
-        mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
+        mission_end = (lambda: None) if not processes.simulated else stack.enter_context(_mission_end(environment))
         while not interrupt.came:
             for name, code in keeper.tick(time.monotonic()):
                 early = keeper.loaded_for_s < _FIRST_START_S
                 if code == REFUSED and early and keeper.starts[name] == 1 and not name.endswith(RECORDER.executable):
                     _say(f"error: {name} rejects its parameters; see {keeper.log(name)}")
                     return 2
-                if crew.lockstep:
+                if processes.lockstep:
                     _say(f"error: {name} died ({cause(code)}); a lockstep mission cannot continue")
                     return 1
             if (ended := mission_end()) is not None:
-                _say(f"auv{crew.vehicle}: the simulated mission has {ended}")
+                _say(f"auv{processes.vehicle}: the simulated mission has {ended}")
                 return 0 if ended == "finished" else 1
             time.sleep(_TICK_S)
     return 130 if interrupt.signal == signal.SIGINT else 0

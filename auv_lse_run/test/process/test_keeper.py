@@ -13,7 +13,7 @@ import pytest
 from auv_lse_run.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, ProcessKeeper, Task
 
 
-class Desk:
+class Bench:
     """A keeper with a clock of its own, and what it has said."""
 
     def __init__(self, folder: Path, restart: bool = True, **commands: str) -> None:
@@ -48,90 +48,90 @@ while True:
     time.sleep(0.01)"""
 
 
-def alive_for(desk: Desk, seconds: float) -> None:
+def alive_for(bench: Bench, seconds: float) -> None:
     """So many seconds by the keeper's clock, with time in between in which a process can say that it lives."""
     for _ in range(round(seconds)):
         time.sleep(0.03)
-        assert desk.after(1.0) == []
+        assert bench.after(1.0) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="as below")
 @pytest.mark.parametrize("restart", [True, False])
 def test_what_a_process_reports_is_shown_at_once(tmp_path: Path, restart: bool) -> None:
     report = "import os; from auv_lse_common.node.heartbeat import Heartbeat as H; H(os.environ).report('é: hears')"
-    desk = Desk(tmp_path, restart=restart, node=f'{sys.executable} -c "{report}"; exec sleep 60')
+    bench = Bench(tmp_path, restart=restart, node=f'{sys.executable} -c "{report}"; exec sleep 60')
     until = time.monotonic() + 20.0
-    while "é: hears" not in desk.said:
-        assert time.monotonic() < until, desk.said
-        desk.after(0.0)
+    while "é: hears" not in bench.said:
+        assert time.monotonic() < until, bench.said
+        bench.after(0.0)
         time.sleep(0.05)
-    desk.keeper.stop()
+    bench.keeper.stop()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
 def test_hanging_process_is_killed_and_restarted(tmp_path: Path) -> None:
-    desk = Desk(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
-    desk.after(0.0)
+    bench = Bench(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
+    bench.after(0.0)
     time.sleep(0.5)
-    alive_for(desk, 2.0 * SILENT_S)
-    pid = desk.keeper.running["node"]
+    alive_for(bench, 2.0 * SILENT_S)
+    pid = bench.keeper.running["node"]
     os.kill(pid, signal.SIGSTOP)
     time.sleep(0.1)
-    desk.after(1.0)  # takes what it has still said
-    desk.after(3600.0)  # the keeper stood still itself: that is no silence
-    alive_for(desk, SILENT_S - 3.0)
-    assert desk.keeper.running["node"] == pid
-    said = len(desk.said)
-    while len(desk.said) == said:
-        desk.after(1.0)
-    assert desk.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
-    assert desk.death() == ("node", -9)
-    desk.after(FIRST_WAIT_S)
-    assert desk.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
-    desk.keeper.stop()
+    bench.after(1.0)  # takes what it has still said
+    bench.after(3600.0)  # the keeper stood still itself: that is no silence
+    alive_for(bench, SILENT_S - 3.0)
+    assert bench.keeper.running["node"] == pid
+    said = len(bench.said)
+    while len(bench.said) == said:
+        bench.after(1.0)
+    assert bench.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
+    assert bench.death() == ("node", -9)
+    bench.after(FIRST_WAIT_S)
+    assert bench.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
+    bench.keeper.stop()
 
 
 def test_dead_process_is_restarted_after_a_doubling_wait(tmp_path: Path) -> None:
-    desk = Desk(tmp_path, node="echo start START; exit 3")
-    desk.after(0.0)
+    bench = Bench(tmp_path, node="echo start START; exit 3")
+    bench.after(0.0)
     waits = []
     for deaths in range(1, 8):
-        assert desk.death() == ("node", 3)
-        assert desk.keeper.starts == {"node": deaths}
+        assert bench.death() == ("node", 3)
+        assert bench.keeper.starts == {"node": deaths}
         waited = 0.0
-        while desk.keeper.starts == {"node": deaths}:
-            desk.after(0.5)
+        while bench.keeper.starts == {"node": deaths}:
+            bench.after(0.5)
             waited += 0.5
         waits.append(waited)
     assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
-    assert desk.said[1].startswith("node died after 0 s (exit code 3); restarting in 0.5 s")
-    assert "start 0" in desk.said[1], "with its last words"
-    assert "node restarted (start 2)" in desk.said[2]
+    assert bench.said[1].startswith("node died after 0 s (exit code 3); restarting in 0.5 s")
+    assert "start 0" in bench.said[1], "with its last words"
+    assert "node restarted (start 2)" in bench.said[2]
     assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
-    desk.keeper.stop()
+    bench.keeper.stop()
 
 
 def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None:
-    desk = Desk(tmp_path, node="sleep 60")
-    desk.after(0.0)
+    bench = Bench(tmp_path, node="sleep 60")
+    bench.after(0.0)
     for _ in range(3):
-        desk.after(STEADY_S)
-        os.kill(desk.keeper.running["node"], signal.SIGKILL)
-        assert desk.death() == ("node", -9)
-        assert f"node died after {STEADY_S:.0f} s (SIGKILL: " in desk.said[-1]
-        desk.after(FIRST_WAIT_S)
-    assert desk.keeper.running
-    desk.keeper.stop()
-    assert not desk.keeper.running
+        bench.after(STEADY_S)
+        os.kill(bench.keeper.running["node"], signal.SIGKILL)
+        assert bench.death() == ("node", -9)
+        assert f"node died after {STEADY_S:.0f} s (SIGKILL: " in bench.said[-1]
+        bench.after(FIRST_WAIT_S)
+    assert bench.keeper.running
+    bench.keeper.stop()
+    assert not bench.keeper.running
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")
 def test_unnamed_signal_is_reported_by_its_number(tmp_path: Path) -> None:
-    desk = Desk(tmp_path, node="kill -40 $$")
-    desk.after(0.0)
-    assert desk.death() == ("node", -40)
-    assert "node died after 0 s (signal 40)" in desk.said[-1]
-    desk.keeper.stop()
+    bench = Bench(tmp_path, node="kill -40 $$")
+    bench.after(0.0)
+    assert bench.death() == ("node", -40)
+    assert "node died after 0 s (signal 40)" in bench.said[-1]
+    bench.keeper.stop()
 
 
 def test_missing_command_is_retried_and_named(tmp_path: Path) -> None:
@@ -158,13 +158,13 @@ def _started_in_the_background():
 @pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
 def test_recorder_is_ended_last(tmp_path: Path) -> None:
     trap = f"trap 'echo NAME >> {tmp_path}/order; exit 0' INT; touch {tmp_path}/NAME; while true; do sleep 0.05; done"
-    desk = Desk(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
-    desk.after(0.0)
+    bench = Bench(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
+    bench.after(0.0)
     until = time.monotonic() + 20.0
     while not all((tmp_path / name).exists() for name in ("first", "last")):  # until both have set their trap
         assert time.monotonic() < until
         time.sleep(0.02)
-    desk.keeper.stop()
+    bench.keeper.stop()
     assert (tmp_path / "order").read_text().split() == ["first", "last"]
 
 

@@ -18,7 +18,7 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_run.process.domain import DomainError, busy_domains, domain_number
-from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page
@@ -81,18 +81,18 @@ def parser() -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace) -> int:
     """Serves the live view until Ctrl-C, or writes the page. Returns the exit code."""
-    timeline, desk = Timeline(), CommandDesk() if options.control else None
+    timeline, commands = Timeline(), CommandQueue() if options.control else None
     _check(options)
     if options.run is None:
         if options.write is not None:
             raise RecordingError("--write needs a recording: auv_lse live RUN --write FILE")
-        work = listen_to_missions(timeline, options, desk)
+        work = listen_to_missions(timeline, options, commands)
     else:
         follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
         if options.write is not None:
             return write_page(follower, timeline, options.write)
         work = follower.follow
-    return asyncio.run(serve(timeline, work, options.port, options.open, desk))
+    return asyncio.run(serve(timeline, work, options.port, options.open, commands))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -121,7 +121,7 @@ def _only_domain() -> int | None:
     return busy[0] if busy else None
 
 
-def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: CommandDesk | None) -> Work:
+def listen_to_missions(timeline: Timeline, options: argparse.Namespace, commands: CommandQueue | None) -> Work:
     """Returns the function that fills the timeline from running missions.
 
     Raises:
@@ -130,10 +130,10 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace, desk: Co
     from auv_lse_shore.live.sources.running import MissionFollower
 
     domain = None if options.domain is None else domain_number(options.domain)
-    if desk is not None and domain is None:
+    if commands is not None and domain is None:
         domain = _only_domain()
     confine(domain or 0)
-    return MissionFollower(timeline, domain, options.mission, desk).follow
+    return MissionFollower(timeline, domain, options.mission, commands).follow
 
 
 def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
@@ -160,13 +160,13 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, desk: CommandDesk | None) -> int:
+async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, commands: CommandQueue | None) -> int:
     """Serves the page until Ctrl-C; `work` fills the timeline on a thread of its own.
 
     Raises:
         PortTakenError: if the port is in use.
     """
-    server = LiveServer(timeline, port, desk)
+    server = LiveServer(timeline, port, commands)
     stop, ended = threading.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -174,7 +174,9 @@ async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, d
     thread = threading.Thread(target=work, args=(stop,), daemon=True)
     thread.start()
     print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)
-    if open_browser and has_screen() and desk is None:  # other users see a browser's command line, and a token in it
+    if (
+        open_browser and has_screen() and commands is None
+    ):  # other users see a browser's command line, and a token in it
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()
     print("live view ended", flush=True)

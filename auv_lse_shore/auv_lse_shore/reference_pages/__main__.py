@@ -20,7 +20,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "packet-sizes": tables.packet_sizes,
     "parameters": tables.parameters,
     "phases": tables.phases,
-    "rooms": tables.rooms,
+    "subpackages": tables.subpackages,
     "summary-keys": tables.summary_keys,
     "topics": tables.topics,
 }

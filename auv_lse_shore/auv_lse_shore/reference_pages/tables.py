@@ -107,15 +107,15 @@ def _summary_of(init: Path) -> str:
     return " ".join(text.split("\n\n")[0].split()).rstrip(".")
 
 
-def rooms() -> str:
-    """Packages and their rooms, by their docstrings."""
+def subpackages() -> str:
+    """Packages and their subpackages, by their docstrings."""
     rows = []
     for package in sorted(project_folder().glob("auv_lse_*/auv_lse_*/__init__.py")):
         rows.append((f"**`{package.parent.name}`**", _summary_of(package)))
-        for room in sorted(package.parent.glob("*/__init__.py")):
-            if text := _summary_of(room):
-                rows.append((code(room.parent.name), text))
-    return table(("package, room", "what it holds"), rows)
+        for subpackage in sorted(package.parent.glob("*/__init__.py")):
+            if text := _summary_of(subpackage):
+                rows.append((code(subpackage.parent.name), text))
+    return table(("package, subpackage", "what it holds"), rows)
 
 
 def _shown(value: Any) -> str:

@@ -61,7 +61,7 @@ class VehicleView:
         depth_m = self.part("position").get("depth_m")
         return (depth_m is not None and depth_m > SURFACE_M) or self.state == "RUNNING"
 
-    def place(self, now_s: float) -> tuple[float, float, bool] | None:
+    def position(self, now_s: float) -> tuple[float, float, bool] | None:
         """North, east (m), and whether that is expected rather than reported; None: unknown."""
         position = self.part("position")
         north_m, east_m = position.get("north_m"), position.get("east_m")
@@ -72,7 +72,7 @@ class VehicleView:
             return north_m, east_m, False
         path = self.part("path").get("north_east_m") or []
         distance_m = max(float(position.get("speed_mps") or 0.0), 0.0) * age_s
-        return (*expected_place((north_m, east_m), path, distance_m), True)
+        return (*expected_position((north_m, east_m), path, distance_m), True)
 
     def alarms(self, now_s: float) -> list[str]:
         """What an operator must hear about."""
@@ -93,7 +93,7 @@ class VehicleView:
         return found
 
 
-def expected_place(
+def expected_position(
     start: tuple[float, float], path: Sequence[Sequence[float]], distance_m: float
 ) -> tuple[float, float]:
     """North, east (m) after travelling a distance along a path, from its corner nearest to the start on.

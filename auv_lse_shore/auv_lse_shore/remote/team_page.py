@@ -89,7 +89,7 @@ function add(parent, name, attributes, text) {
 }
 function draw(vehicles) {
   const chart = byId("chart"), width = chart.clientWidth, height = chart.clientHeight;
-  const all = vehicles.flatMap(v => [...(v.place ? [v.place] : []), ...v.path, ...(trails[v.name] || [])]);
+  const all = vehicles.flatMap(v => [...(v.position ? [v.position] : []), ...v.path, ...(trails[v.name] || [])]);
   chart.replaceChildren();
   if (!all.length) return;
   const range = k => [Math.min(...all.map(p => p[k])), Math.max(...all.map(p => p[k]))];
@@ -103,10 +103,10 @@ function draw(vehicles) {
     const color = colors[k % colors.length];
     line(trails[v.name] || [], {stroke: color, "stroke-width": 2});
     line(v.path, {stroke: color, "stroke-dasharray": "4 4"});
-    if (!v.place) return;
+    if (!v.position) return;
     const fill = v.expected ? "none" : color, name = v.expected ? v.name + " expected" : v.name;
-    add(chart, "circle", {cx: x(v.place), cy: y(v.place), r: 7, stroke: color, "stroke-width": 3, fill});
-    add(chart, "text", {x: x(v.place) + 10, y: y(v.place) - 8, fill: color}, name);
+    add(chart, "circle", {cx: x(v.position), cy: y(v.position), r: 7, stroke: color, "stroke-width": 3, fill});
+    add(chart, "text", {x: x(v.position) + 10, y: y(v.position) - 8, fill: color}, name);
   });
   const metres = 10 ** Math.floor(Math.log10(100 / scale));
   add(chart, "rect", {x: 20, y: height - 20, width: metres * scale, height: 4});
@@ -119,7 +119,7 @@ async function step() {
     for (const v of team.vehicles) {
       const row = rows.insertRow();
       for (const cell of [v.name, ...v.cells]) row.insertCell().textContent = cell;
-      if (v.place && !v.expected) (trails[v.name] = (trails[v.name] || []).slice(-3000)).push(v.place);
+      if (v.position && !v.expected) (trails[v.name] = (trails[v.name] || []).slice(-3000)).push(v.position);
     }
     byId("alarms").textContent = team.lines.join("\\n");
     if (team.lines.some(text => !known.has(text))) beep();

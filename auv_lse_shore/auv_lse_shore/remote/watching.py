@@ -146,16 +146,16 @@ def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
     """What the page shows."""
     vehicles = []
     for name, view in found.views.items():
-        place, row = view.place(now_s), cells(view, now_s)
-        shown = {"name": name, "cells": [row[0], *row[2:]], "place": None if place is None else place[:2]}
+        position, row = view.position(now_s), cells(view, now_s)
+        shown = {"name": name, "cells": [row[0], *row[2:]], "position": None if position is None else position[:2]}
         path = view.part("path").get("north_east_m") or []
-        vehicles.append({**shown, "expected": place is not None and place[2], "path": path})
+        vehicles.append({**shown, "expected": position is not None and position[2], "path": path})
     return {"vehicles": vehicles, "lines": _shown(found, now_s)[1]}
 
 
 def cells(view: VehicleView, now_s: float) -> list[str]:
     """A vehicle's row."""
-    place, depth_m = view.place(now_s), view.part("position").get("depth_m")
+    position, depth_m = view.position(now_s), view.part("position").get("depth_m")
     battery = view.part("autopilot").get("battery")
     age_s = view.age_s("mission", now_s) if view.answer.get("running") else None
     if view.answer and not view.answer.get("running"):
@@ -163,7 +163,7 @@ def cells(view: VehicleView, now_s: float) -> list[str]:
     link = "under water" if view.trouble and view.answer and view.is_under_water() else "out of reach"
     return [
         view.state,
-        "" if place is None else f"{place[0]:.0f}, {place[1]:.0f}{' expected' if place[2] else ''}",
+        "" if position is None else f"{position[0]:.0f}, {position[1]:.0f}{' expected' if position[2] else ''}",
         "" if depth_m is None else f"{depth_m:.1f} m",
         "" if battery is None else f"{100 * battery:.0f} %",
         "" if not view.answer else "unknown" if age_s is None else f"{age_s:.0f} s",

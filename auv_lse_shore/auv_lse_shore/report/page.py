@@ -29,26 +29,26 @@ def embed(image: Path, caption: str) -> Picture:
     return Picture("data:image/png;base64," + base64.b64encode(image.read_bytes()).decode(), caption)
 
 
-def page_environment(room: str, escaped: bool) -> Environment:
-    """Loads templates from the folders `templates` of a room and of the report; undefined values are errors.
+def page_environment(package: str, escaped: bool) -> Environment:
+    """Loads templates from the folders `templates` of a package and of the report; undefined values are errors.
 
     Args:
-        room: The package, whose templates can extend and import those of the report: `page.html` and `parts.html`.
+        package: Its templates can extend and import those of the report: `page.html` and `parts.html`.
         escaped: Whether to escape values for HTML and XML.
     """
-    loader = ChoiceLoader([PackageLoader(room), PackageLoader(_HERE)])
+    loader = ChoiceLoader([PackageLoader(package), PackageLoader(_HERE)])
     return Environment(
         loader=loader, autoescape=escaped, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
 
 
-def render(template: str, room: str = _HERE, **values: Any) -> str:
-    """A page from a room's template; values are escaped, except in Markdown.
+def render(template: str, package: str = _HERE, **values: Any) -> str:
+    """A page from a package's template; values are escaped, except in Markdown.
 
     Raises:
         jinja2.UndefinedError: if the template uses a value that was not given.
     """
-    environment = page_environment(room, escaped=not template.endswith(".md"))
+    environment = page_environment(package, escaped=not template.endswith(".md"))
     return environment.get_template(template).render(**values) + "\n"
 
 

@@ -42,7 +42,7 @@ class SurveyedArea:
     others: tuple[float, ...] = ()
 
     def starts(self, first_m: Array, count: int) -> list[tuple[float, float]]:
-        """Places north, east (m) to start from: inside with room to turn, apart, and near `first_m`."""
+        """Positions north, east (m) to start from: inside with room to turn, apart, and near `first_m`."""
         from shapely import Point, Polygon
         from shapely.ops import unary_union
 
@@ -52,13 +52,13 @@ class SurveyedArea:
             room_m *= 0.7
         low, high = self.polygon.min(axis=0), self.polygon.max(axis=0)
         axes = [np.linspace(a, b, 60) for a, b in zip(low, high, strict=True)]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        places = np.vstack([places, np.array(inside.representative_point().coords)])
+        candidates = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        candidates = np.vstack([candidates, np.array(inside.representative_point().coords)])
         chosen: list[tuple[float, float]] = []
-        for at in np.argsort(np.hypot(*(places - first_m).T), kind="stable").tolist():
-            place = (float(places[at, 0]), float(places[at, 1]))
-            if all(math.dist(place, other) >= APART_M for other in chosen) and inside.covers(Point(place)):
-                chosen.append(place)
+        for at in np.argsort(np.hypot(*(candidates - first_m).T), kind="stable").tolist():
+            candidate = (float(candidates[at, 0]), float(candidates[at, 1]))
+            if all(math.dist(candidate, other) >= APART_M for other in chosen) and inside.covers(Point(candidate)):
+                chosen.append(candidate)
                 if len(chosen) == count:
                     break
         return chosen

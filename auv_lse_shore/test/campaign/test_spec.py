@@ -111,5 +111,5 @@ def test_in_the_positions_campaign_vehicles_surface_only_if_requested():
         team = len(settings.vehicles)
         assert [own.vehicle.surfacings for own in settings.vehicles] == [wanted] * team
         corrects = [settings.positions_in_force(v).correct for v in range(1, team + 1)]
-        assert corrects == ["as booked" not in job.group] * team
+        assert corrects == ["dead-reckoned" not in job.group] * team
         assert settings.sim.gps.surface_every_s == 0.0

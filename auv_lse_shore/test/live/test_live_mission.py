@@ -25,7 +25,7 @@ from auv_lse_msgs.srv import RunMission
 from auv_lse_record.run_writer import write_run
 from auv_lse_run.process.domain import node_environment, note_run, own_domain, run_on
 from auv_lse_shore.live.sources import command_calls_node
-from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.mission_node import MissionListener
 from auv_lse_shore.live.sources.running import MissionFollower, RunningMission, newest_mission
 from auv_lse_shore.live.sources.timeline import Timeline
@@ -106,7 +106,7 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
 
 
 def test_commands_reach_the_vehicles_and_each_outcome_is_reported(monkeypatch):
-    heard, desk = [], CommandDesk()
+    heard, commands = [], CommandQueue()
 
     def answering(vehicle, accepted):
         def answer(request, response):
@@ -130,16 +130,16 @@ def test_commands_reach_the_vehicles_and_each_outcome_is_reported(monkeypatch):
         thread.start()
         try:
             monkeypatch.setattr(command_calls_node, "_ANSWER_S", 30.0)
-            with MissionListener(3, domain, lambda *_: None, desk=desk) as listener:
-                outcomes = desk.order("hold", [1, 2])
+            with MissionListener(3, domain, lambda *_: None, commands=commands) as listener:
+                outcomes = commands.order("hold", [1, 2])
                 while not outcomes.done():
                     listener.serve(0.05)
                 monkeypatch.setattr(command_calls_node, "_ANSWER_S", 0.0)
-                silent = desk.order("abort", [3])
+                silent = commands.order("abort", [3])
                 listener.serve(0.05)
                 assert silent.result(0) == {3: ("not heard", "no answer within 0 s")}
                 monkeypatch.setattr(command_calls_node, "_ANSWER_S", 30.0)
-                waiting = desk.order("abort", [3])
+                waiting = commands.order("abort", [3])
                 listener.serve(0.05)
             assert waiting.result(0) == {3: ("not heard", "the mission has ended")}
         finally:

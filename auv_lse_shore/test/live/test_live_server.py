@@ -22,7 +22,7 @@ from verb_main import verb_main
 from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources import running
-from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
+from auv_lse_shore.live.sources.command_queue import CommandError, CommandQueue
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page
 from auv_lse_shore.live.viewers.server import LiveServer, PortTakenError, port_or_any
@@ -30,14 +30,14 @@ from auv_lse_shore.live.viewers.server import LiveServer, PortTakenError, port_o
 main = verb_main("live")
 
 
-def served(talk, desk=None):
+def served(talk, commands=None):
     """Serves a timeline of 1001 events on some free port and runs `talk(server, timeline)`."""
 
     async def run():
         timeline = Timeline()
         timeline.begin({"kind": "mission"})
         timeline.add([{"kind": "n", "t": i} for i in range(1000)])
-        server = LiveServer(timeline, 0, desk)
+        server = LiveServer(timeline, 0, commands)
         try:
             return await talk(server, timeline)
         finally:
@@ -104,15 +104,15 @@ def test_a_command_needs_the_token_and_this_page():
             {"Host": f"evil.example:{server.port}"},
         ):
             assert (await answer(order(server, timeline, headers=headers)))[0] == 403, headers
-        assert desk.take() == []
+        assert commands.take() == []
         page = (await AsyncHTTPClient().fetch(f"http://127.0.0.1:{server.port}/")).body.decode()
         assert server.token not in page
         url = f"http://127.0.0.1:{server.port}/command"
         assert await status(url, headers={"X-Live-Token": server.token}) == 405, "GET"
 
-    desk = CommandDesk()
-    desk.open(3)
-    served(talk, desk)
+    commands = CommandQueue()
+    commands.open(3)
+    served(talk, commands)
 
 
 def test_without_control_and_on_a_recording_no_command_is_taken():
@@ -128,7 +128,7 @@ def test_without_control_and_on_a_recording_no_command_is_taken():
         assert "no mission is running" in text
 
     served(without)
-    served(replayed, CommandDesk())
+    served(replayed, CommandQueue())
 
 
 @pytest.mark.parametrize(
@@ -149,17 +149,17 @@ def test_an_impossible_command_is_refused_with_its_reason(changed, code, words):
     async def talk(server, timeline):
         found, text = await answer(order(server, timeline, **changed))
         assert (found, words in text) == (code, True), text
-        assert desk.take() == []
+        assert commands.take() == []
 
-    desk = CommandDesk()
-    desk.open(3)
-    served(talk, desk)
+    commands = CommandQueue()
+    commands.open(3)
+    served(talk, commands)
 
 
 def test_a_command_is_answered_with_the_outcome_of_each_vehicle():
     async def talk(server, timeline):
         request = asyncio.create_task(answer(order(server, timeline, command="abort", vehicles=[2, 1, 2])))
-        while not (orders := desk.take()):
+        while not (orders := commands.take()):
             await asyncio.sleep(0.01)
         assert [(o.command, o.vehicles) for o in orders] == [(Command.ABORT, (1, 2))]
         orders[0].outcomes.set_result({1: ("accepted", "ABORTED"), 2: ("refused", "ended")})
@@ -170,19 +170,19 @@ def test_a_command_is_answered_with_the_outcome_of_each_vehicle():
             "2": {"outcome": "refused", "text": "ended"},
         }
 
-    desk = CommandDesk()
-    desk.open(3)
-    served(talk, desk)
+    commands = CommandQueue()
+    commands.open(3)
+    served(talk, commands)
 
 
 def test_a_command_that_waits_at_the_missions_end_is_reported_as_not_heard():
-    desk = CommandDesk()
-    desk.open(2)
-    outcomes = desk.order("surface", [2])
-    desk.close()
+    commands = CommandQueue()
+    commands.open(2)
+    outcomes = commands.order("surface", [2])
+    commands.close()
     assert outcomes.result(0) == {2: ("not heard", "the mission has ended")}
     with pytest.raises(CommandError, match="no mission is running"):
-        desk.order("surface", [2])
+        commands.order("surface", [2])
 
 
 def test_it_listens_on_this_machine_alone():
@@ -334,7 +334,7 @@ def test_the_buttons_stay_with_the_first_mission_found(monkeypatch, tmp_path):
     monkeypatch.setattr(running, "newest_mission", lambda: found)
     monkeypatch.setattr(running, "busy_domains", lambda: [80, 81])
     monkeypatch.setattr(running, "run_on", lambda domain: tmp_path / str(domain))
-    commanding = running.MissionFollower(Timeline(), None, None, CommandDesk())
+    commanding = running.MissionFollower(Timeline(), None, None, CommandQueue())
     watching = running.MissionFollower(Timeline(), None, None)
     assert commanding._find() == watching._find() == found
     found = running.RunningMission(81, tmp_path / "81")

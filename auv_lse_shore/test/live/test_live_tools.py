@@ -12,7 +12,7 @@ from browser import CHROMIUM, Browser, Serving, at, pixels, seen, text
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_record.recording import recording_in
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
 
@@ -28,8 +28,8 @@ def serving(tmp_path_factory, synthetic_run):
     run = synthetic_run()
     run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
     write_run(run, folder)
-    desk = CommandDesk()
-    serving = Serving(Timeline(), desk)
+    commands = CommandQueue()
+    serving = Serving(Timeline(), commands)
     RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
     health = {"kind": "health", "vehicle": 1, "node": "gp_node"}
     state = {"kind": "run", "vehicle": 2, "reason": "", "state": "running", "limits": [], "warnings": []}
@@ -61,13 +61,13 @@ def browser(tmp_path_factory, serving):
 @pytest.fixture
 def mission(browser, serving):
     """The recording, shown as if it were a running mission that takes commands."""
-    serving.desk.open(2)
+    serving.commands.open(2)
     serving.timeline.set_state(source="mission", control=True)
     browser.wait(
         "!document.querySelector('#commands .bar').hidden && !document.querySelector('#commands button').disabled"
     )
     yield
-    serving.desk.close()
+    serving.commands.close()
     serving.timeline.set_state(source="recording", control=False)
     browser.wait("document.querySelector('#commands .bar').hidden")
 
@@ -76,7 +76,7 @@ def answer(browser, serving, outcomes):
     """Waits for one command, answers it, and returns what was sent."""
     browser.wait("!!document.querySelector('#commands li')", "the command is sent")
     for _ in range(200):
-        if orders := serving.desk.take():
+        if orders := serving.commands.take():
             break
         at(browser, 200.0)
     orders[0].outcomes.set_result(outcomes)
@@ -101,7 +101,7 @@ def test_a_command_is_sent_after_confirmation_and_its_outcomes_are_shown(browser
     browser.press("Escape")
     browser.wait("!document.getElementById('confirm').open")
     at(browser, 200.0)
-    assert serving.desk.take() == []
+    assert serving.commands.take() == []
 
     browser.ask("document.querySelector('#commands select').value = 'all'")
     browser.press("Enter")

@@ -11,7 +11,7 @@ SOURCES = sorted(path for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*.py") if "e
 
 #: Inner loops that numba compiles may be longer and take more arguments.
 COMPILED = ("compiled", "njit", "vectorize", "guvectorize")
-#: "About fifteen" files or rooms in one folder. Messages and commands are lists by nature.
+#: "About fifteen" files or subpackages in one folder. Messages and commands are lists by nature.
 MOST_ENTRIES = 20
 LISTS = ("auv_lse_msgs/msg", "scripts", "docs/figures")
 

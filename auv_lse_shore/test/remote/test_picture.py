@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from auv_lse_run.remote.mission_link import Newest
-from auv_lse_shore.remote.picture import VehicleView, expected_place
+from auv_lse_shore.remote.picture import VehicleView, expected_position
 
 PATH = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]]
 
@@ -32,16 +32,16 @@ def test_an_age_counts_from_the_question_and_an_unknown_one_stays_unknown() -> N
 
 
 @pytest.mark.parametrize(
-    ("distance_m", "place"), [(0.0, (1.0, 0.0)), (4.0, (5.0, 0.0)), (12.0, (10.0, 3.0)), (99.0, (10.0, 10.0))]
+    ("distance_m", "position"), [(0.0, (1.0, 0.0)), (4.0, (5.0, 0.0)), (12.0, (10.0, 3.0)), (99.0, (10.0, 10.0))]
 )
-def test_a_vehicle_under_water_is_expected_along_its_path(distance_m: float, place: tuple[float, float]) -> None:
-    assert expected_place((1.0, 0.0), PATH, distance_m) == pytest.approx(place)
+def test_a_vehicle_under_water_is_expected_along_its_path(distance_m: float, position: tuple[float, float]) -> None:
+    assert expected_position((1.0, 0.0), PATH, distance_m) == pytest.approx(position)
 
 
-def test_a_place_is_marked_as_expected_only_while_the_vehicle_is_away() -> None:
-    assert view(100.0, **running(0.0)).place(104.0) == (0.0, 0.0, False)
-    assert view(100.0, "out of reach", **running(0.0)).place(104.0) == (4.0, 0.0, True)
-    assert VehicleView("auv1").place(0.0) is None
+def test_a_position_is_marked_as_expected_only_while_the_vehicle_is_away() -> None:
+    assert view(100.0, **running(0.0)).position(104.0) == (0.0, 0.0, False)
+    assert view(100.0, "out of reach", **running(0.0)).position(104.0) == (4.0, 0.0, True)
+    assert VehicleView("auv1").position(0.0) is None
 
 
 def test_a_silent_vehicle_is_an_alarm_at_the_surface_and_not_under_water() -> None:

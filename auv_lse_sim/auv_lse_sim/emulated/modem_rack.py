@@ -106,7 +106,7 @@ class ModemRack:
 def perfect_water(
     rack: Callable[[], ModemRack], delay_s: float = 0.5
 ) -> tuple[Callable[[int, Transmission], None], Callable[[float], None]]:
-    """A channel for tests and the modem desk: every modem receives every packet after `delay_s`.
+    """A channel for tests and the modem bench: every modem receives every packet after `delay_s`.
 
     Returns:
         `transmit` for a `ModemRack`, and `tick(now_s)`, which delivers the packets that have arrived by then.

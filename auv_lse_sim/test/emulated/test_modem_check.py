@@ -9,7 +9,7 @@ import pytest
 from verb_main import verb_main
 
 from auv_lse_comms.modem_check_command import TEST_PACKET
-from auv_lse_sim.emulated import modem_desk
+from auv_lse_sim.emulated import modem_bench
 from auv_lse_sim.emulated.host_ports import PtyPort, TcpServerPort
 
 main = verb_main("modem-check")
@@ -20,15 +20,15 @@ def bucket(tmp_path):
     """Two modems with factory settings, on a pty and on TCP; their addresses, and the rack after `stop`."""
     ports = {1: PtyPort(tmp_path / "modem1"), 2: TcpServerPort()}
     over, racks = threading.Event(), []
-    desk = threading.Thread(
-        daemon=True, target=lambda: racks.append(modem_desk.run(ports, 0.01, time.time, lambda: not over.is_set()))
+    bench = threading.Thread(
+        daemon=True, target=lambda: racks.append(modem_bench.run(ports, 0.01, time.time, lambda: not over.is_set()))
     )
     addresses = [port.port for port in ports.values()]
-    desk.start()
+    bench.start()
 
     def stop():
         over.set()
-        desk.join(10.0)
+        bench.join(10.0)
         return racks[0]
 
     yield addresses, stop

@@ -30,7 +30,7 @@ from benchmarks.planning.planners.rivals import RIVALS
 #: Share of packets lost.
 LOSS = 0.07
 #: The method in whose place a planner of others flies, and its family.
-PLACE, PLACE_FAMILY = "myopic", "benefit"
+REPLACED, REPLACED_FAMILY = "myopic", "benefit"
 
 
 def mission(planner: str, parameters: Mapping[str, Any], vehicles: int, seed: int, steps: int) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def mission(planner: str, parameters: Mapping[str, Any], vehicles: int, seed: in
     """
     overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "vehicle.surfacings": 0}
     ours = planner if planner in OURS else None
-    overrides |= OURS[ours] if ours else {"planner.method": PLACE}
+    overrides |= OURS[ours] if ours else {"planner.method": REPLACED}
     settings, ground = _fitted(overrides)
     began = time.process_time()
     with nullcontext() if ours or planner == HINDSIGHT else _in_place(_maker(planner)):
@@ -79,13 +79,13 @@ def _maker(planner: str) -> Callable[[], Planner]:
 
 @contextmanager
 def _in_place(make: Callable[[], Planner]) -> Iterator[None]:
-    """Lets a planner fly in the place of `PLACE`."""
-    kept = families.CLASSES[PLACE_FAMILY]
-    families.CLASSES[PLACE_FAMILY] = lambda context: Steered(make(), context)
+    """Lets a planner fly instead of `REPLACED`."""
+    kept = families.CLASSES[REPLACED_FAMILY]
+    families.CLASSES[REPLACED_FAMILY] = lambda context: Steered(make(), context)
     try:
         yield
     finally:
-        families.CLASSES[PLACE_FAMILY] = kept
+        families.CLASSES[REPLACED_FAMILY] = kept
 
 
 def _hindsight(settings: PlannerSettings, ground: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.node import Node
 
 from auv_lse_run.inspect.mission_calls_node import CommandCalls
-from auv_lse_shore.live.sources.command_desk import MISSION_ENDED, CommandDesk, Order, Outcome
+from auv_lse_shore.live.sources.command_queue import MISSION_ENDED, CommandQueue, Order, Outcome
 
 #: Wall clock (s) within which a vehicle has to answer.
 _ANSWER_S = 5.0
@@ -27,25 +27,25 @@ class _Sent:
     calls: CommandCalls | None = None
 
 
-class DeskCalls:
-    """Calls the vehicles' service mission/run for the orders of a desk, without waiting for the answers."""
+class QueuedCalls:
+    """Calls the vehicles' service mission/run for the queued commands, without waiting for the answers."""
 
-    def __init__(self, node: Node, desk: CommandDesk, vehicles: int) -> None:
-        """Opens the desk.
+    def __init__(self, node: Node, commands: CommandQueue, vehicles: int) -> None:
+        """Opens the queue.
 
         Args:
             node: The node that calls; its owner spins it.
-            desk: Where the orders are.
+            commands: The queue.
             vehicles: Number of vehicles.
         """
         self._caller: Any = SimpleNamespace(node=node)
-        self._desk = desk
+        self._commands = commands
         self._sent: list[_Sent] = []
-        desk.open(vehicles)
+        commands.open(vehicles)
 
     def step(self) -> None:
         """Sends new orders, and reports the outcomes of those that are answered or too old."""
-        for order in self._desk.take():
+        for order in self._commands.take():
             sent = _Sent(order, time.monotonic() + _ANSWER_S)
             names, source = [f"auv{k}" for k in order.vehicles], f"{getpass.getuser()} (live view)"
             sent.calls = CommandCalls(self._caller, names, order.command, False, sent.answers.setdefault, source)
@@ -63,8 +63,8 @@ class DeskCalls:
         sent.order.outcomes.set_result({k: _outcome(answer, unheard) for k, answer in answers.items()})
 
     def close(self) -> None:
-        """Closes the desk; what is not answered is reported as not heard."""
-        self._desk.close()
+        """Closes the queue; what is not answered is reported as not heard."""
+        self._commands.close()
         for sent in list(self._sent):
             self._finish(sent, MISSION_ENDED)
 

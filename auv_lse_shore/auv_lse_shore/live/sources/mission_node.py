@@ -19,8 +19,8 @@ from auv_lse_common.topics.quality import INTRODUCTIONS, LATCHED, reader_quality
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import VEHICLE_TOPICS, find_topic, full_name
 from auv_lse_msgs.msg import Dive, SimStatus
-from auv_lse_shore.live.sources.command_calls_node import DeskCalls
-from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.command_calls_node import QueuedCalls
+from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.events import topics_of
 
 #: Wall clock (s) without a simulator's status after which it subscribes to the vehicles anyway (real vehicles).
@@ -46,7 +46,7 @@ class MissionListener:
         domain: int,
         take: Callable[[str, Any], None],
         dive: str | None = None,
-        desk: CommandDesk | None = None,
+        commands: CommandQueue | None = None,
     ) -> None:
         """Stores its arguments.
 
@@ -55,12 +55,12 @@ class MissionListener:
             domain: ROS domain.
             take: Takes a topic's full name and a message, on the thread that calls `serve`.
             dive: The id of the simulation, whose messages alone are taken; None: any.
-            desk: The commands to send; None: none are sent.
+            commands: The queue of commands to send; None: none are sent.
         """
         self._vehicles, self._domain, self._take, self._dive = vehicles, domain, take, dive
         self._senders = Senders(dive or "")
-        self._desk = desk
-        self._calls: DeskCalls | None = None
+        self._commands = commands
+        self._calls: QueuedCalls | None = None
         self._joined = False
         self.state: int | None = None
 
@@ -72,8 +72,8 @@ class MissionListener:
         self._executor.add_node(self._node)
         self.heard_s = self._began_s = time.monotonic()
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
-        if self._desk is not None:
-            self._calls = DeskCalls(self._node, self._desk, self._vehicles)
+        if self._commands is not None:
+            self._calls = QueuedCalls(self._node, self._commands, self._vehicles)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -96,12 +96,12 @@ class MissionListener:
             self._join()
 
     def _on_status(self, message: SimStatus) -> None:
-        if self._is_strangers(message):
+        if self._is_foreign(message):
             return
         self.state = message.state
         self._receive("/sim/status", message)
 
-    def _is_strangers(self, message: Any, participant: bytes | None = None) -> bool:
+    def _is_foreign(self, message: Any, participant: bytes | None = None) -> bool:
         if self._dive is None:
             return False
         if hasattr(message, "dive"):
@@ -110,7 +110,7 @@ class MissionListener:
         return sender not in (None, "", self._dive)  # "": it publishes only its health
 
     def _receive(self, topic: str, message: Any, participant: bytes | None = None) -> None:
-        if self._is_strangers(message, participant):
+        if self._is_foreign(message, participant):
             return
         self.heard_s = time.monotonic()
         self._take(topic, message)

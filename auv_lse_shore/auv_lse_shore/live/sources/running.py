@@ -13,7 +13,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.recording import RecordingError
 from auv_lse_run.process.domain import busy_domains, dive_on, run_on
 from auv_lse_shore.areas.area_file import read_area
-from auv_lse_shore.live.sources.command_desk import CommandDesk
+from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.recording import RecordingFile
@@ -61,20 +61,20 @@ class MissionFollower:
     """Follows missions: those on one domain, or the newest on this machine."""
 
     def __init__(
-        self, timeline: Timeline, domain: int | None, mission: Path | None, desk: CommandDesk | None = None
+        self, timeline: Timeline, domain: int | None, mission: Path | None, commands: CommandQueue | None = None
     ) -> None:
         """Stores what to follow.
 
         Args:
             timeline: The timeline to fill.
-            domain: ROS domain; None: that of the newest mission on this machine; with a desk, that of the first found.
+            domain: ROS domain; None: that of the newest mission on this machine; with a queue, that of the first found.
             mission: Mission file; None: the one in the run folder.
-            desk: The commands of the page; None: it has none.
+            commands: The queue of the page's commands; None: it has none.
         """
         self._timeline = timeline
         self._domain = domain
         self._mission = mission
-        self._desk = desk
+        self._commands = commands
 
     def follow(self, stop: threading.Event) -> None:
         """Follows one mission after another until `stop` is set."""
@@ -96,7 +96,7 @@ class MissionFollower:
     def _find(self) -> RunningMission | None:
         if self._domain is None:
             found = newest_mission()
-            if found is not None and self._desk is not None:
+            if found is not None and self._commands is not None:
                 self._domain = found.domain  # a later mission does not take over the buttons
             return found
         return RunningMission(self._domain, run_on(self._domain) if self._domain in busy_domains() else None)
@@ -124,8 +124,8 @@ class MissionFollower:
         self._timeline.set_state(run=_shown(found.run))
         merged = _MergedMessages(settings, self._timeline, found.run)
         vehicles, dive = settings.mission.vehicles, dive_on(found.domain)
-        with MissionListener(vehicles, found.domain, merged.receive, dive, self._desk) as listener:
-            self._timeline.set_state(control=self._desk is not None)
+        with MissionListener(vehicles, found.domain, merged.receive, dive, self._commands) as listener:
+            self._timeline.set_state(control=self._commands is not None)
             while not stop.is_set() and not merged.restarted:
                 listener.serve(_SERVE_S)
                 merged.add_events()

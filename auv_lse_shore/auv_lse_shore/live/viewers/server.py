@@ -22,7 +22,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 
-from auv_lse_shore.live.sources.command_desk import CommandDesk, CommandError
+from auv_lse_shore.live.sources.command_queue import CommandError, CommandQueue
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page, script_hash
 
@@ -69,13 +69,13 @@ class LiveServer:
         token: The token of the commands, "" if there are none; it is part of `url`.
     """
 
-    def __init__(self, timeline: Timeline, port: int, desk: CommandDesk | None = None) -> None:
+    def __init__(self, timeline: Timeline, port: int, commands: CommandQueue | None = None) -> None:
         """Takes the port; serves once an event loop runs.
 
         Args:
             timeline: The events to serve.
             port: TCP port, 0 for any free port.
-            desk: Takes the page's commands; None: they are refused.
+            commands: Takes the page's commands; None: they are refused.
 
         Raises:
             PortTakenError: if the port is in use or not allowed.
@@ -88,12 +88,12 @@ class LiveServer:
                 "view, or choose another port: --port N, or --port 0 for any free one"
             ) from error
         self.port = sockets[0].getsockname()[1]
-        self.token = "" if desk is None else secrets.token_urlsafe(16)
+        self.token = "" if commands is None else secrets.token_urlsafe(16)
         self.url = f"http://{ADDRESS}:{self.port}/" + (f"#control={self.token}" if self.token else "")
         given = {"timeline": timeline, "port": self.port}
-        commands = {**given, "desk": desk, "token": self.token}
+        commanded = {**given, "commands": commands, "token": self.token}
         application = tornado.web.Application(
-            [("/", PageHandler, given), ("/events", EventsHandler, given), ("/command", CommandHandler, commands)],
+            [("/", PageHandler, given), ("/events", EventsHandler, given), ("/command", CommandHandler, commanded)],
             default_handler_class=NotFoundHandler,
             default_handler_args=given,
             log_function=lambda handler: None,
@@ -162,10 +162,10 @@ class PageHandler(_Guard):
 class CommandHandler(_Guard):
     """Commands of the page's buttons to the vehicles of the mission that it shows."""
 
-    def initialize(self, timeline: Timeline, port: int, desk: CommandDesk | None = None, token: str = "") -> None:
-        """Takes also the desk, None without --control, and the token."""
+    def initialize(self, timeline: Timeline, port: int, commands: CommandQueue | None = None, token: str = "") -> None:
+        """Takes also the commands, None without --control, and the token."""
         super().initialize(timeline, port)
-        self._desk, self._token = desk, token
+        self._commands, self._token = commands, token
 
     def prepare(self) -> None:
         """Checks the headers, then the token."""
@@ -173,7 +173,7 @@ class CommandHandler(_Guard):
         if self._finished:
             return
         given = self.request.headers.get(TOKEN_HEADER, "").encode()
-        if self._desk is None:
+        if self._commands is None:
             self._refuse("this live view sends no commands. Start it with auv_lse live --control")
         elif not hmac.compare_digest(given, self._token.encode()):
             self._refuse("wrong or missing token. Open the address that auv_lse live --control printed")
@@ -183,7 +183,7 @@ class CommandHandler(_Guard):
 
         The answer has the outcome and text of each vehicle, by its number.
         """
-        assert self._desk is not None
+        assert self._commands is not None
         try:
             wanted = json.loads(self.request.body)
             mission, command, vehicles = wanted["mission"], wanted["command"], list(wanted["vehicles"])
@@ -193,7 +193,7 @@ class CommandHandler(_Guard):
         try:
             if mission != self.timeline.since("", 0, 0)[0]:
                 raise CommandError("another mission has begun; nothing was sent. Try again")
-            outcomes = await asyncio.shield(asyncio.wrap_future(self._desk.order(command, vehicles)))
+            outcomes = await asyncio.shield(asyncio.wrap_future(self._commands.order(command, vehicles)))
         except CommandError as error:
             self._refuse(str(error), 409)
             return

@@ -29,7 +29,7 @@ export class Measure {
   describe() {
     const { points } = this, legs = points.slice(1).map((to, i) => leg(points[i], to)), last = legs[legs.length - 1];
     const total = legs.length > 1 ? `, ${number(legs.reduce((sum, { m }) => sum + m, 0))} m in all` : "";
-    const hint = points.length ? "next position" : "first place";
+    const hint = points.length ? "next position" : "first position";
     this.output.textContent = this.active ? `${last ? `${words(last)}${total}. ` : ""}Click the ${hint} (keys: Enter); Escape ends.` : "";
     this.button.setAttribute("aria-pressed", String(this.active));
   }

@@ -1,7 +1,7 @@
 """Messages between the nodes of one process, without ROS.
 
 In lockstep a vehicle's nodes share a process. Topics with a single writer among them (`Topic.writer`) reach the other
-nodes of the process through `POST`, without serialization. DDS carries them only to readers in other processes.
+nodes of the process through `INTRA_PROCESS`, without serialization. DDS carries them only to other processes.
 Messages are delivered in the order in which they were sent, and never during a callback: the callback that sends a
 message ends before the message is read.
 """
@@ -18,7 +18,7 @@ from auv_lse_common.topics.table import Topic
 Take = Callable[[Any], None]
 
 
-class LocalPost:
+class IntraProcessDelivery:
     """Passes messages between the nodes of one process.
 
     Attributes:
@@ -67,12 +67,12 @@ class LocalPost:
             self._delivering = False
 
 
-#: The post of this process.
-POST = LocalPost()
+#: The delivery between the nodes of this process.
+INTRA_PROCESS = IntraProcessDelivery()
 
 
 class Publisher(Protocol):
-    """The part of an rclpy publisher that an outlet needs."""
+    """The part of an rclpy publisher that a `TopicPublisher` needs."""
 
     def publish(self, msg: Any) -> None:
         """Sends a message."""
@@ -83,14 +83,16 @@ class Publisher(Protocol):
         ...
 
 
-class Outlet:
+class TopicPublisher:
     """Publishes one topic: directly to the nodes in the same process, and with ROS to all others."""
 
-    def __init__(self, publisher: Publisher, topic: Topic, post: LocalPost, make: Callable[[Any], Any]) -> None:
-        """Args: publisher: of the topic. post: of the process. make: returns the message for a value."""
+    def __init__(
+        self, publisher: Publisher, topic: Topic, delivery: IntraProcessDelivery, make: Callable[[Any], Any]
+    ) -> None:
+        """Args: publisher: of the topic. delivery: of the process. make: returns the message for a value."""
         self._publisher = publisher
         self._topic = topic
-        self._post = post
+        self._delivery = delivery
         self._make = make
 
     @property
@@ -105,13 +107,13 @@ class Outlet:
 
     def publish_message(self, message: Any) -> None:
         """Publishes a message, which must not change afterwards; with ROS only if it has readers or is latched."""
-        self._post.send(self._topic.name, message)
+        self._delivery.send(self._topic.name, message)
         if self._has_outside_readers():
             self._publisher.publish(message)
 
     def has_readers(self) -> bool:
         """Whether somebody reads the topic, or may read its last message later."""
-        return self._has_outside_readers() or self._post.has_readers(self._topic.name)
+        return self._has_outside_readers() or self._delivery.has_readers(self._topic.name)
 
     def _has_outside_readers(self) -> bool:
         return self._topic.latched or self._publisher.get_subscription_count() > 0

@@ -38,8 +38,8 @@ class Order:
     outcomes: Future[dict[int, Outcome]] = field(default_factory=Future)
 
 
-class CommandDesk:
-    """Takes commands on the server's thread and gives them out on the thread that follows a mission."""
+class CommandQueue:
+    """Queues commands from the server's thread for the thread that follows a mission."""
 
     def __init__(self) -> None:
         """Accepts nothing until a mission is followed."""
@@ -53,7 +53,7 @@ class CommandDesk:
             self._vehicles = vehicles
 
     def close(self) -> None:
-        """The mission is not followed any more: commands are refused, waiting ones are reported as not heard."""
+        """The mission has ended: commands are refused, waiting ones are reported as not heard."""
         with self._lock:
             self._vehicles, waiting, self._orders = 0, self._orders, []
         for order in waiting:
@@ -73,7 +73,7 @@ class CommandDesk:
             raise CommandError(f"{name!r} is not a command; use one of {', '.join(COMMANDS)}")
         with self._lock:
             if not self._vehicles:
-                raise CommandError("No mission is running; recordings are read-only")
+                raise CommandError("no mission is running; recordings are read-only")
             there = range(1, self._vehicles + 1)
             found = [k for k in vehicles if type(k) is int and k in there]
             if not found or len(found) < len(vehicles):

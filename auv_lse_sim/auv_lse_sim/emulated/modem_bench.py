@@ -1,4 +1,4 @@
-"""`python -m auv_lse_sim.emulated.modem_desk`: emulated modems in real time, for trying drivers without hardware.
+"""`python -m auv_lse_sim.emulated.modem_bench`: emulated modems in real time, for trying drivers without hardware.
 
 Every modem receives every packet of the others after one second. No mission runs: connect `micromodem_node`, WHOI's
 `acomms`, or a terminal to the printed ports. Stop with Ctrl-C.
@@ -55,7 +55,7 @@ def run(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serves the modems until Ctrl-C. Returns 0, or 2 if a port cannot be opened."""
     parser = argparse.ArgumentParser(
-        prog="python -m auv_lse_sim.emulated.modem_desk", description=(__doc__ or "").split("\n\n")[1]
+        prog="python -m auv_lse_sim.emulated.modem_bench", description=(__doc__ or "").split("\n\n")[1]
     )
     parser.add_argument("--modems", type=int, default=2, metavar="K", help="number of modems (default: 2)")
     parser.add_argument("--folder", type=Path, metavar="DIR", help="create links DIR/modem1, ... to the ptys")

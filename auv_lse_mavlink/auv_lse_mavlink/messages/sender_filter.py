@@ -1,4 +1,4 @@
-"""Tells the autopilot's datagrams from those of strangers on the same port, at a bounded cost."""
+"""Tells the autopilot's datagrams from those of other senders on the same port, at a bounded cost."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections import Counter
 
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 
-#: Until `renew`, at most so many bytes of strangers are parsed to find the autopilot.
+#: Until `renew`, at most so many bytes of other senders are parsed to find the autopilot.
 EXAMINED_BYTES = 16384
 
 
-class StrangerFilter:
+class SenderFilter:
     """Recognizes one autopilot's datagrams."""
 
     def __init__(self, codec: MavlinkCodec, autopilot: tuple[int, int], counts: Counter[str]) -> None:

@@ -1,7 +1,7 @@
 from typing import Any
 
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.node.local_post import LocalPost, Outlet
+from auv_lse_common.node.intra_process import IntraProcessDelivery, TopicPublisher
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Topic
 
 TOLD = Topic(name="told", kind="std_msgs/msg/String", writer="gp_node")
@@ -22,64 +22,64 @@ class Ros:
 
 
 def test_only_topics_with_a_single_writer_in_the_process_are_carried() -> None:
-    post = LocalPost()
-    assert not post.carries(TOLD), "nobody shares the process"
-    post.share(["gp_node"])
-    assert not post.carries(TOLD), "a node alone has nobody to send to"
-    post.share(["gp_node", "planner_node"])
-    assert post.carries(TOLD)
-    assert post.carries(VEHICLE_TOPICS["kernel_centers"])
-    assert not post.carries(VEHICLE_TOPICS["team/plans"]), "modem_node is elsewhere"
-    assert not post.carries(VEHICLE_TOPICS["odometry"]), "not the vehicle's own"
+    delivery = IntraProcessDelivery()
+    assert not delivery.carries(TOLD), "nobody shares the process"
+    delivery.share(["gp_node"])
+    assert not delivery.carries(TOLD), "a node alone has nobody to send to"
+    delivery.share(["gp_node", "planner_node"])
+    assert delivery.carries(TOLD)
+    assert delivery.carries(VEHICLE_TOPICS["kernel_centers"])
+    assert not delivery.carries(VEHICLE_TOPICS["team/plans"]), "modem_node is elsewhere"
+    assert not delivery.carries(VEHICLE_TOPICS["odometry"]), "not the vehicle's own"
 
 
 def test_messages_keep_their_order_and_never_interrupt_a_reader() -> None:
-    post = LocalPost()
+    delivery = IntraProcessDelivery()
     told: list[str] = []
 
     def first(message: str) -> None:
         told.append(f"first {message} begins")
         if message == "a":
-            post.send("topic", "b")
-            post.deliver()
+            delivery.send("topic", "b")
+            delivery.deliver()
         told.append(f"first {message} ends")
 
-    post.read("topic", first)
-    post.read("topic", lambda message: told.append(f"second {message}"))
-    post.send("topic", "a")
-    post.send("other", "to nobody")
+    delivery.read("topic", first)
+    delivery.read("topic", lambda message: told.append(f"second {message}"))
+    delivery.send("topic", "a")
+    delivery.send("other", "to nobody")
     assert told == []
-    post.deliver()
+    delivery.deliver()
     assert told == ["first a begins", "first a ends", "second a", "first b begins", "first b ends", "second b"]
 
 
 def test_failing_reader_does_not_affect_the_others() -> None:
-    post = LocalPost()
+    delivery = IntraProcessDelivery()
     told: list[str] = []
 
     def fail(message: str) -> None:
         raise RuntimeError(message)
 
-    post.read("topic", fail)
-    post.read("topic", told.append)
-    post.send("topic", "a")
+    delivery.read("topic", fail)
+    delivery.read("topic", told.append)
+    delivery.send("topic", "a")
     try:
-        post.deliver()
+        delivery.deliver()
     except RuntimeError:
-        post.deliver()
+        delivery.deliver()
     assert told == ["a"]
 
 
 def test_ros_carries_topics_with_outside_readers_and_latched_ones() -> None:
-    post = LocalPost()
+    delivery = IntraProcessDelivery()
     told: list[str] = []
     for name in (TOLD.name, "kernel_centers"):
-        post.read(name, told.append)
+        delivery.read(name, told.append)
     for topic, readers, by_ros in ((TOLD, 0, []), (TOLD, 1, ["a"]), (VEHICLE_TOPICS["kernel_centers"], 0, ["a"])):
         ros = Ros(readers)
-        Outlet(ros, topic, post, str.lower).publish("A")
+        TopicPublisher(ros, topic, delivery, str.lower).publish("A")
         assert ros.sent == by_ros
-    post.deliver()
+    delivery.deliver()
     assert told == ["a", "a", "a"]
 
 

@@ -13,7 +13,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import open_state
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_run.vehicle.run_vehicle import crew_of, open_dive, vehicle_number
+from auv_lse_run.vehicle.run_vehicle import open_dive, vehicle_number, vehicle_processes
 
 main = verb_main("vehicle")
 
@@ -34,8 +34,8 @@ def write(folder: Path, own: dict[str, object] | None = None, **sections: object
     return path
 
 
-def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
-    return crew_of("auv2", file, file.parent / "dive", simulated, record)
+def processes(file: Path, *, simulated: bool = False, record: bool | None = None):
+    return vehicle_processes("auv2", file, file.parent / "dive", simulated, record)
 
 
 def test_a_full_disk_keeps_no_vehicle_with_positions_in_degrees_from_continuing(
@@ -48,7 +48,7 @@ def test_a_full_disk_keeps_no_vehicle_with_positions_in_degrees_from_continuing(
 
     monkeypatch.setattr(Path, "write_text", full)
     monkeypatch.setattr(Path, "mkdir", full)
-    whole = read_parameter_file(crew(file).file)["/**"]
+    whole = read_parameter_file(processes(file).file)["/**"]
     assert "polygon_m" in whole["area"], "the file is in memory, with positions in metres"
 
 
@@ -71,29 +71,31 @@ def test_an_edited_area_in_degrees_begins_a_new_dive(tmp_path: Path) -> None:
 
 
 def test_mission_file_selects_the_nodes(tmp_path: Path) -> None:
-    found = crew(write(tmp_path))
+    found = processes(write(tmp_path))
     names = ["safety_node", "gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
-    assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
+    assert [p.name for p in found.nodes] == [f"auv2.{name}" for name in names]
     assert found.recording == tmp_path / "dive" / "bag"
     assert all(task.node is not None for task in found.tasks()), "forked, also the recorder, and watched"
     assert not found.simulated
     assert not found.lockstep
-    bare = crew(write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""}))
-    assert [p.executable for p in bare.processes] == names[:4], "this vehicle's own sections count"
+    bare = processes(
+        write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""})
+    )
+    assert [p.executable for p in bare.nodes] == names[:4], "this vehicle's own sections count"
     assert bare.recording is None
-    assert crew(write(tmp_path), record=False).recording is None
+    assert processes(write(tmp_path), record=False).recording is None
 
 
 def test_file_with_section_sim_follows_the_simulator_and_its_recorder(tmp_path: Path) -> None:
     file = write(tmp_path, sim={"lockstep": True, "tick_s": 1.0})
-    found = crew(file)
+    found = processes(file)
     assert (found.simulated, found.lockstep, found.recording, found.file) == (True, True, None, file)
-    paced = crew(write(tmp_path, sim={"lockstep": False}))
+    paced = processes(write(tmp_path, sim={"lockstep": False}))
     assert (paced.simulated, paced.lockstep) == (True, False)
 
 
 def test_file_without_section_sim_can_follow_the_simulator(tmp_path: Path) -> None:
-    found = crew(write(tmp_path), simulated=True)
+    found = processes(write(tmp_path), simulated=True)
     assert (found.simulated, found.lockstep) == (True, True)
     whole = read_parameter_file(found.file)["/**"]
     assert whole == {**FOR_ALL, "sim": {"lockstep": True}}, "the nodes' own default is false"
@@ -122,7 +124,7 @@ def test_a_recording_of_a_dive_that_was_ended_is_not_added_to(tmp_path: Path) ->
 @pytest.mark.parametrize("value", [5, None, [1]])
 def test_unknown_section_is_rejected(name: str, value: object, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name} must be a mapping of parameters, not"):
-        crew(write(tmp_path, **{name: value}))
+        processes(write(tmp_path, **{name: value}))
 
 
 def test_impossible_request_is_reported_and_creates_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
