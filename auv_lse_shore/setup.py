@@ -26,8 +26,8 @@ setup(
         package: ["py.typed"],
         f"{package}.live.viewers": ["page_files/*"],
         **{
-            f"{package}.{folder}": ["templates/*"]
-            for folder in ("adjust", "campaign", "certify", "export", "report", "reproduce")
+            f"{package}.{room}": ["templates/*"]
+            for room in ("adjust", "campaign", "certify", "export", "report", "reproduce")
         },
     },
     data_files=[
