@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from auv_lse_common.support.missing_packages import missing
+from auv_lse_common.support.user_error import brief
 
 #: A message; its type is `get_type()`, its fields are attributes.
 Message = Any
@@ -71,7 +72,7 @@ def dataflash_messages(
             raise
         except Exception as error:  # pymavlink raises errors of many kinds for a damaged log
             raise FlightLogError(
-                f"{path} is a damaged dataflash log ({error}). Copy the .bin from the autopilot again"
+                f"{path} is a damaged dataflash log ({brief(error)}). Copy the .bin from the autopilot again"
             ) from error
         complaints.seek(0)
         damage["damaged bytes or messages"] += sum(1 for _ in complaints)

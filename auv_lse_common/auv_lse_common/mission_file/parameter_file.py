@@ -13,6 +13,7 @@ import yaml
 from auv_lse_common.mission_file.degrees import AreaReader, in_metres
 from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
 from auv_lse_common.support.input_bounds import MAX_PATTERNS, MAX_YAML_BYTES, MAX_YAML_VALUES, over_size
+from auv_lse_common.support.user_error import brief
 
 
 def read_parameter_file(path: str | Path, read_area: AreaReader | None = None) -> dict[str, dict[str, Any]]:
@@ -86,7 +87,7 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # UnicodeDecodeError
-        raise ParameterError(f"{path}: is not UTF-8 text: {error}") from error
+        raise ParameterError(f"{path}: is not UTF-8 text: {brief(error)}") from error
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
@@ -131,6 +132,6 @@ def _parse_yaml(text: str, where: str) -> Any:
         position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
         raise ParameterError(f"{where}: not valid YAML: {position}{error.problem or error.context}") from error
     except yaml.YAMLError as error:
-        raise ParameterError(f"{where}: not valid YAML: {error}") from error
+        raise ParameterError(f"{where}: not valid YAML: {brief(error)}") from error
     except (RecursionError, ValueError) as error:  # endless nesting; an impossible date or number
         raise ParameterError(f"{where}: not valid YAML: {str(error) or 'nested too deeply'}") from error

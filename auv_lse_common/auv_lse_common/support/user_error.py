@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+#: Letters of another library's error that are shown.
+_MOST = 200
+
 
 def error_text(error: BaseException) -> str:
     """An error as one line. An OSError becomes "FILE: No such file or directory", without "[Errno 2]"."""
@@ -13,3 +16,9 @@ def error_text(error: BaseException) -> str:
         files = [str(name) for name in (error.filename, error.filename2) if name is not None]
         return ": ".join([*files, error.strerror])
     return str(error) or type(error).__name__
+
+
+def brief(error: BaseException) -> str:
+    """Another library's error for a sentence of ours: one line, and not all of the bytes that some quote."""
+    text = " ".join(error_text(error).split()).rstrip(".")
+    return text if len(text) <= _MOST else f"{text[:_MOST]} ..."

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.support.user_error import error_text
+from auv_lse_common.support.user_error import brief, error_text
 
 
 def test_unopened_file_is_named_without_an_error_number(tmp_path: Path) -> None:
@@ -27,3 +27,8 @@ def test_error_text_is_the_message_or_the_class_name() -> None:
     assert error_text(ValueError("--rate must be above 0")) == "--rate must be above 0"
     assert error_text(OSError("the disk is full")) == "the disk is full"
     assert error_text(RuntimeError()) == "RuntimeError"
+
+
+def test_an_error_that_quotes_a_file_is_cut() -> None:
+    assert brief(ValueError("two\nlines.")) == "two lines"
+    assert len(brief(ValueError("x" * 3000))) < 250

@@ -9,6 +9,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.degrees import AreaContent
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.input_bounds import over_size
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
 from auv_lse_shore.areas.geojson import geojson_features
@@ -68,7 +69,8 @@ def read_area(path: str | Path) -> AreaContent:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
         raise ParameterError(
-            f"{path}: is damaged, or not what it seems: {type(error).__name__}: {error}. Export it again, as {KINDS}"
+            f"{path}: is damaged, or not what it seems: {type(error).__name__}: {brief(error)}. "
+            f"Export it again, as {KINDS}"
         ) from error
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature, named_feature, with_geometry
 from auv_lse_shore.areas.projection import to_degrees
 
@@ -33,7 +34,7 @@ def gdal_features(path: Path, where: str) -> Iterator[Feature]:
     try:
         layers = [(str(name), kind) for name, kind in pyogrio.list_layers(path)]
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
-        raise ParameterError(f"{where}: cannot be read: {error}. Save it as GeoJSON") from error
+        raise ParameterError(f"{where}: cannot be read: {brief(error)}. Save it as GeoJSON") from error
     for layer, kind in layers:
         if kind is None:
             yield Feature(f"{layer} (a table without geometries)")
@@ -51,10 +52,10 @@ def _layer(path: Path, layer: str, where: str) -> Iterator[Feature]:
         known, _, shapes, columns = pyogrio.raw.read(path, layer=layer, force_2d=True, max_features=_MAX_FEATURES + 1)
         geometries = shapely.from_wkb(shapes)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
-        raise ParameterError(f"{where}: the layer {layer!r} cannot be read: {error}") from error
+        raise ParameterError(f"{where}: the layer {layer!r} cannot be read: {brief(error)}") from error
     except (ShapelyError, ValueError) as error:
         raise ParameterError(
-            f"{where}: the layer {layer!r} has a geometry that is not read: {error}. Save it with plain polygons"
+            f"{where}: the layer {layer!r} has a geometry that is not read: {brief(error)}. Save it with plain polygons"
         ) from error
     if len(geometries) > _MAX_FEATURES:
         raise ParameterError(f"{where}: the layer {layer!r} has more than {_MAX_FEATURES:,} features. Remove some")
@@ -86,7 +87,7 @@ def zipped_features(data: bytes, where: str) -> Iterator[Feature]:
             raise ParameterError(f"{where}: has more than {_MAX_UNPACKED_BYTES / 1e6:.0f} MB when unpacked")
         contents = {info.filename.replace("/", "_"): archive.read(info) for info in parts}
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
-        raise ParameterError(f"{where}: cannot be unpacked: {error}. Save it again") from error
+        raise ParameterError(f"{where}: cannot be unpacked: {brief(error)}. Save it again") from error
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             (Path(folder) / name).write_bytes(content)

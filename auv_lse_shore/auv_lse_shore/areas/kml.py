@@ -13,6 +13,7 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature, line_of, named_feature, ring_of
 from auv_lse_shore.areas.xml_tree import read_xml, text_of
 
@@ -35,7 +36,7 @@ def kmz_features(data: bytes, where: str) -> Iterator[Feature]:
             raise ParameterError(f"{where}: {too_large[0]} has more than {_MAX_DOCUMENT_BYTES / 1e6:.0f} MB")
         documents = {info.filename: _unpacked(archive, info, where) for info in names}
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
-        raise ParameterError(f"{where}: cannot be unpacked: {error}. Save it again as KML") from error
+        raise ParameterError(f"{where}: cannot be unpacked: {brief(error)}. Save it again as KML") from error
     if not documents:
         raise ParameterError(f"{where}: contains no .kml document. Save it as KML, or give the file inside")
     for name, document in documents.items():

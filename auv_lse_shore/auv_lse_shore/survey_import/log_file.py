@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.survey_log import LogError, Progress
 
@@ -72,7 +73,9 @@ class LogFile:
                     parts.append(unpacker.decompress(packed, most - size))
                 except zlib.error as error:
                     if not size:
-                        raise LogError(f"{self.path} is a damaged gzip file ({error}). Copy it again.") from error
+                        raise LogError(
+                            f"{self.path} is a damaged gzip file ({brief(error)}). Copy it again."
+                        ) from error
                     break
                 size += len(parts[-1])
         return b"".join(parts)

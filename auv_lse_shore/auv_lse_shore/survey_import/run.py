@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.atomic_files import written_whole
+from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.covariance.likelihood import fit
 from auv_lse_record.run_data import RunData, VehicleRun
@@ -87,7 +88,7 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     try:
         config = fit(points[chosen, :2], points[chosen, 2], restarts=STARTS, rng=rng).config
     except ValueError as error:
-        raise LogError(f"No Gaussian process fits the soundings: {error}") from error
+        raise LogError(f"No Gaussian process fits the soundings: {brief(error)}") from error
     names = ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
     learned: dict[str, Any] = {name: float(f"{getattr(config, name):.5g}") for name in names}
     learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.user_error import brief
 from auv_lse_sim.ground.band_meaning import Meaning, is_other, meaning, text_says_up
 from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
@@ -59,7 +60,7 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
     except GroundError:
         raise
     except (RasterioError, RuntimeError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise GroundError(f"{path}: is not a readable raster: {type(error).__name__}: {error}") from error
+        raise GroundError(f"{path}: is not a readable raster: {type(error).__name__}: {brief(error)}") from error
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_gp.soundings import longitude_180
 from auv_lse_sim.ground.band_meaning import Meaning, text_says_up
@@ -56,7 +57,7 @@ def raster_ground(
     try:
         to_raster = Transformer.from_crs("EPSG:4326", CRS.from_user_input(crs or "EPSG:4326"), always_xy=True)
     except CRSError as error:
-        raise GroundError(f"{path}: projection not understood: {error}") from error
+        raise GroundError(f"{path}: projection not understood: {brief(error)}") from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
     if not (np.isfinite(lat).all() and np.isfinite(lon).all()):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
@@ -45,7 +46,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             feature, at = decode(text, at)
         except (ValueError, RecursionError) as error:
             if not rows:
-                raise LogError(f"{file.path} is damaged GeoJSON ({error}). Copy it again.") from error
+                raise LogError(f"{file.path} is damaged GeoJSON ({brief(error)}). Copy it again.") from error
             content.left_out["features after the file is damaged or cut off"] += 1
             break
         row = _row(feature)

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import ParseError, XMLParser
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
@@ -41,7 +42,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         parser.close()
     except (ParseError, RecursionError, LookupError, ValueError) as error:
         if not any(points.stamps.values()):
-            raise LogError(f"{file.path} is damaged GPX ({error}). Copy it again.") from error
+            raise LogError(f"{file.path} is damaged GPX ({brief(error)}). Copy it again.") from error
         content.left_out["points after the file is damaged or cut off"] += 1
     content.left_out["points that are incomplete"] += points.incomplete
     for name, stamps in points.stamps.items():
