@@ -84,7 +84,8 @@ class BridgeIntake:
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
         answers, self._answers = sorted(self._answers, key=lambda answer: answer[:2]), []
         self.ranges = [found for answer in answers if (found := bridge.ranged(*answer)) is not None]
-        return [received for packet in packets if (received := bridge.receive(*packet)) is not None]
+        heard = [received for packet in packets if (received := bridge.receive(*packet)) is not None]
+        return [*bridge.waited(), *heard]
 
     def poll(self, now_s: float) -> bytes | None:
         """Passes the plan to the bridge; returns the packet to send now, if it is the vehicle's slot."""

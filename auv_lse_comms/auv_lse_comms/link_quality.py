@@ -101,6 +101,25 @@ class LinkQuality:
         self._candidates[source] = slot.index, count
         return self._lateness_s(stamp_s, source) == 0.0 and count <= tdma.slot_s / tdma.send_duration_s
 
+    def slot_of(self, stamp_s: float, source: int, on_air_s: float) -> tuple[float, bool]:
+        """The slot to which a packet of `source` belongs, and whether it arrived when a packet of that slot does.
+
+        Args:
+            stamp_s: End of its reception (s).
+            source: Its sender.
+            on_air_s: Duration (s) of a transmission.
+
+        Returns:
+            Start of the sender's nearest slot (s); `stamp_s` and False if the sender has none.
+        """
+        tdma = self._tdma.settings(stamp_s)
+        latest_s = 2.0 * tdma.guard_s + tdma.send_duration_s + tdma.travel_s + LATE_HOST_S
+        starts = self._tdma.around(stamp_s, source)
+        if not starts:
+            return stamp_s, False
+        start_s = min(starts, key=lambda start_s: abs(stamp_s - start_s - 0.5 * latest_s))
+        return start_s, on_air_s <= stamp_s - start_s <= latest_s
+
     def problems(self, now_s: float) -> dict[str, str]:
         """Problems that an operator should know of: texts by key."""
         found = {}

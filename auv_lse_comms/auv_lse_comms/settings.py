@@ -14,8 +14,9 @@ from auv_lse_common.mission_file.parameters import ParameterError, is_given, sec
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
-from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 from auv_lse_comms.bridge import MateTracks, ModemBridge, ModemFeatures, Pace
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
@@ -109,6 +110,7 @@ def bridge_of(
         confirm_s=modem.confirm_s if confirmed and is_micromodem else math.inf,
         second_lead_s=handshake_s if is_micromodem and modem.synchronous else None,
         pings=is_micromodem and modem.ping,
+        on_air_s=packet_duration_s(modem.rate, PAYLOAD_BYTES),
     )
     ping_slot_s = tdma.needed_s + tdma.ping_s - tdma.travel_s + WINDOW_S
     if features.pings and tdma.slot_s < ping_slot_s - 1e-9:

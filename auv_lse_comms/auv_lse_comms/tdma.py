@@ -23,6 +23,9 @@ from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 
+#: Where the slot of a packet is searched, to tell wrong clocks and old packets from forged ones: cycles before and
+#: after its arrival, and hours, by which time zones differ.
+_STALE_CYCLES, _STALE_HOURS = 100, 14
 #: Identifies a slot: its index and since_s.
 SlotKey = tuple[int, float]
 
@@ -146,6 +149,13 @@ class Tdma:
             for index in range(first, first + 2 * cycles * slots)
             if config.order[index % slots] == owner and (start := config.epoch_s + index * config.slot_s) >= since
         ]
+
+    def other_slots(self, now_s: float, owner: int) -> Iterator[float]:
+        """Starts of slots (s) of `owner` that a wrong clock or an old packet would explain, the likeliest first."""
+        yield from self.around(now_s, owner, _STALE_CYCLES)
+        for hours in range(1, _STALE_HOURS + 1):
+            for sign in (1.0, -1.0):
+                yield from self.around(now_s + sign * 3600.0 * hours, owner)
 
     def following(self, now_s: float) -> Iterator[Slot]:
         """The slots after the present one, until two cycles after the last change of settings."""

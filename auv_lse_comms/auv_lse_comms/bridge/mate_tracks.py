@@ -3,9 +3,10 @@
 Anybody can send in a mate's name. But a vehicle moves steadily, so its packets follow one another: from one to the
 next it covers no more ground and no more steps than time allows, and its samples lie along its track.
 Packets that follow one another are a *track*. The first track of a sender is trusted at once, another one after
-`AGREEING` packets. Each must have at least half as many packets as any other track received since it began. So a
-vehicle that restarts elsewhere is accepted, even if its first packets were forged. A forger that follows a mate closely
-is accepted too.
+`AGREEING` slots. Each must have been received in at least half as many slots as any other track since it began. So a
+vehicle that restarts elsewhere is accepted, even if its first packets were forged. Of tracks with packets in the same
+slots, those that lose the comparison (`slot_contest.py`) are not trusted. A forger that follows a mate closely is
+accepted too.
 """
 
 from __future__ import annotations
@@ -29,12 +30,16 @@ FASTER = 2.0
 RAW_SPREAD_M, SPREAD_M = 30.0, 60.0
 #: Steps by which a plan may jump ahead, beside those of a surfacing.
 AHEAD_STEPS = 4
-#: Packets after which a track is trusted that is not its sender's first.
+#: Slots after which a track is trusted that is not its sender's first.
 AGREEING = 4
-#: A track counts its packets up to this number.
-MOST_COUNTED = 20
+#: A track counts its slots up to this number, and its odds up and down to the other.
+MOST_COUNTED, MOST_ODDS = 20, 3
+#: A track with these odds, or lower ones, is not trusted: another one has won twice more.
+LOST_ODDS = -2
 #: Recent packets of a track that another one may follow: their number, and the time (s) from the first to the last.
 RECENT, RECENT_S = 8, 60.0
+#: Time (s) between two packets, at least, that show where a track leads.
+PACE_S = 10.0
 #: Tracks that are kept of a sender, and packets (positions) of a track.
 MAX_TRACKS, MAX_LOCATIONS = 16, 500
 #: A track that was silent for this time (s) is dropped.
@@ -78,26 +83,54 @@ class _Sighting:
 
 
 @dataclass(slots=True, eq=False)
-class _Track:
+class Track:
     """Packets that follow one another; `positions` are their times and positions in the samples' frame, or their
-    plans'."""
+    plans'.
+
+    Attributes:
+        count: Slots with at least one of its packets.
+        odds: Slots in which it has won against other tracks minus those in which it has lost.
+        alone: Slots in which it was the only track, since the last one with others.
+    """
 
     began_s: float
     first: bool
     count: int = 0
+    odds: int = 0
+    alone: int = 0
+    slot_s: float = math.nan
     recent: deque[_Sighting] = field(default_factory=lambda: deque(maxlen=RECENT))
     positions: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=MAX_LOCATIONS))
 
     @property
     def last_s(self) -> float:
+        """When its last packet was received (s)."""
         return self.recent[-1].now_s
 
     @property
     def tips(self) -> list[_Sighting]:
+        """Its packets that another one may follow."""
         return [seen for seen in self.recent if self.last_s - seen.now_s <= RECENT_S]
 
-    def add(self, seen: _Sighting) -> None:
-        self.count = min(self.count + 1, MOST_COUNTED)
+    @property
+    def is_known(self) -> bool:
+        """Whether it has been received in so many slots that a new track cannot displace it."""
+        return self.count >= AGREEING
+
+    def add_odds(self, won: int) -> None:
+        """Notes that it has won (1) or lost (-1) a slot against other tracks, or neither (0)."""
+        self.odds, self.alone = max(-MOST_ODDS, min(MOST_ODDS, self.odds + won)), 0
+
+    def add_alone(self) -> None:
+        """Notes that it was the only track in a slot; its odds are forgotten after `AGREEING` of them."""
+        self.alone += 1
+        if self.alone >= AGREEING:
+            self.odds = 0
+
+    def add(self, seen: _Sighting, slot_s: float) -> None:
+        """Adds a packet of the slot that starts at `slot_s` (s)."""
+        self.count = min(self.count + (slot_s != self.slot_s), MOST_COUNTED)
+        self.slot_s = slot_s
         self.recent.append(seen)
         self.positions.append((seen.plan_since_s if seen.raw_m is None else seen.now_s, *seen.position_m))
 
@@ -113,36 +146,45 @@ class MateTracks:
         """Starts without tracks."""
         self.since_s = math.inf
         self._pace = pace
-        self._tracks: dict[int, list[_Track]] = {}
+        self._tracks: dict[int, list[Track]] = {}
 
-    def take(self, now_s: float, source: int, packet: Packet) -> NDArray[np.bool_] | None:
+    def take(self, now_s: float, source: int, packet: Packet, slot_s: float | None = None) -> Track:
         """Takes a packet.
 
         Args:
             now_s: When it was received (s).
             source: Its sender.
             packet: Its content.
+            slot_s: Start (s) of the sender's slot to which it belongs; None: one of its own.
 
         Returns:
-            Mask (n,) of the samples that the mate can have measured; None if the packet is not to be trusted.
+            The track that it continues or begins.
         """
         plan, raw = packet.plan, packet.navigation
         seen = _Sighting(now_s, plan.step, (plan.north_m, plan.east_m), None if raw is None else raw.raw_m, now_s)
-        track = self._add(source, seen)
-        return self._reachable(track, packet.samples) if _is_trusted(track, self._tracks[source]) else None
+        return self._add(source, seen, math.nan if slot_s is None else slot_s)
 
-    def _add(self, source: int, seen: _Sighting) -> _Track:
+    def is_trusted(self, source: int, track: Track) -> bool:
+        """Whether a track of `source` is that of the mate, as far as can be told."""
+        others = [other for other in self._tracks[source] if other is not track]
+        most = max((other.count for other in others if other.last_s >= track.began_s), default=0)
+        is_accepted = track.first or track.count >= AGREEING or track.odds > 0
+        return is_accepted and 2 * track.count >= most and track.odds > LOST_ODDS
+
+    def _add(self, source: int, seen: _Sighting, slot_s: float) -> Track:
         now_s, self.since_s = seen.now_s, min(self.since_s, seen.now_s)
         tracks = [t for t in self._tracks.get(source, []) if abs(now_s - t.last_s) < SILENT_S]
         tracks.sort(key=lambda track: (track.count, track.last_s), reverse=True)
         self._tracks[source] = tracks
-        track = next((t for t in tracks if any(self._follows(r, seen) for r in t.tips)), None)
-        if track is None:
-            track = _Track(now_s, first=not tracks)
+        misfits = [self._misfit(track, seen) for track in tracks]
+        if math.isfinite(least := min(misfits, default=math.inf)):
+            track = tracks[misfits.index(least)]
+        else:
+            track = Track(now_s, first=not tracks)
             del tracks[MAX_TRACKS - 1 :]
             tracks.append(track)
         known = [last.plan_since_s for last in track.recent if (last.step, last.start_m) == (seen.step, seen.start_m)]
-        track.add(replace(seen, plan_since_s=min(known, default=seen.plan_since_s)))
+        track.add(replace(seen, plan_since_s=min(known, default=seen.plan_since_s)), slot_s)
         return track
 
     def last(self, source: int) -> list[Any]:
@@ -150,10 +192,29 @@ class MateTracks:
         seen = max((track.recent[-1] for track in self._tracks[source]), key=lambda seen: seen.now_s)
         return [seen.now_s, seen.step, seen.start_m, seen.raw_m, seen.plan_since_s]
 
-    def recall(self, source: int, values: Sequence[Any]) -> None:
-        """Takes a packet again that `last` returned before a restart."""
+    def recall(self, source: int, values: Sequence[Any], slot_s: float | None = None) -> None:
+        """Takes a packet again that `last` returned before a restart; `slot_s` as for `take`."""
         now_s, step, start_m, raw_m, plan_since_s = values
-        self._add(source, _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), plan_since_s))
+        seen = _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), plan_since_s)
+        self._add(source, seen, math.nan if slot_s is None else slot_s)
+
+    def _misfit(self, track: Track, seen: _Sighting) -> float:
+        """How far a packet is from where a track leads, as a share of the way possible; infinite if it is too far.
+
+        Each recent packet of the track may be the one that it follows, as others may be forged.
+        """
+        found = math.inf
+        for last in track.tips:
+            if self._follows(last, seen):
+                later_s, north_m, east_m = seen.now_s - last.now_s, *last.position_m
+                before = [other for other in track.recent if last.now_s - other.now_s >= PACE_S]
+                if before:
+                    share = later_s / (last.now_s - before[-1].now_s)
+                    north_m += share * (north_m - before[-1].position_m[0])
+                    east_m += share * (east_m - before[-1].position_m[1])
+                way_m = FASTER * self._pace.speed_mps * abs(later_s) + SPREAD_M
+                found = min(found, math.dist((north_m, east_m), seen.position_m) / way_m)
+        return found
 
     def _follows(self, last: _Sighting, seen: _Sighting) -> bool:
         pace, later_s, plan_s = self._pace, abs(seen.now_s - last.now_s), abs(seen.now_s - last.plan_since_s)
@@ -168,8 +229,10 @@ class MateTracks:
         plan_way_m = FASTER * pace.speed_mps * plan_s
         return math.dist(last.start_m, seen.start_m) <= max(plan_way_m, ahead_m) + SPREAD_M
 
-    def _reachable(self, track: _Track, samples: Array) -> NDArray[np.bool_]:
-        """Mask (n,) of samples between two positions of the track, `since_s` and its first, or its last and now."""
+    def reachable(self, track: Track, samples: Array) -> NDArray[np.bool_]:
+        """Mask (n,) of samples that the vehicle of a track can have measured.
+
+        They lie between two positions of the track, `since_s` and its first, or its last and now."""
         known = np.array(track.positions)
         first_s = float(known[0, 0])
         speed_mps = FASTER * self._pace.speed_mps
@@ -181,9 +244,3 @@ class MateTracks:
             way_m = speed_mps * np.abs(np.diff(known[:, 0])) + 2.0 * spread_m
             possible |= (away[:, :-1] + away[:, 1:] <= way_m).any(axis=1)
         return np.asarray(possible)
-
-
-def _is_trusted(track: _Track, tracks: list[_Track]) -> bool:
-    others = [other for other in tracks if other is not track]
-    most = max((other.count for other in others if other.last_s >= track.began_s), default=0)
-    return (track.first or track.count >= AGREEING) and 2 * track.count >= most

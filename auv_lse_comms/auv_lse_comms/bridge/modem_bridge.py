@@ -24,6 +24,7 @@ from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.bridge.abort_calls import AbortCalls
 from auv_lse_comms.bridge.mate_tracks import MateTracks
 from auv_lse_comms.bridge.sample_queue import SampleQueue
+from auv_lse_comms.bridge.slot_contest import Candidate, SlotContest
 from auv_lse_comms.bridge.slot_usage import SlotUsage
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, check_plan, decode, encode, room_for_samples
@@ -36,9 +37,6 @@ Array = NDArray[np.float64]
 
 #: Number of last packets that the modem may still report as not sent.
 _REMEMBERED = 4
-#: Where the slot of a packet is searched, to tell wrong clocks and old packets from forged ones: cycles before and
-#: after its arrival, and hours, by which time zones differ.
-_STALE_CYCLES, _STALE_HOURS = 100, 14
 #: Kinds of the events that are passed to `ModemBridge.remember`.
 EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed", "era", "since")
 
@@ -52,11 +50,13 @@ class ModemFeatures:
             confirms none, and a packet given out counts as sent.
         second_lead_s: See `Ranging`.
         pings: Whether it pings mates (`ModemBridge.ping`).
+        on_air_s: How long it transmits a packet (s).
     """
 
     confirm_s: float = math.inf
     second_lead_s: float | None = None
     pings: bool = False
+    on_air_s: float = 0.0
 
 
 _PLAIN = ModemFeatures()
@@ -147,7 +147,9 @@ class ModemBridge:
         self._plan: Plan | None = None
         self._fix: Fix | None = None
         self._sent: list[_Sent] = []  # the last packets
-        self._confirm_s = modem.confirm_s
+        self._confirm_s, self._on_air_s = modem.confirm_s, modem.on_air_s
+        self._contest = SlotContest()
+        self._waited: list[tuple[int, Candidate]] = []  # senders and packets whose samples have waited
         self._last_sent_s = math.nan
         self._last_payload: dict[int, bytes] = {}  # accepted last, by sender
 
@@ -228,17 +230,22 @@ class ModemBridge:
             reserve = 0
             if self._tagger is not None:
                 near_s = self.tdma.around(now_s, source)
-                reserve = self._tagger.accept(payload, source, near_s, self._other_slots(now_s, source))
+                reserve = self._tagger.accept(payload, source, near_s, self.tdma.other_slots(now_s, source))
             packet = decode(payload, self._limits, reserve)
             naive_path = id_in_plan(packet.plan.naive_path, source)
             packet = dataclasses.replace(packet, plan=dataclasses.replace(packet.plan, naive_path=naive_path))
-            packet = self._plausible(now_s, source, packet)
+            navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
+            candidate = self._candidate(now_s, source, payload, packet, navigation)
             if not self.quality.accept_arrival(now_s, source):
-                is_echo = self.tracks is None or payload == self._last_payload.get(source)
+                is_echo = candidate is None or payload == self._last_payload.get(source)
+                if candidate is not None:
+                    candidate.within = False
                 if is_echo or not self.quality.accept_candidate(now_s, source):
                     raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
-                self.counts["samples.excess"] += len(packet.samples)
-                packet = dataclasses.replace(packet, samples=packet.samples[:0])
+            if candidate is not None:
+                packet = self._possible(candidate)
+                if candidate.waits:
+                    packet, navigation = dataclasses.replace(packet, samples=packet.samples[:0]), None
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
             self.quality.note_refusal(now_s, error.reason, source, error.clock_s)
@@ -250,31 +257,51 @@ class ModemBridge:
             slot_s, era = self._tagger.last_slot_s[source], self._tagger.eras[source]
         seen = None if self.tracks is None else self.tracks.last(source)
         self.remember("heard", source, slot_s, len(packet.samples), era.hex(), seen)
-        navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=navigation)
 
-    def _plausible(self, now_s: float, source: int, packet: Packet) -> Packet:
-        """The packet without samples that its sender cannot have measured.
+    def _candidate(
+        self, now_s: float, source: int, payload: bytes, packet: Packet, navigation: MateNavigation | None
+    ) -> Candidate | None:
+        """Compares a packet with others of its sender (`tracks`, `SlotContest`); None if packets have tags.
 
         Raises:
             PacketError: "implausible" if the sender cannot have sent it.
         """
         if self.tracks is None:
-            return packet
-        possible = self.tracks.take(now_s, source, packet)
-        if possible is None:
+            return None
+        slot_s, on_time = self.quality.slot_of(now_s, source, self._on_air_s)
+        candidate = Candidate(
+            stamp_s=now_s,
+            payload=payload,
+            packet=packet,
+            navigation=navigation,
+            track=self.tracks.take(now_s, source, packet, slot_s),
+            on_time=on_time,
+        )
+        self._waited += [(source, waited) for waited in self._contest.add(source, slot_s, candidate)]
+        if not self.tracks.is_trusted(source, candidate.track):
             raise PacketError("implausible", f"source {source}: position or step does not follow its last packets")
-        if possible.all():
-            return packet
-        self.counts["samples.implausible"] += int((~possible).sum())
-        return dataclasses.replace(packet, samples=packet.samples[possible])
+        return candidate
 
-    def _other_slots(self, now_s: float, source: int) -> Iterable[float]:
-        """Starts of slots (s) of a mate that a wrong clock or an old packet would explain, the likeliest first."""
-        yield from self.tdma.around(now_s, source, _STALE_CYCLES)
-        for hours in range(1, _STALE_HOURS + 1):
-            for sign in (1.0, -1.0):
-                yield from self.tdma.around(now_s + sign * 3600.0 * hours, source)
+    def _possible(self, candidate: Candidate) -> Packet:
+        """The packet without samples that its sender cannot have measured."""
+        assert self.tracks is not None
+        packet = candidate.packet
+        possible = self.tracks.reachable(candidate.track, packet.samples)
+        self.counts["samples.implausible"] += int((~possible).sum())
+        return packet if possible.all() else dataclasses.replace(packet, samples=packet.samples[possible])
+
+    def waited(self) -> list[Received]:
+        """Packets without a tag that have waited for the end of their slot, with their samples; each once."""
+        waited, self._waited = self._waited, []
+        found = []
+        for source, candidate in waited:
+            if self.tracks is not None and self.tracks.is_trusted(source, candidate.track):
+                packet = dataclasses.replace(self._possible(candidate), abort=False)
+                self.counts["samples.received"] += len(packet.samples)
+                stamp_s, navigation = candidate.stamp_s, candidate.navigation
+                found.append(Received(source=source, stamp_s=stamp_s, packet=packet, navigation=navigation))
+        return found
 
     def _note_heard(self, source: int, samples: int) -> None:
         self._slots.heard()
@@ -300,6 +327,7 @@ class ModemBridge:
         if self.tracks is not None and math.isinf(self.tracks.since_s):
             self.tracks.since_s = now_s
             self.remember("since", now_s)
+        self._waited += self._contest.ended(lambda start_s: now_s >= start_s + self.tdma.settings(start_s).slot_s)
         slot = self.tdma.slot(now_s)
         self._slots.enter(slot)
         if self._slots.used or not self.tdma.may_send(now_s):
@@ -451,7 +479,7 @@ class ModemBridge:
                     if self._tagger is not None and slot_s is not None:
                         self._tagger.last_slot_s[source], self._tagger.eras[source] = slot_s, bytes.fromhex(era)
                     if self.tracks is not None and seen is not None:
-                        self.tracks.recall(source, seen)
+                        self.tracks.recall(source, seen, self.quality.slot_of(seen[0], source, 0.0)[0])
                 case "sent":
                     then_s, samples, (index, since_s), self._slots.loss = values
                     rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4))

@@ -26,9 +26,15 @@ def packet(now_s: float, north_m: float, step: int | None = None, samples: NDArr
     return Packet(plan, np.zeros((0, 3)) if samples is None else samples, navigation=navigation)
 
 
+def taken(tracks: MateTracks, now_s: float, source: int, content: Packet) -> NDArray[np.bool_] | None:
+    """Mask of the samples that are accepted; None if the packet is not."""
+    track = tracks.take(now_s, source, content)
+    return tracks.reachable(track, content.samples) if tracks.is_trusted(source, track) else None
+
+
 def cruise(tracks: MateTracks, cycles: range) -> list[bool]:
     """Which packets of a vehicle that travels north are accepted."""
-    return [tracks.take(30.0 * cycle, 2, packet(30.0 * cycle, 45.0 * cycle)) is not None for cycle in cycles]
+    return [taken(tracks, 30.0 * cycle, 2, packet(30.0 * cycle, 45.0 * cycle)) is not None for cycle in cycles]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -46,18 +52,18 @@ def test_honest_packets_are_accepted_whatever_is_lost(seed: int) -> None:
         samples = np.column_stack([np.array(positions)[rng.integers(len(positions), size=15)], np.ones(15)])
         plan = Plan.at(now // 16 + surfaced, np.array([0.0, *positions[-1]]), (1,), NONE)
         navigation = Navigation(raw_cm=(round(100.0 * positions[-1][0]), round(100.0 * positions[-1][1])))
-        possible = tracks.take(float(now), 2, Packet(plan, samples, navigation=navigation))
+        possible = taken(tracks, float(now), 2, Packet(plan, samples, navigation=navigation))
         assert possible is not None
         assert possible.all()
 
 
 def test_samples_of_a_mate_that_tells_one_plan_for_long_and_no_position_are_accepted() -> None:
     tracks = MateTracks(PACE)
-    tracks.take(0.0, 2, dataclasses.replace(packet(0.0, 0.0), navigation=None))
+    taken(tracks, 0.0, 2, dataclasses.replace(packet(0.0, 0.0), navigation=None))
     for cycle in range(1, 20):
         samples = np.array([[45.0 * cycle, 0.0, 20.0], [5000.0, 0.0, 20.0]])
         told = dataclasses.replace(packet(30.0, 45.0, samples=samples), navigation=None)
-        possible = tracks.take(30.0 * cycle, 2, told)
+        possible = taken(tracks, 30.0 * cycle, 2, told)
         assert possible is not None
         assert possible.tolist() == [True, False]
 
@@ -67,12 +73,12 @@ def test_a_plan_that_was_kept_for_long_may_be_replaced_by_one_far_ahead() -> Non
     for cycle in range(40):  # a path from the start, told unchanged for 20 minutes
         told = packet(30.0 * cycle, 45.0 * cycle, step=0)
         told = dataclasses.replace(told, plan=Plan.at(0, np.zeros(3), (), 0xE0))
-        assert tracks.take(30.0 * cycle, 2, told) is not None
+        assert taken(tracks, 30.0 * cycle, 2, told) is not None
     restarted = MateTracks(PACE)
     restarted.recall(2, json.loads(json.dumps(tracks.last(2))))
     for known in (tracks, restarted):
-        assert known.take(1200.0, 2, packet(1200.0, 1800.0)) is not None, "the first plan since"
-    assert tracks.take(1230.0, 2, packet(1230.0, 1845.0, step=500)) is None
+        assert taken(known, 1200.0, 2, packet(1200.0, 1800.0)) is not None, "the first plan since"
+    assert taken(tracks, 1230.0, 2, packet(1230.0, 1845.0, step=500)) is None
 
 
 @pytest.mark.parametrize(("north_m", "step"), [(2000.0, None), (None, 90)])
@@ -80,7 +86,7 @@ def test_impossible_packets_are_refused_and_do_not_harm(north_m: float | None, s
     tracks = MateTracks(PACE)
     assert all(cruise(tracks, range(6)))
     forged = packet(181.0, 270.0 if north_m is None else north_m, step)
-    assert tracks.take(181.0, 2, forged) is None
+    assert taken(tracks, 181.0, 2, forged) is None
     assert all(cruise(tracks, range(7, 12)))
 
 
@@ -88,7 +94,7 @@ def test_samples_where_the_mate_cannot_have_been_are_left_out() -> None:
     tracks = MateTracks(PACE)
     cruise(tracks, range(11))
     samples = np.array([[0.0, 0.0, 5.0], [200.0, 30.0, 5.0], [200.0, 300.0, 5.0], [900.0, 0.0, 5.0]])
-    possible = tracks.take(330.0, 2, packet(330.0, 495.0, samples=samples))
+    possible = taken(tracks, 330.0, 2, packet(330.0, 495.0, samples=samples))
     assert possible is not None
     assert possible.tolist() == [True, True, False, False]
 
@@ -97,7 +103,7 @@ def test_a_vehicle_that_starts_again_elsewhere_is_accepted_after_some_packets() 
     tracks = MateTracks(PACE)
     cruise(tracks, range(20))
     heard = [
-        tracks.take(600.0 + 30.0 * cycle, 2, packet(600.0, -3000.0 - 45.0 * cycle, cycle)) is not None
+        taken(tracks, 600.0 + 30.0 * cycle, 2, packet(600.0, -3000.0 - 45.0 * cycle, cycle)) is not None
         for cycle in range(8)
     ]
     assert heard == [False] * 3 + [True] * 5
@@ -108,7 +114,7 @@ def test_forged_packets_at_random_positions_and_first_in_each_slot_do_not_shut_o
     for cycle in range(40):
         for early in range(3):
             now_s = 30.0 * cycle - 6.0 + 2.0 * early
-            forged += tracks.take(now_s, 2, packet(now_s, *rng.uniform(-1000.0, 3000.0, 1))) is not None
+            forged += taken(tracks, now_s, 2, packet(now_s, *rng.uniform(-1000.0, 3000.0, 1))) is not None
         heard += cruise(tracks, range(cycle, cycle + 1))
     assert all(heard[6:])
     assert forged <= 40
