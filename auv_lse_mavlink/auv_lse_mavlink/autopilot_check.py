@@ -281,8 +281,9 @@ class AutopilotCheck:
             text += f". Sent instead: {', '.join(sorted(sent))}" if sent else ""
             return [Finding(ok=False, text=f"{text}. {self._cure(wanted)}".rstrip(". ") if not sent else text)]
         rate_hz = sent[wanted] / max(self._now_s - self._since_s, 1e-9)
-        text = f"{wanted}: {rate_hz:.1f} Hz"
-        found = [Finding(ok=rate_hz >= 1.0, text=text if rate_hz >= 1.0 else f"{text}; depth needs at least 1 Hz")]
+        text, ok = f"{wanted}: {rate_hz:.1f} Hz", rate_hz >= 1.0
+        short = f"{text}; depth needs at least 1 Hz. {self._cure(wanted)}".rstrip()
+        found = [Finding(ok=ok, text=text if ok else short)]
         problem = gauge.problem(self._now_s)
         if problem:
             return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]

@@ -14,7 +14,7 @@ from auv_lse_sim.emulated.ardupilot.personality import ROVER, SUB
 
 TABLE = tomllib.loads(Path(__file__).with_name("facts.toml").read_text())
 FACTS = TABLE["fact"]
-OWN = {"message", "hz"}
+OWN = {"message", "hz", "system", "within"}
 
 
 def bench_of(fact: dict[str, Any]) -> Bench:
@@ -40,6 +40,7 @@ def do(bench: Bench, step: str) -> None:
         "wait": lambda: bench.pass_s(*values),
         "silent": lambda: setattr(bench, "beats", False),
         "heard": lambda: setattr(bench, "beats", True),
+        "no_echo": lambda: setattr(bench.autopilot, "has_echo", False),
         "leak": lambda: setattr(bench.autopilot.failsafes, "leaks", True),
         "joystick": lambda: bench.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0), OPERATOR),
         "upload": lambda: bench.upload([(values[0], values[1])]),
@@ -52,7 +53,8 @@ def do(bench: Bench, step: str) -> None:
 
 def check(bench: Bench, expected: dict[str, Any], since: int, since_s: float) -> None:
     """Compares what was sent since entry `since` with one row of the column `expect`."""
-    said = [message for _, message in bench.said[since:] if message.get_srcSystem() == 1]
+    sender = expected.get("system", 1)
+    said = [message for _, message in bench.said[since:] if message.get_srcSystem() == sender]
     if "absent" in expected:
         assert expected["absent"] not in {message.get_type() for message in said}
     elif "text" in expected:
@@ -66,7 +68,7 @@ def check(bench: Bench, expected: dict[str, Any], since: int, since_s: float) ->
         if "hz" in expected:
             assert len(found) / (bench.now_s - since_s) == pytest.approx(expected["hz"], rel=0.2)
         fields = {name: getattr(found[-1], name) for name in expected if name not in OWN}
-        assert fields == pytest.approx({name: expected[name] for name in fields}, abs=0.01)
+        assert fields == pytest.approx({name: expected[name] for name in fields}, abs=expected.get("within", 0.01))
 
 
 @pytest.mark.parametrize("fact", [f for f in FACTS if "do" in f], ids=lambda fact: fact["what"])

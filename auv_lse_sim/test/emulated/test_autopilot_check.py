@@ -179,6 +179,15 @@ def test_the_pressure_that_is_sent_and_its_zero_are_reported() -> None:
     assert any(text.startswith("depth is zeroed at 960.0 hPa, where") and ok is None for text, ok in found().items())
 
 
+def test_a_pressure_that_comes_too_rarely_names_its_parameter() -> None:
+    sub = Sub()
+    sub.listen(5)
+    sub.say(mavlink.MAVLink_scaled_pressure2_message(1000, 960.0, 0.0, 1000))
+    texts = {finding.text: finding.ok for finding in sub.check.findings()}
+    cure = "Set SR0_RAW_SENS (MAV1_RAW_SENS since 4.8), then reboot"
+    assert texts[f"SCALED_PRESSURE2: 0.2 Hz; depth needs at least 1 Hz. {cure}"] is False, texts
+
+
 class Firmware(Sub):
     """An ArduPilot with all the parameters of a new one, under the names of 4.5 or of 4.8."""
 
