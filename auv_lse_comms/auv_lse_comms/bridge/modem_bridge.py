@@ -270,14 +270,8 @@ class ModemBridge:
         if self.tracks is None:
             return None
         slot_s, on_time = self.quality.slot_of(now_s, source, self._on_air_s)
-        candidate = Candidate(
-            stamp_s=now_s,
-            payload=payload,
-            packet=packet,
-            navigation=navigation,
-            track=self.tracks.take(now_s, source, packet, slot_s),
-            on_time=on_time,
-        )
+        track = self.tracks.take(now_s, source, packet, slot_s)
+        candidate = Candidate(now_s, payload, packet, navigation, track, on_time)
         self._waited += [(source, waited) for waited in self._contest.add(source, slot_s, candidate)]
         if not self.tracks.is_trusted(source, candidate.track):
             raise PacketError("implausible", f"source {source}: position or step does not follow its last packets")

@@ -22,7 +22,7 @@ MAX_CANDIDATES = 16
 WARY_SLOTS = 10
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Candidate:
     """A packet that may be its sender's packet of a slot.
 
