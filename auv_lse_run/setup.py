@@ -37,6 +37,7 @@ setup(
         "pyyaml",
         "rich",
         sibling("auv_lse_common"),
+        sibling("auv_lse_record"),
     ]
     if is_library
     else [],

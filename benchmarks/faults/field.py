@@ -24,8 +24,8 @@ from auv_lse_shore.remote.fleet_file import RemoteVehicle, read_fleet
 from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.ordering import delivered
 from benchmarks.faults.report import Report
+from benchmarks.field import on_air
 from benchmarks.field.faults import FAULTS, printed, team_on_deck
-from benchmarks.field.namespace import lossy_namespace
 from benchmarks.field.relay import Relay
 from benchmarks.field.side import EXECUTED
 from benchmarks.field.sshd import Computer, Field, lacks_sshd, side_command
@@ -69,8 +69,16 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     lines = ["| what | tried | as it should be | figures |", "|---|---|---|---|"]
     lost: list[str] = []
     tried = survived = 0
-    for part in (_orders, *((_lossy,) if options.packets else ()), _faults, _fetch):
-        name, of, good, figures, wrong = part(options, folder / part.__name__.strip("_"), say)
+    parts: dict[str, Callable[[argparse.Namespace, Path, Callable[[str], None]], Part]] = {}
+    if options.orders:
+        parts["orders"] = _orders
+    if options.packets:
+        parts["packets"] = on_air.orders
+    if options.orders:
+        parts["faults"] = _faults
+    parts["fetch"] = on_air.fetch if options.packets else _fetch
+    for key, part in parts.items():
+        name, of, good, figures, wrong = part(options, folder / key, say)
         lines.append(f"| {name} | {of} | {good} | {figures} |")
         tried, survived, lost = tried + of, survived + good, [*lost, *wrong]
     return Report(lines, tried=tried, survived=survived, lost=lost)
@@ -122,27 +130,6 @@ def _orders(options: argparse.Namespace, folder: Path, say: Callable[[str], None
         cut, all_ = (sum(made.counts[key] for made in relays) for key in ("cut", "connections"))
     figures = f"{cut} of {all_} connections cut; {took_s:.0f} s; longest until answered {worst_s:.1f} s"
     return f"orders at {100 * options.loss:.0f} % cuts", options.orders, options.orders - len(wrong), figures, wrong
-
-
-def _lossy(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Part:
-    """Orders over a link on which the kernel drops packets."""
-    field, chance, took_s = Field(folder), random.Random(options.seed), []
-    with lossy_namespace(options.loss) as (address, inside), field.computer("auv1", address, inside) as computer:
-        field.trust("auv1", computer.port, address)
-        at = {"host": address, "port": computer.port, "folder": str(computer.folder)}
-        file = field.fleet_file({"auv1": {**at, "command": side_command("benchmarks.field.side")}})
-        fleet, ledgers = read_fleet(file), LedgerFile(file)
-        for _ in range(options.packets):
-            with ledgers.changed() as ledger:
-                ledger.give("auv1", chance.choice(VERBS), utc_s())
-            began_s = time.monotonic()
-            delivered(fleet, fleet.vehicles, ledgers, _LONGEST_S)
-            took_s.append(time.monotonic() - began_s)
-        wrong = _wrong_orders(fleet.vehicles[0], computer, options.packets, ledgers)
-    say(f"{options.packets} orders over a link that drops packets")
-    figures = f"answered after {sorted(took_s)[len(took_s) // 2]:.1f} s (median), {max(took_s):.1f} s at most"
-    name = f"orders at {100 * options.loss:.0f} % of packets dropped each way"
-    return name, options.packets, options.packets - len(wrong), figures, wrong
 
 
 def _wrong_orders(vehicle: RemoteVehicle, computer: Computer, of: int, ledgers: LedgerFile) -> list[str]:

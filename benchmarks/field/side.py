@@ -43,8 +43,11 @@ class NotingActor:
         return ACTED, "noted"
 
     def state(self) -> dict[str, Any]:
-        """What the file says."""
+        """What the file says; a part with `stamp_s`, by the steady clock of this machine, has its true age."""
         found: dict[str, Any] = json.loads((self._folder / STATE).read_text()) if _runs(self._folder) else {}
+        for part in found.values():
+            if isinstance(part, dict) and "stamp_s" in part:
+                part["age_s"] = time.monotonic() - part["stamp_s"]
         return found
 
     def close(self) -> None:

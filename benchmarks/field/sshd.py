@@ -11,10 +11,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+
+from auv_lse_common.support.atomic_files import write_whole
 
 ROOT = Path(__file__).resolve().parents[2]
 _SSHD = shutil.which("sshd") or shutil.which("/usr/sbin/sshd")
@@ -69,7 +70,6 @@ def side_command(side: str = "auv_lse_run") -> str:
     return " ".join(["env", *(f"'{k}={v}'" for k, v in variables.items()), sys.executable, "-m", side])
 
 
-@dataclass(frozen=True, slots=True)
 class Computer:
     """The computer of one vehicle.
 
@@ -78,8 +78,29 @@ class Computer:
         folder: The vehicle's folder.
     """
 
-    port: int
-    folder: Path
+    def __init__(self, port: int, folder: Path, command: list[str], log: Path) -> None:
+        """Starts nothing yet.
+
+        Args:
+            port: Port of its sshd.
+            folder: The vehicle's folder.
+            command: What runs its sshd.
+            log: What that prints.
+        """
+        self.port, self.folder, self._command, self._log = port, folder, command, log
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """Starts its sshd, as booting does."""
+        with self._log.open("a") as log:
+            self._process = subprocess.Popen(self._command, stderr=log, stdin=subprocess.DEVNULL)
+        return self._process
+
+    def stop(self) -> None:
+        """Ends its sshd; sessions go on."""
+        assert self._process is not None
+        self._process.terminate()
+        self._process.wait()
 
 
 class Field:
@@ -98,10 +119,12 @@ class Field:
         _keygen(self._key)
         self.ssh_config = folder / "ssh_config"
         self.known_hosts = folder / "known_hosts"
-        self.ssh_config.write_text(
+        self._places: dict[str, str] = {}
+        self._config = (
             f"Host *\n    IdentityFile {self._key}\n    IdentitiesOnly yes\n    UserKnownHostsFile {self.known_hosts}\n"
             "    StrictHostKeyChecking yes\n    LogLevel ERROR\n"
         )
+        self.ssh_config.write_text(self._config)
         self.known_hosts.touch()
 
     @contextlib.contextmanager
@@ -122,18 +145,27 @@ class Field:
         if os.geteuid() == 0:
             Path("/run/sshd").mkdir(exist_ok=True)
         assert _SSHD is not None
-        with (folder / "sshd.log").open("w") as log:
-            command = [*prefix, _SSHD, "-D", "-e", "-f", str(folder / "sshd_config")]
-            process = subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL)
         own = self.folder / name
         own.mkdir(exist_ok=True)
+        command = [*prefix, _SSHD, "-D", "-e", "-f", str(folder / "sshd_config")]
+        computer = Computer(port, own, command, folder / "sshd.log")
+        process = computer.start()
         try:
             if not prefix:
                 _wait_for(address, port, process)
-            yield Computer(port, own)
+            yield computer
         finally:
-            process.terminate()
-            process.wait()
+            computer.stop()
+
+    def place(self, name: str, address: str) -> None:
+        """Makes the laptop find a computer by its name at an address, as a name server does, and know its host key."""
+        self._places[name] = address
+        hosts = "".join(f"Host {k}\n    HostName {v}\n    HostKeyAlias {k}\n" for k, v in self._places.items())
+        write_whole(self.ssh_config, hosts + self._config)
+        key = (self.folder / f"{name}.computer" / "host_key.pub").read_text()
+        if key not in self.known_hosts.read_text():
+            with self.known_hosts.open("a") as file:
+                file.write(f"{name} {key}")
 
     def trust(self, name: str, port: int, host: str = "127.0.0.1") -> None:
         """Makes the laptop know a computer's host key at an address, as after a first login."""

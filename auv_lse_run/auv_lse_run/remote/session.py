@@ -6,6 +6,7 @@ import os
 import select
 import shutil
 import time
+import zlib
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -150,6 +151,7 @@ class Session:
             "list": lambda _: {"files": self._folder.recordings(self._running())},
             "hash": lambda asked: {"sha256": sha256_of(self._folder.recording(asked["path"]))},
             "remove": self._remove,
+            "excerpt": self._excerpt,
         }
 
     def serve(self, stream: Stream) -> None:
@@ -170,7 +172,9 @@ class Session:
                 if asked.get("ask") == "get":
                     self._get(asked, stream)
                 else:
-                    stream.send(encoded(self.answer(asked)))
+                    answer = self.answer(asked)
+                    data = answer.pop("data", b"")
+                    stream.send(encoded(answer | ({"bytes": len(data)} if data else {})) + data)
         finally:
             self._actor.close()
 
@@ -275,6 +279,21 @@ class Session:
             raise FolderError(f"{asked['path']} belongs to the dive that runs.")
         self._folder.remove(asked["path"], asked["sha256"])
         return {"done": True}
+
+    def _excerpt(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """What a chart needs of the running dive's recording, compressed, from the laptop's cursor on.
+
+        Of a dive that has ended the rest is read.
+        """
+        from auv_lse_record.excerpt import Cursor, excerpt
+
+        cursor = Cursor.read(asked["cursor"])
+        running = self._running()
+        dive = Path(running) if running else self._folder.dive(cursor.dive)
+        if dive is None:
+            return {"cursor": {}, "more": False}
+        data, cursor, more = excerpt(dive, cursor, dict(asked["topics"]))
+        return {"cursor": cursor.values(), "more": more, "data": zlib.compress(data) if data else b""}
 
     def _get(self, asked: Mapping[str, Any], stream: Stream) -> None:
         """Sends a file from an offset on: a line with the number of bytes, then these."""

@@ -136,6 +136,11 @@ class VehicleFolder:
                 found.append({"path": path.relative_to(dives).as_posix(), "size": path.stat().st_size})
         return found
 
+    def dive(self, name: str) -> Path | None:
+        """The folder of a dive; None if there is none of that name."""
+        found = self.folder / DIVES / name
+        return found if _NAME.fullmatch(name) and found.is_dir() else None
+
     def recording(self, path: str) -> Path:
         """The file of a recording.
 

@@ -119,6 +119,10 @@ class Ledger:
         self._orders[vehicle] = [*(found for found in kept if found.number not in settled), order]
         return order
 
+    def last(self, vehicle: str) -> int:
+        """Number of the last order given to a vehicle; 0: none."""
+        return self._last.get(vehicle, 0)
+
     def drop(self, vehicle: str) -> list[Given]:
         """Open orders of a vehicle count no more; returns them."""
         found = [order for order in self.open(vehicle) if order.counts]

@@ -61,7 +61,7 @@ class RemoteSession:
         raise VehicleError(f"auv_lse does not answer there, only text. Try: {self._vehicle.login} true")
 
     def ask(self, what: str, wait_s: float, data: bytes = b"", **values: Any) -> dict[str, Any]:
-        """Asks, and returns the answer.
+        """Asks, and returns the answer; bytes that follow it are its value "data".
 
         Args:
             what: The request.
@@ -77,6 +77,10 @@ class RemoteSession:
         answer = self._message(wait_s)
         if "error" in answer:
             raise VehicleError(str(answer["error"]))
+        if size := int(answer.get("bytes", 0)):
+            answer["data"] = self._stream.block(size, wait_s)
+            if len(answer["data"]) < size:
+                raise LinkError(self._why("the link was lost"))
         return answer
 
     def bytes_of(self, path: str, offset: int, wait_s: float) -> Iterator[bytes]:

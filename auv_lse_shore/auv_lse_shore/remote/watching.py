@@ -13,29 +13,40 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_shore.live.viewers.server import served
+from auv_lse_shore.remote.chart import ChartError, TeamChart
 from auv_lse_shore.remote.checking import utc_s
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
 from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.ordering import delivered, sentence
 from auv_lse_shore.remote.picture import VehicleView
-from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
-from auv_lse_shore.remote.team_page import team_page
+from auv_lse_shore.remote.ssh import LinkError, RemoteSession, VehicleError, session
 
 _ANSWER_S, _RETRY_S = 15.0, 2.0
 _BELL = "\a"
+#: What `cells` has of each vehicle.
+COLUMNS = ("state", "north, east", "depth", "battery", "age", "link")
 
 
 class Watch:
     """Asks every vehicle for its state, each in a thread of its own."""
 
-    def __init__(self, fleet: FleetFile, vehicles: Sequence[RemoteVehicle], every_s: float) -> None:
+    def __init__(
+        self,
+        fleet: FleetFile,
+        vehicles: Sequence[RemoteVehicle],
+        every_s: float,
+        chart: TeamChart | None = None,
+    ) -> None:
         """Asks nothing yet.
 
         Args:
             fleet: The fleet file.
             vehicles: The vehicles.
             every_s: Time between questions to a vehicle (s).
+            chart: Gets excerpts of the vehicles' recordings; None: none are fetched.
         """
+        self.chart = chart
         self._fleet, self._vehicles, self._every_s = fleet, vehicles, every_s
         self.ledgers = LedgerFile(fleet.path)
         with self.ledgers.changed() as ledger:
@@ -65,7 +76,8 @@ class Watch:
                         answer = found.ask("state", _ANSWER_S)
                         view.answer, view.asked_s, view.trouble = answer, asked_s, ""
                         self.asked[vehicle.name].set()
-                        self._over.wait(self._every_s)
+                        self._follow_recording(found, vehicle.name, asked_s + self._every_s)
+                        self._over.wait(max(asked_s + self._every_s - time.monotonic(), 0.0))
                 if self._is_due(vehicle.name):  # in a session of its own: an order is fresh only then
                     delivered(self._fleet, [vehicle], self.ledgers, 0.0)
                     self._over.wait(self._every_s)
@@ -73,6 +85,18 @@ class Watch:
                 view.trouble = str(error)
                 self.asked[vehicle.name].set()
                 self._over.wait(_RETRY_S)
+
+    def _follow_recording(self, found: RemoteSession, name: str, until_s: float) -> None:
+        """Fetches what the recording has that the chart lacks: one excerpt, and more until `until_s`."""
+        if self.chart is None:
+            return
+        try:
+            while self.chart.take(name, found.ask("excerpt", _ANSWER_S, **self.chart.request(name))):
+                if time.monotonic() >= until_s or self._over.is_set():
+                    break
+            self.chart.trouble.pop(name, None)
+        except (ChartError, VehicleError) as error:
+            self.chart.trouble[name] = str(error)
 
     def _is_due(self, name: str) -> bool:
         return bool(self.ledgers.read().due(name))
@@ -91,10 +115,12 @@ def watch(
         page: Port of the page; None: no page.
     """
     console = Console()
-    with Watch(fleet, vehicles, every_s) as found, ExitStack() as stack:
+    with ExitStack() as stack:
+        chart = None
         if page is not None:
-            address = stack.enter_context(team_page(lambda: page_picture(found, time.monotonic()), page))
-            print(f"the team's page: {address}", flush=True)
+            chart = stack.enter_context(TeamChart(fleet.path.stem, [vehicle.number for vehicle in vehicles]))
+            print(f"the team's page: {stack.enter_context(served(chart.timeline, page))}", flush=True)
+        found = stack.enter_context(Watch(fleet, vehicles, every_s, chart))
         if once:
             for asked in found.asked.values():
                 asked.wait(60.0)
@@ -104,11 +130,13 @@ def watch(
         with Live(console=console, auto_refresh=False, screen=console.is_terminal and page is None) as live:
             while True:
                 table, lines = _shown(found, time.monotonic())
+                if chart is not None:
+                    chart.timeline.set_state(team=page_picture(found, time.monotonic()))
                 if set(lines) - known and console.is_terminal:
                     console.file.write(_BELL)
                 known = set(lines)
                 live.update(_stacked(table, lines), refresh=True)
-                time.sleep(1.0 if console.is_terminal else max(every_s, 5.0))
+                time.sleep(1.0 if console.is_terminal or chart is not None else max(every_s, 5.0))
 
 
 def _print(console: Console, found: Watch) -> int:
@@ -130,7 +158,7 @@ def _stacked(table: Table, lines: Sequence[str]) -> Table:
 def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
     """The table, and a line per alarm and per open order."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("vehicle", "state", "north, east", "depth", "battery", "age", "link"):
+    for column in ("vehicle", *COLUMNS):
         table.add_column(column, no_wrap=True)
     lines = []
     ledger = found.ledgers.read()
@@ -139,18 +167,19 @@ def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
         table.add_row(name, *cells(view, now_s))
         lines += [f"{name}: {text}" for text in view.alarms(now_s)]
         lines += [f"{name}: {sentence(order, view.trouble)}" for order in ledger.open(name)]
+        if found.chart is not None and name in found.chart.trouble:
+            lines.append(f"{name}: {found.chart.trouble[name]}")
     return table, lines
 
 
 def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
-    """What the page shows."""
+    """What the page shows beside the chart: a row for each vehicle, and lines of alarms and open orders."""
     vehicles = []
     for name, view in found.views.items():
         position, row = view.position(now_s), cells(view, now_s)
-        shown = {"name": name, "cells": [row[0], *row[2:]], "position": None if position is None else position[:2]}
-        path = view.part("path").get("north_east_m") or []
-        vehicles.append({**shown, "expected": position is not None and position[2], "path": path})
-    return {"vehicles": vehicles, "lines": _shown(found, now_s)[1]}
+        expected = list(position[:2]) if position is not None and position[2] else None
+        vehicles.append({"number": int(name.removeprefix("auv")), "cells": row, "expected": expected})
+    return {"columns": list(COLUMNS), "vehicles": vehicles, "lines": _shown(found, now_s)[1]}
 
 
 def cells(view: VehicleView, now_s: float) -> list[str]:

@@ -17,6 +17,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
+from auv_lse_record.growing_file import RecordingFile
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources import running
@@ -26,7 +27,7 @@ from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.map_layers import OUTSIDE, LayerCoder, scales_of, thinning
 from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import POINTS_PER_LEG, PlanLines
-from auv_lse_shore.live.sources.recording import RecordingFile, find_parameters
+from auv_lse_shore.live.sources.recording import find_parameters
 from auv_lse_shore.live.sources.timeline import Timeline
 
 

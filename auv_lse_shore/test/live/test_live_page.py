@@ -291,6 +291,41 @@ def test_while_events_arrive_it_draws_seldom(browser, serving):
     browser.wait("document.getElementById('state').textContent === 'recording'")
 
 
+def test_a_watched_team_has_a_table_alarms_with_a_sound_and_expected_positions(browser, serving):
+    cells = ["RUNNING", "120, 90 expected", "5.0 m", "80 %", "340 s", "under water"]
+    rows = [
+        {"number": 1, "cells": ["RUNNING", "3, 4", "0.2 m", "80 %", "1 s", "up"], "expected": None},
+        {"number": 2, "cells": cells, "expected": [120.0, 90.0]},
+    ]
+    team = {"columns": ["state", "north, east", "depth", "battery", "age", "link"], "vehicles": rows, "lines": []}
+    browser.ask(
+        "window.drawnTexts = new Set(); window.tones = 0;"
+        "const draw = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {"
+        " drawnTexts.add(text); return draw.call(this, text, ...more); };"
+        "const start = OscillatorNode.prototype.start;"
+        "OscillatorNode.prototype.start = function () { tones++; return start.call(this); }"
+    )
+    assert browser.ask("document.getElementById('team').hidden"), "a single mission has no table"
+    serving.timeline.set_state(source="team", growing=True, team=team)
+    browser.wait("document.getElementById('team').textContent.includes('under water')")
+    assert "auv2RUNNING120, 90 expected" in text(browser, "team").replace(" auv2", "auv2")
+    browser.ask("liveView.player.follow()")
+    browser.wait("drawnTexts.has('2 expected')", "the vehicle that is away is marked")
+    assert not browser.ask("drawnTexts.has('1 expected')")
+    browser.ask("document.getElementById('sound').click()")
+    before = browser.ask("tones")
+    serving.timeline.set_state(team={**team, "lines": ["auv1: ABORTED: leak"]})
+    browser.wait("document.querySelector('#team [role=alert]').textContent === 'auv1: ABORTED: leak'")
+    assert browser.ask("tones") == before + 1
+    serving.timeline.set_state(team={**team, "lines": ["auv1: ABORTED: leak"], "vehicles": rows[::-1]})
+    browser.wait("document.querySelector('#team tbody').textContent.trim().startsWith('auv2')")
+    assert browser.ask("tones") == before + 1, "an alarm that is known makes no sound"
+    serving.timeline.set_state(source="recording", growing=False, team=None)
+    browser.wait("document.getElementById('team').hidden")
+    at(browser, 200.0)
+
+
 def test_text_is_legible_in_both_themes(browser):
     def luminance(color):
         parts = [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]

@@ -67,9 +67,15 @@ class MissionEvents:
         last_s: Stamp (s) of the last message taken of each topic.
     """
 
-    def __init__(self, settings: Settings) -> None:
-        """Takes the mission file."""
+    def __init__(self, settings: Settings, maps_on_request: bool = False) -> None:
+        """Takes the mission file.
+
+        Args:
+            settings: The mission file.
+            maps_on_request: Whether maps that vehicles do not publish are computed by `newest_maps` only.
+        """
         self._settings = settings
+        self._maps_on_request = maps_on_request
         self._area = OperatingArea(settings.area)
         self._scales = scales_of(settings.level_set.level_m, settings.level_set.largest_risk)
         self._lines: dict[int, PlanLines] = {}
@@ -110,7 +116,7 @@ class MissionEvents:
     # ------------------------------------------------------------------ positions
 
     def _pose(self, vehicle: int, stamp_s: float, odometry: Odometry) -> list[Event]:
-        maps = self._own_map(vehicle, stamp_s)
+        maps = [] if self._maps_on_request else self._own_map(vehicle, stamp_s)
         if not self._is_due(f"pose {vehicle}", stamp_s, _TRACK_S):
             return maps
         self._event_s[f"pose {vehicle}"] = stamp_s
@@ -153,6 +159,11 @@ class MissionEvents:
             return []
         layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
         return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)]
+
+    def newest_maps(self) -> list[Event]:
+        """The map of each vehicle of which there are new soundings or samples, at its last position's time."""
+        due = {k: self.last_s.get(f"/auv{k}/odometry") for k, own in self._own_maps.items() if own.has_news}
+        return [event for k, at_s in due.items() if at_s is not None for event in self._own_map(k, at_s)]
 
     def _map(self, vehicle: int, stamp_s: float, field: FieldReport) -> list[Event]:
         self._map_of(vehicle).stop()

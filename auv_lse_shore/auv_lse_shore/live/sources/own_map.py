@@ -31,6 +31,11 @@ class OwnMap:
         self._made_s = -math.inf
         self.stopped = False
 
+    @property
+    def has_news(self) -> bool:
+        """Whether soundings or samples have come since the last map."""
+        return bool(self._waiting)
+
     def stop(self) -> None:
         """Stops computing: the vehicle publishes its own map."""
         self.stopped = True

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_record.growing_file import RecordingFile
 from auv_lse_record.recording import RecordingError
 from auv_lse_run.process.domain import busy_domains, dive_on, run_on
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.events import MissionEvents, seconds, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
-from auv_lse_shore.live.sources.recording import RecordingFile
 from auv_lse_shore.live.sources.timeline import Timeline
 
 #: Period (s of wall clock) of the search for a mission.

@@ -30,6 +30,7 @@ MODULES = (
     "alarms.js",
     "vehicles.js",
     "commands.js",
+    "team.js",
     "main.js",
 )
 _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)

@@ -11,10 +11,13 @@ It is the address's fragment, which browsers do not send; the page sends it in a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
 import json
 import secrets
 import socket
+import threading
+from collections.abc import Iterator
 from typing import Any
 
 import tornado.httpserver
@@ -107,6 +110,35 @@ class LiveServer:
         """Stops listening and closes every connection."""
         self._server.stop()
         await self._server.close_all_connections()
+
+
+@contextlib.contextmanager
+def served(timeline: Timeline, port: int) -> Iterator[str]:
+    """A context with a server of the page in a thread of its own; the value is its address.
+
+    Args:
+        timeline: The events to serve.
+        port: TCP port, 0 for any free port.
+
+    Raises:
+        PortTakenError: if the port is in use or not allowed.
+    """
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    async def begin() -> LiveServer:
+        return LiveServer(timeline, port)
+
+    try:
+        server = asyncio.run_coroutine_threadsafe(begin(), loop).result()
+        try:
+            yield server.url
+        finally:
+            asyncio.run_coroutine_threadsafe(server.close(), loop).result(5.0)
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5.0)
 
 
 class _Guard(tornado.web.RequestHandler):

@@ -110,6 +110,7 @@ function nameOf(text) {
 }
 
 function ofSilence(store, vehicle) {
+  if (store.team) return []; // a vehicle under water is silent; the team's lines name one that should not be
   const list = store.list("pose", vehicle), found = [], alarm = (from, to) => found.push({ from: from + SILENT_S, to, level: "error", text: "silent" });
   for (let i = 1; i < list.length; i++) if (list[i].t - list[i - 1].t > SILENT_S) alarm(list[i - 1].t, list[i].t);
   const last = list[list.length - 1], finished = store.at("status", "", Infinity)?.state === "finished";

@@ -12,6 +12,7 @@ import { Measure } from "./measure.js";
 import { Player } from "./player.js";
 import { SlotView } from "./slots.js";
 import { Store } from "./store.js";
+import { TeamView } from "./team.js";
 import { VehicleCards } from "./vehicles.js";
 
 const $ = (id) => document.getElementById(id);
@@ -22,6 +23,7 @@ const cards = new VehicleCards($("vehicles"), store, (vehicle) => choose(vehicle
 const reward = new Chart($("reward"), store, rewardCurves, (t) => player.seek(t));
 const risk = new Chart($("risk"), store, riskCurves, (t) => player.seek(t));
 const alarms = new Alarms($("alarms"), store, (t) => player.seek(t));
+const team = new TeamView($("team"), $("sound"));
 const commands = new Commands($("commands"), $("confirm"), store, () => link?.name);
 let link = null, source = { connection: "connecting" }, begun = null, drawn = "", drawnChanges = 0, drawnAt = 0, lastFrame = performance.now();
 const LOADING_MS = 500; // time between two drawings while many events arrive: drawing each time would hold them up
@@ -266,6 +268,8 @@ function frame(now) {
     [drawn, drawnChanges, drawnAt] = [state, store.changes, now];
     describeState();
     commands.update(source, map.vehicle);
+    store.team = source.team ?? null;
+    team.update(source.team, source.connection === "lost");
     if (store.facts) {
       describeMission();
       describeTime();

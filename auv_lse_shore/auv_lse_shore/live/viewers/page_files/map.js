@@ -372,8 +372,9 @@ export class MapView {
   drawVehicle(c, p, vehicle, t) {
     const pose = this.store.pose(vehicle, t);
     if (!pose) return;
-    const x = p.x(pose.east), y = p.y(pose.north);
+    const x = p.x(pose.east), y = p.y(pose.north), expected = t > this.store.lastS - 1 ? this.store.expected(vehicle) : null;
     c.save();
+    if (expected) c.globalAlpha = 0.45; // where it was when it was last in reach
     c.translate(x, y);
     c.rotate(pose.heading);
     c.beginPath();
@@ -392,7 +393,14 @@ export class MapView {
     c.stroke();
     c.fill();
     c.restore();
-    label(c, String(vehicle), x + 13, y - 11);
+    if (!expected) return label(c, String(vehicle), x + 13, y - 11);
+    const [X, Y] = [p.x(expected[1]), p.y(expected[0])];
+    c.beginPath();
+    c.arc(X, Y, 9, 0, 7);
+    c.setLineDash([4, 3]);
+    strokeWithCasing(c, "#ffffff", 5, vehicleColor(vehicle), 2.6);
+    c.setLineDash([]);
+    label(c, `${vehicle} expected`, X + 13, Y - 11);
   }
 
   // ------------------------------------------------------------------ axes and words

@@ -4,6 +4,7 @@ export const OUTSIDE = 255;
 
 export class Store {
   constructor() {
+    this.team = null; // what auv_lse fleet watch knows of the vehicles, else null
     this.begin(null);
   }
 
@@ -83,6 +84,11 @@ export class Store {
     const part = (t - before.t) / (after.t - before.t || 1), mix = (name) => before[name] + part * (after[name] - before[name]);
     const turn = ((after.heading - before.heading + 3 * Math.PI) % (2 * Math.PI)) - Math.PI;
     return { ...before, north: mix("north"), east: mix("east"), heading: before.heading + part * turn };
+  }
+
+  // Where a vehicle of a watched team is expected while it is away: north, east; null if it is not away.
+  expected(vehicle) {
+    return this.team?.vehicles.find((v) => v.number === vehicle)?.expected ?? null;
   }
 
   value(layer, byte) {

@@ -80,7 +80,7 @@ export class VehicleCards {
   health(vehicle, t, pose) {
     if (!pose) return { level: "unknown", notes: [] };
     const finished = this.store.at("status", "", t)?.state === "finished";
-    if (!finished && t - pose.t > SILENT_S) return { level: "silent", notes: [`silent for ${number(t - pose.t)} s`] };
+    if (!finished && !this.store.team && t - pose.t > SILENT_S) return { level: "silent", notes: [`silent for ${number(t - pose.t)} s`] };
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
     if (t >= missionEndS(this.store)) nodes.delete(PLANNER);

@@ -1,0 +1,169 @@
+"""The team's chart: excerpts of the vehicles' recordings, as the events of the live page.
+
+Each vehicle's excerpts become a recording of its own on the laptop, in a temporary folder. So what a vehicle recorded
+while it was away is filled in when it is back, and maps are computed here, from soundings: over the link, a map would
+be a hundred times larger than the soundings that it is made of.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import time
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.mission_file.parameter_file import parse_parameters
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.retired import without_retired
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.table import VEHICLE_TOPICS, full_name
+from auv_lse_record.growing_file import MAGIC, RecordingFile
+from auv_lse_record.recording import MISSION_FILE, RecordingError
+from auv_lse_shore.live.sources.events import MissionEvents
+from auv_lse_shore.live.sources.facts import mission_facts
+from auv_lse_shore.live.sources.timeline import Timeline
+
+#: Shortest time (s) between two messages of a topic that are fetched. Maps are computed on the laptop; health comes
+#: with the vehicle's state.
+_PERIODS = {
+    "odometry": 2.0, "sounding": 1.0, "mission/state": 2.0, "plan": 0.0, "planner/bound": 0.0,
+    "modem/tx": 0.0, "modem/rx": 0.0, "team/samples": 0.0, "tdma": 10.0,
+}  # fmt: skip
+#: Time (s) between two looks at what has come, and that maps may take of each second.
+_LOOK_S, _MAP_SHARE = 0.5, 0.3
+#: Largest excerpt (bytes), unpacked: no vehicle's software sends more.
+_MOST_BYTES = 50_000_000
+
+
+class ChartError(ValueError):
+    """What a vehicle sent is no excerpt."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """What is known of one vehicle's dive: its files here, and how far they have got."""
+
+    cursor: dict[str, Any] = field(default_factory=dict)
+    paths: list[Path] = field(default_factory=list)
+    files: list[RecordingFile] = field(default_factory=list)
+
+
+class TeamChart:
+    """Fills a timeline from excerpts; a context manager, whose thread does that.
+
+    Attributes:
+        timeline: What the page shows.
+        trouble: Why the chart is incomplete, by vehicle.
+    """
+
+    def __init__(self, name: str, vehicles: Sequence[int]) -> None:
+        """Has nothing yet.
+
+        Args:
+            name: Title of the page.
+            vehicles: Numbers of the vehicles.
+        """
+        self.timeline, self.trouble = Timeline(), dict[str, str]()
+        self._name, self._tracks = name, {f"auv{k}": _Track() for k in vehicles}
+        self._lock, self._over, self._renewed = threading.Lock(), threading.Event(), False
+        self._events: MissionEvents | None = None
+        self._mapped_s = -1e9
+        self._map_took_s = 0.0
+        self.timeline.set_state(source="team", growing=True, waiting="waiting for the vehicles’ recordings")
+
+    def __enter__(self) -> TeamChart:
+        """Begins."""
+        self._folder = tempfile.TemporaryDirectory(prefix="auv_lse_watch_")
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends, and removes its files."""
+        self._over.set()
+        self._thread.join()
+        self._folder.cleanup()
+
+    def request(self, name: str) -> dict[str, Any]:
+        """The values of the next request for an excerpt of a vehicle ("auv2")."""
+        number = int(name.removeprefix("auv"))
+        topics = {full_name(VEHICLE_TOPICS[topic], number): period_s for topic, period_s in _PERIODS.items()}
+        return {"cursor": self._tracks[name].cursor, "topics": {MISSION_FILE: 0.0, **topics}}
+
+    def take(self, name: str, answer: Mapping[str, Any]) -> bool:
+        """Takes a vehicle's answer; returns whether there is more.
+
+        Raises:
+            ChartError: if it is no excerpt.
+        """
+        track, cursor = self._tracks[name], answer.get("cursor")
+        try:
+            unpacker, packed = zlib.decompressobj(), answer.get("data", b"")
+            data = unpacker.decompress(packed, _MOST_BYTES)
+            if not isinstance(cursor, dict) or (packed and not unpacker.eof):
+                raise ValueError("no cursor, cut off, or too large")
+        except (ValueError, TypeError, zlib.error) as error:
+            raise ChartError(f"its excerpt of the recording is damaged ({error})") from error
+        if not cursor:  # it has no dive; what is shown of the last one stays
+            return False
+        with self._lock:
+            if cursor.get("dive") != track.cursor.get("dive") and track.paths:
+                track.paths, track.files, self._renewed = [], [], True
+            if (cursor.get("dive"), cursor.get("file")) != (track.cursor.get("dive"), track.cursor.get("file")):
+                path = Path(self._folder.name) / f"{name}-{time.monotonic_ns()}.mcap"
+                path.write_bytes(MAGIC)
+                track.paths.append(path)
+                track.files.append(RecordingFile(path))
+            if data:
+                with track.paths[-1].open("ab") as file:
+                    file.write(data)
+            track.cursor = cursor
+        return bool(answer.get("more"))
+
+    def _work(self) -> None:
+        while not self._over.wait(_LOOK_S):
+            with self._lock:
+                renewed, self._renewed = self._renewed, False
+                if renewed:  # of a vehicle with a new dive, the old one is not shown any more
+                    self._events = None
+                    for track in self._tracks.values():
+                        track.files = [RecordingFile(path) for path in track.paths]
+                files = {name: list(track.files) for name, track in self._tracks.items()}
+            for name, found in files.items():
+                try:
+                    self._read(name, found)
+                except (RecordingError, ParameterError) as error:
+                    self.trouble[name] = f"its recording cannot be shown: {error}"
+            self._add_maps()
+
+    def _read(self, name: str, files: Sequence[RecordingFile]) -> None:
+        topics = frozenset(self.request(name)["topics"])
+        for file in files:
+            events = []
+            for topic, message in file.messages(topics):
+                if topic == MISSION_FILE:
+                    self._begin(str(message.data))
+                elif self._events is not None:
+                    events += self._events.take(topic, message)
+            self.timeline.add(events)
+
+    def _begin(self, text: str) -> None:
+        """Begins the timeline with the first vehicle's mission file; that of the others is the same."""
+        if self._events is None:
+            where = "the recorded mission file"
+            settings = Settings.from_patterns(without_retired(parse_parameters(text, where)), where)
+            self._events = MissionEvents(settings, maps_on_request=True)
+            self.timeline.begin(mission_facts(settings, name=self._name, simulated=False))
+
+    def _add_maps(self) -> None:
+        """Adds the newest maps, unless they would take too much of this computer's time."""
+        began_s = time.monotonic()
+        if self._events is None or began_s - self._mapped_s < self._map_took_s / _MAP_SHARE:
+            return
+        self.timeline.add(self._events.newest_maps())
+        self._mapped_s = time.monotonic()
+        self._map_took_s = self._mapped_s - began_s
