@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -69,9 +70,9 @@ def test_a_topic_is_thinned_and_the_rest_is_left_out(recorded, tmp_path) -> None
     found = messages(tmp_path / "joined.mcap", files[0], [ODOMETRY, SOUNDING])
     assert {topic for topic, _ in found} == {ODOMETRY}
     stamps = [at_ns for _, at_ns in found]
-    assert min(b - a for a, b in zip(stamps, stamps[1:], strict=False)) >= 5e9
-    assert len(stamps) > 30
-    assert sum(map(len, files[0])) < 0.05 * recorded.stat().st_size
+    assert min(b - a for a, b in pairwise(stamps)) >= 5e9
+    whole = sum(1 for _ in RecordingFile(recorded).messages(frozenset([ODOMETRY])))
+    assert 30 < len(stamps) < whole / 4
 
 
 def test_a_restarted_recorder_and_a_new_dive_are_followed(recorded, tmp_path) -> None:

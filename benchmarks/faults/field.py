@@ -1,7 +1,8 @@
 """A field day's faults: orders over a link that cuts, ten faults that check or watch has to name, and a fetch.
 
 The vehicles' computers are real sshd processes on this machine. Orders go to a vehicle that notes what it executes. A
-relay cuts connections at a random byte. With `--packets`, the kernel drops packets of a link to a network namespace.
+relay cuts connections at a random byte. With `--packets`, each vehicle has a network namespace behind a link that loses
+and delays packets, and outages, new addresses, reboots and dying laptops happen. `--dive` flies a whole simulated day.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from auv_lse_shore.remote.checking import utc_s
 from auv_lse_shore.remote.fleet_file import RemoteVehicle, read_fleet
 from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.ordering import delivered
-from benchmarks.faults.report import Report
-from benchmarks.field import on_air
+from benchmarks.faults.report import Part, Report
+from benchmarks.field import dive, on_air
 from benchmarks.field.faults import FAULTS, printed, team_on_deck
 from benchmarks.field.relay import Relay
 from benchmarks.field.side import EXECUTED
@@ -39,30 +40,37 @@ _LONGEST_S = 600.0
 def arguments(p: argparse.ArgumentParser) -> None:
     """Adds the options."""
     p.add_argument(
-        "--orders", type=whole_from(1), default=1000, metavar="N", help="orders of all kinds (default: 1000)"
+        "--orders", type=whole_from(0), default=1000, metavar="N", help="orders of all kinds (default: 1000)"
     )
     p.add_argument(
         "--packets",
         type=whole_from(0),
         default=0,
         metavar="N",
-        help="orders to a network namespace whose packets are dropped, as root (default: 0)",
+        help="orders to network namespaces whose packets are lost; the fetch goes there, too; as root (default: 0)",
     )
     p.add_argument(
-        "--loss", type=float, default=0.3, metavar="P", help="share of connections cut, of packets dropped (0.3)"
+        "--loss", type=float, default=0.3, metavar="P", help="share of connections cut, of packets lost (0.3)"
     )
     p.add_argument("--delay", type=float, default=0.0, metavar="S", help="one-way delay of the link (default: 0 s)")
     p.add_argument(
-        "--fetch-mb", type=whole_from(1), default=50, metavar="MB", help="size of the recording (default: 50)"
+        "--fetch-mb", type=whole_from(0), default=50, metavar="MB", help="size of the recording (default: 50; 0: none)"
     )
-    p.add_argument("--outage", type=float, default=5.0, metavar="S", help="length of each outage in the fetch (5 s)")
+    p.add_argument("--outage", type=float, default=5.0, metavar="S", help="length of each outage (default: 5 s)")
+    p.add_argument(
+        "--dive",
+        type=whole_from(0),
+        default=0,
+        metavar="N",
+        help="vehicles of a simulated day, from check to certificate, in some minutes (default: 0, none)",
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """Gives orders, injects faults and fetches.
 
     Raises:
-        RuntimeError: without sshd.
+        RuntimeError: without sshd, or without what an option needs.
     """
     if problem := lacks_sshd():
         raise RuntimeError(problem)
@@ -74,17 +82,16 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         parts["orders"] = _orders
     if options.packets:
         parts["packets"] = on_air.orders
-    if options.orders:
-        parts["faults"] = _faults
-    parts["fetch"] = on_air.fetch if options.packets else _fetch
+    parts["faults"] = _faults
+    if options.fetch_mb:
+        parts["fetch"] = on_air.fetch if options.packets else _fetch
+    if options.dive:
+        parts["dive"] = dive.part
     for key, part in parts.items():
         name, of, good, figures, wrong = part(options, folder / key, say)
         lines.append(f"| {name} | {of} | {good} | {figures} |")
         tried, survived, lost = tried + of, survived + good, [*lost, *wrong]
     return Report(lines, tried=tried, survived=survived, lost=lost)
-
-
-Part = tuple[str, int, int, str, list[str]]
 
 
 @contextlib.contextmanager

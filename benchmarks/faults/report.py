@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+#: A row of a table: what was done, how often, how often it went well, figures, and what went wrong.
+Part = tuple[str, int, int, str, list[str]]
+
 
 @dataclass(frozen=True)
 class Report:

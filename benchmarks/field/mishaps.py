@@ -1,4 +1,4 @@
-"""What befalls a field day on the air: outages, other addresses, reboots, and laptops that die in the middle of a command."""
+"""What befalls a field day on the air: outages, other addresses, reboots, laptops that die during a command."""
 
 from __future__ import annotations
 

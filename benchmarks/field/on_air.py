@@ -20,12 +20,12 @@ from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle, read_fleet
 from auv_lse_shore.remote.ledger_file import LedgerFile
 from auv_lse_shore.remote.ordering import delivered
 from auv_lse_shore.remote.watching import Watch
+from benchmarks.faults.report import Part
 from benchmarks.field.mishaps import AgeCheck, Mishaps, killed_laptop, write_state
 from benchmarks.field.namespace import Namespace, Radio, namespaces
 from benchmarks.field.side import EXECUTED
 from benchmarks.field.sshd import Computer, Field, side_command
 
-Part = tuple[str, int, int, str, list[str]]
 Say = Callable[[str], None]
 #: Vehicles to which orders are given at the same time.
 _VEHICLES = 5
@@ -57,61 +57,72 @@ def orders(options: argparse.Namespace, folder: Path, say: Say) -> Part:
     """Orders of all kinds over a bad link, while things go wrong: each takes effect once, and its outcome is known."""
     count = min(_VEHICLES, options.packets)
     with _fleet(folder, count, options.seed, "benchmarks.field.side") as (field, radio, there, file_of):
-        file, watched = file_of("fleet.yaml"), file_of("watched.yaml")
-        fleet, ledgers, computers = read_fleet(file), LedgerFile(file), [computer for _, computer in there]
+        fleet, watched = read_fleet(file_of("fleet.yaml")), read_fleet(file_of("watched.yaml"))
+        computers = [computer for _, computer in there]
         for computer in computers:
             write_state(computer)
         radio.set(loss=options.loss, delay_s=options.delay)
-        began_s, took_s, deaths = time.monotonic(), list[float](), list[str]()
-        left, lock = iter(range(options.packets)), threading.Lock()
-
-        def give(vehicle: RemoteVehicle) -> None:
-            chance = random.Random(f"{options.seed} {vehicle.name}")
-            while True:
-                with lock:
-                    number = next(left, None)
-                if number is None:
-                    return
-                given_s, dies = time.monotonic(), chance.random() < _LAPTOP_DIES
-                _give(fleet, vehicle, ledgers, chance, dies)
-                with lock:
-                    took_s.append(time.monotonic() - given_s)
-                    deaths.extend([vehicle.name] * dies)
-                    if len(took_s) % 20 == 0:
-                        say(f"{len(took_s)} of {options.packets} orders on air")
-
-        with Watch(read_fleet(watched), read_fleet(watched).vehicles, 1.0) as watch, AgeCheck(watch, computers) as ages:
-            with Mishaps(field, radio, there, options.outage, options.seed) as mishaps:
-                with ThreadPoolExecutor(count) as pool:
-                    list(pool.map(give, fleet.vehicles))
+        operator, began_s = _Operator(fleet, options.packets, options.seed, say), time.monotonic()
+        watch = Watch(watched, watched.vehicles, 1.0)
+        mishaps = Mishaps(field, radio, there, options.outage, options.seed)
+        with watch, AgeCheck(watch, computers) as ages, mishaps, ThreadPoolExecutor(count) as pool:
+            list(pool.map(operator.give_all, fleet.vehicles))
         again, total, wrong = 0, 0, []
         for vehicle, computer in zip(fleet.vehicles, computers, strict=True):
-            given, repeated, found = _wrong_orders(vehicle, computer, ledgers)
+            given, repeated, found = _wrong_orders(vehicle, computer, operator.ledgers)
             again, total, wrong = again + repeated, total + given, wrong + found
-        if low := [margin for margin in ages.margins_s if margin < 0.0]:
-            wrong.append(f"{len(low)} states were older than shown, by {-min(low):.3f} s")
-    befell = ", ".join(f"{n} x {kind}" for kind, n in sorted(mishaps.counts.items()))
+    low = [margin for margin in ages.margins_s if margin < 0.0]
+    wrong += [f"{len(low)} states were older than shown, by {-min(low):.3f} s"] if low else []
+    befell, took_s = ", ".join(f"{n} x {kind}" for kind, n in sorted(mishaps.counts.items())), sorted(operator.took_s)
     figures = (
-        f"{count} vehicles; {befell}, {len(deaths)} x laptop killed; answered after {sorted(took_s)[len(took_s) // 2]:.1f} s "
-        f"(median), {max(took_s):.0f} s at most; {again} executed again after a reboot; {time.monotonic() - began_s:.0f} s; "
-        f"{len(ages.margins_s)} ages shown, none too small, {max(ages.margins_s, default=0.0):.1f} s too large at most"
+        f"{count} vehicles, {time.monotonic() - began_s:.0f} s; {befell}, {operator.deaths} x laptop killed; answered "
+        f"after {took_s[len(took_s) // 2]:.1f} s (median), {took_s[-1]:.0f} s at most; {again} executed again after a "
+        f"reboot; {len(ages.margins_s)} ages shown, {len(low)} too small, at most "
+        f"{max(ages.margins_s, default=0.0):.1f} s too large"
     )
     name = f"orders at {100 * options.loss:.0f} % of packets lost and {1000 * options.delay:.0f} ms, each way"
     return name, total, total - len(wrong), figures, wrong
 
 
-def _give(
-    fleet: FleetFile, vehicle: RemoteVehicle, ledgers: LedgerFile, chance: random.Random, laptop_dies: bool
-) -> None:
-    """Gives an order and waits until it is settled; a laptop that dies leaves that to its next command."""
-    verb = chance.choice(VERBS)
-    if laptop_dies:
-        words = [verb, vehicle.name, "--wait", "600", *(["--anyway"] if verb == "go" else [])]
-        killed_laptop(fleet.path, words, chance.uniform(0.3, 15.0))
-    else:
-        with ledgers.changed() as ledger:
-            ledger.give(vehicle.name, verb, utc_s())
-    delivered(fleet, [vehicle], ledgers, _LONGEST_S)
+class _Operator:
+    """Gives orders to vehicles, and waits for the outcome of each.
+
+    Attributes:
+        ledgers: The laptop's ledger.
+        took_s: How long each order took.
+        deaths: How often the laptop died.
+    """
+
+    def __init__(self, fleet: FleetFile, count: int, seed: int, say: Say) -> None:
+        self._fleet, self._count, self._seed, self._say = fleet, count, seed, say
+        self._left, self._lock = iter(range(count)), threading.Lock()
+        self.ledgers, self.took_s, self.deaths = LedgerFile(fleet.path), list[float](), 0
+
+    def give_all(self, vehicle: RemoteVehicle) -> None:
+        """Gives orders to one vehicle until all have been given to one."""
+        chance = random.Random(f"{self._seed} {vehicle.name}")
+        while True:
+            with self._lock:
+                if next(self._left, None) is None:
+                    return
+            given_s, dies = time.monotonic(), chance.random() < _LAPTOP_DIES
+            self._give(vehicle, chance, dies)
+            with self._lock:
+                self.took_s.append(time.monotonic() - given_s)
+                self.deaths += dies
+                if len(self.took_s) % 20 == 0:
+                    self._say(f"{len(self.took_s)} of {self._count} orders on air")
+
+    def _give(self, vehicle: RemoteVehicle, chance: random.Random, laptop_dies: bool) -> None:
+        """Gives an order and waits until it is settled; a laptop that dies leaves that to its next command."""
+        verb = chance.choice(VERBS)
+        if laptop_dies:
+            words = [verb, vehicle.name, "--wait", "600", *(["--anyway"] if verb == "go" else [])]
+            killed_laptop(self._fleet.path, words, chance.uniform(0.3, 15.0))
+        else:
+            with self.ledgers.changed() as ledger:
+                ledger.give(vehicle.name, verb, utc_s())
+        delivered(self._fleet, [vehicle], self.ledgers, _LONGEST_S)
 
 
 def _wrong_orders(vehicle: RemoteVehicle, computer: Computer, ledgers: LedgerFile) -> tuple[int, int, list[str]]:
@@ -147,7 +158,9 @@ def fetch(options: argparse.Namespace, folder: Path, say: Say) -> Part:
             for share, kind in ((0.25, ""), (0.5, "address"), (0.75, "reboot")):
                 while not job.done() and sum(path.stat().st_size for path in copy.glob("bag.mcap*")) < share * size:
                     time.sleep(0.2)
-                say(f"{share:.0%} fetched after {time.monotonic() - began_s:.0f} s; an outage{kind and ', then '}{kind}")
+                say(
+                    f"{share:.0%} fetched after {time.monotonic() - began_s:.0f} s; an outage{kind and ', then '}{kind}"
+                )
                 mishaps.one("outage", 0)
                 if kind:
                     mishaps.one(kind, 0)

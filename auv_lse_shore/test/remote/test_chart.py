@@ -5,13 +5,13 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from auv_lse_record.run_writer import write_run
-from auv_lse_run.remote import session
 from auv_lse_run.remote.session import Session
 from auv_lse_shore.live.sources.timeline import Event
 from auv_lse_shore.remote.chart import ChartError, TeamChart
@@ -37,17 +37,14 @@ class Vehicle:
 
     def __init__(self, folder: Path, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
         self.name, self._folder, self._session = f"auv{number}", folder, Session(folder, number, 80 + number)
-        self._bag = folder / "none"
-        monkeypatch.setattr(session, "vehicle_on", lambda domain, _: (str(self.running[domain]), "dive", 1))
-
-    running: dict[int, Path] = {}
+        monkeypatch.setattr(self._session, "_running", lambda: str(self._dive))
 
     def dives(self, dive: str, recorded: Path, share: float) -> None:
         path = self._folder / "dives" / dive / "bag" / "bag.mcap"
         path.parent.mkdir(parents=True, exist_ok=True)
         data = recorded.read_bytes()
         path.write_bytes(data[: int(share * len(data))])
-        self.running[80 + int(self.name[3:])] = path.parent.parent
+        self._dive = path.parent.parent
 
     def fill(self, chart: TeamChart) -> None:
         while chart.take(self.name, self._session.answer({"ask": "excerpt", **chart.request(self.name)})):
@@ -84,7 +81,7 @@ def test_what_a_vehicle_recorded_while_it_was_away_is_filled_in(
     two.fill(chart)
     wait_for(lambda: last(2) > away_s + 100.0)
     stamps = sorted(event["t"] for event in events(chart, "pose", 2))
-    assert max(b - a for a, b in zip(stamps, stamps[1:], strict=False)) <= 4.0, "no gap is left"
+    assert max(b - a for a, b in pairwise(stamps)) <= 4.0, "no gap is left"
     for kind in ("plan", "map"):
         wait_for(lambda kind=kind: all(events(chart, kind, k) for k in (1, 2)))
     assert len(events(chart, "map", 1)) <= 3, "maps of the past are not computed one by one"
