@@ -79,14 +79,19 @@ def _take(content: LogContent, m: Any, stamp_s: float) -> None:
 
 def _take_range(content: LogContent, m: Any, stamp_s: float) -> None:
     """A range finder's message: of one instance, or before ArduPilot 4.1 of two."""
+    names = m.get_fieldnames()
+
+    def value(name: str, default: float) -> Any:
+        return getattr(m, name) if name in names else default
+
     for number in ("", "1", "2"):
-        if not hasattr(m, f"Dist{number}"):
+        if f"Dist{number}" not in names:
             continue
-        name = f"RFND {number or getattr(m, 'Instance', getattr(m, 'I', 0))}"
-        if getattr(m, f"Orient{number}", _DOWN) != _DOWN:
+        name = f"RFND {number or value('Instance', value('I', 0))}"
+        if value(f"Orient{number}", _DOWN) != _DOWN:
             content.left_out[f"ranges of {name}, which does not look down"] += 1
-        elif getattr(m, f"Stat{number}", _GOOD) != _GOOD:
+        elif value(f"Stat{number}", _GOOD) != _GOOD:
             content.left_out["depths out of the range finder's range"] += 1
         else:
-            quality = float(getattr(m, "Quality", -1))  # -1: none
+            quality = float(value("Quality", -1))  # -1: none
             content.depth(name, stamp_s, getattr(m, f"Dist{number}"), quality if quality >= 0.0 else float("nan"))
