@@ -38,29 +38,31 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="auv_lse modem-check",
         description="Connects to a WHOI Micromodem-2 and reports its settings, clock and firmware, what differs from "
-        "the mission file, and what to type. Without further options it only asks: it changes and transmits nothing. "
+        "the mission file, and what to type. Without further options it changes and transmits nothing. "
         "Run it while the vehicle's nodes are not running.",
         epilog="--ping and --send TRANSMIT: the transducer must be under water. "
         "Exit codes: 0 nothing is missing, and what was tried has worked; 1 something is missing, or no modem answers; "
         "2 wrong command line; 130 Ctrl-C. Two modems in a bucket: docs/guide/bench-to-water.md.",
     )
     p.add_argument("port", metavar="PORT", help="as modem.port: /dev/ttyUSB0, tcp://HOST:PORT")
-    p.add_argument("--vehicle", type=int, default=1, metavar="N", help="number of the vehicle, its modem's address (1)")
-    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file with the section modem to check against")
-    p.add_argument("--baud", type=int, metavar="BD", help="as modem.baud (19200)")
     p.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem setting to expect, as modem.settings"
+        "--vehicle", type=int, default=1, metavar="N", help="number of the vehicle, its modem's address (default: 1)"
+    )
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file with the section modem to check against")
+    p.add_argument("--baud", type=int, metavar="BD", help="as modem.baud (default: 19200)")
+    p.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem setting to check, as modem.settings"
     )
     p.add_argument("--configure", action="store_true", help="let the driver restart and configure the modem first")
     p.add_argument("--ping", type=int, metavar="ID", help="configure, then ping modem ID")
     p.add_argument("--send", type=int, metavar="ID", help="configure, then send test packets to modem ID; 0: to all")
     p.add_argument("--listen", type=float, metavar="S", help="configure, then print packets: N, or those of S seconds")
-    p.add_argument("--count", type=int, default=3, metavar="N", help="number of pings and packets (3)")
+    p.add_argument("--count", type=int, default=3, metavar="N", help="number of pings and packets (default: 3)")
     return p
 
 
 def run(options: argparse.Namespace) -> int:
-    """Checks a modem. Returns 0 or 1, as the help says."""
+    """Checks a modem. Returns 0 or 1, see --help."""
     config = _config(options)
     read_address(options.port, config.baud)
     for name, low, high in (("vehicle", 1, 127), ("ping", 1, 127), ("send", 0, 127), ("count", 1, 1000)):

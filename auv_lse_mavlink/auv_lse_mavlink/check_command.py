@@ -41,20 +41,26 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "endpoint", metavar="ENDPOINT", help="as link.endpoint: udpin://0.0.0.0:14550, serial:///dev/ttyACM0"
     )
-    p.add_argument("--vehicle", type=int, default=1, metavar="N", help="number of the vehicle, its system id (1)")
+    p.add_argument(
+        "--vehicle", type=int, default=1, metavar="N", help="number of the vehicle, its system id (default: 1)"
+    )
     p.add_argument(
         "--mode",
         choices=("position_target", "mission"),
         default="position_target",
-        help="as link.mode: what is expected",
+        help="as link.mode: how the vehicle is to be steered (default: position_target)",
     )
     p.add_argument(
-        "--pressure", default="SCALED_PRESSURE2", metavar="MESSAGE", help="as link.pressure (SCALED_PRESSURE2)"
+        "--pressure", default="SCALED_PRESSURE2", metavar="MESSAGE", help="as link.pressure (default: SCALED_PRESSURE2)"
     )
     p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and accept only signed messages")
-    p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="how long to listen (10)")
+    p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="seconds to listen (default: 10)")
     p.add_argument(
-        "--depth", type=float, default=math.nan, metavar="M", help="deepest water of the mission (m): must be in reach"
+        "--depth",
+        type=float,
+        default=math.nan,
+        metavar="M",
+        help="deepest water of the mission (m), which the sounder must reach",
     )
     p.add_argument(
         "--origin",
@@ -70,7 +76,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="M",
         help="the vehicle floats, with its pressure sensor this deep (m): link.zero_afloat and link.sensor_depth_m",
     )
-    p.add_argument("--port", type=int, default=0, metavar="N", help="the autopilot's port, n in its SRn_... (0)")
+    p.add_argument(
+        "--port", type=int, default=0, metavar="N", help="number of the autopilot's port, n in SRn_... (default: 0)"
+    )
     p.add_argument("--apply", action="store_true", help="set the proposed parameters, after showing them, and verify")
     p.add_argument(
         "--send-key", action="store_true", help="give the autopilot the key of --key first (SETUP_SIGNING); use a cable"
@@ -84,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Checks an autopilot. Returns 0 or 1, as the help says."""
+    """Checks an autopilot. Returns 0 or 1, see --help."""
     values = {"endpoint": options.endpoint, "pressure": options.pressure}
     values |= {"zero_afloat": options.afloat > 0.0, "sensor_depth_m": options.afloat}
     config = from_mapping(LinkConfig, values, "command line")

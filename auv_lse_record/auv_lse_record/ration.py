@@ -41,7 +41,7 @@ class _Leader:
         return stamp_s == self.recorded_s or self.states.get(topic, math.inf) < stamp_s <= self.recorded_s
 
     def add(self, topic: str, stamp_s: float, data: bytes) -> None:
-        """Keeps a follower's message."""
+        """Queues a follower's message; one that belongs to a held message is held with it."""
         self.followers.setdefault(topic, deque(maxlen=_HELD)).append((stamp_s, data))
         held_s = max((stamp_of(each) for name, each in self.held if name == topic), default=-math.inf)
         if stamp_s == self.held_s or (topic in self.states and held_s < stamp_s <= self.held_s):

@@ -23,7 +23,7 @@ from auv_lse_common.topics.table import Topic
 
 #: The environment variable that carries the id to a mission's nodes.
 DIVE_VARIABLE = "AUV_LSE_DIVE"
-#: The environment variable that makes a new dive wait for GO, whatever `vehicle.start` says.
+#: The environment variable that makes a new dive wait for GO, whatever `vehicle.start` is.
 WAIT_VARIABLE = "AUV_LSE_WAIT"
 #: Kind of the id of a simulation.
 SIMULATION = "sim"

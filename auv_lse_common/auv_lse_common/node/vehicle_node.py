@@ -185,7 +185,7 @@ class VehicleNode(BaseNode):
     # ------------------------------------------------------------------ topics
 
     def publisher(self, name: str) -> TopicPublisher:
-        """Where to publish one of the vehicle's topics. In lockstep its readers in other processes are waited for."""
+        """The publisher of a topic of the vehicle. In lockstep the node waits for its readers in other processes."""
         topic = VEHICLE_TOPICS[name]
         publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
         outside = [node for node in self._possible_readers() if not self._is_beside(node, topic)]

@@ -58,7 +58,7 @@ class Surfacing:
         self._begun_s, self._fix_s = min(self._begun_s, now_s), math.nan
 
     def gps(self, now_s: float, has_fix: bool) -> None:
-        """Tells whether GPS has a fix at `now_s`."""
+        """Records whether GPS has a fix at `now_s`."""
         if not has_fix:
             self._fix_s = math.nan
         elif math.isnan(self._fix_s):

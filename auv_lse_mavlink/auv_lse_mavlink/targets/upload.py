@@ -108,7 +108,7 @@ class MissionUpload:
         self._ask(now_s, self._items[number])
 
     def acknowledge(self, now_s: float, result: int) -> None:
-        """The autopilot accepts or refuses the mission."""
+        """Handles MISSION_ACK, in which the autopilot accepts or refuses the mission."""
         if not self.busy or self.state is UploadState.SELECTING:
             return
         if result == mavlink.MAV_MISSION_ACCEPTED:

@@ -105,7 +105,7 @@ class ForkedProcess:
         self._pid = pid
 
     def ended(self, code: int) -> None:
-        """Takes the exit code from the server."""
+        """Records the exit code that the server reports."""
         self.returncode = code
 
 

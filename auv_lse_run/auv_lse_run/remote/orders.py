@@ -180,7 +180,7 @@ class OrderBook:
             if order.number <= self._highest.get(order.laptop, 0):
                 return Answer(OVERTAKEN, "A later order of this laptop was taken before it.", at)
             index = self._record(order)
-            answer = Answer(CANCELLED, "It never arrived, and is not executed any more.", at)
+            answer = Answer(CANCELLED, "It never arrived, and will not be executed.", at)
         else:
             known = self._records[index][1]
             answer = known or Answer(INTERRUPTED, "The vehicle stopped while executing it; see its state.", at)

@@ -22,7 +22,7 @@ def parser() -> argparse.ArgumentParser:
         prog="auv_lse vehicle-side",
         description="Answers auv_lse fleet on a vehicle, over standard input and output. auv_lse fleet runs it over "
         "SSH; nobody types it, except to see whether it is found.",
-        epilog="Exit codes: 0 the laptop is gone; 2 wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 the laptop has disconnected; 2 wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("name", metavar="VEHICLE", help="the vehicle, such as auv2")
     p.add_argument(

@@ -255,7 +255,7 @@ def parser() -> argparse.ArgumentParser:
         help="follow the simulator that auv_lse sim starts on this machine; the default if the file has a section sim",
     )
     p.add_argument(
-        "--wait", action="store_true", help="a new dive waits for GO, whatever vehicle.start says, as at boot"
+        "--wait", action="store_true", help="make a new dive wait for GO, whatever vehicle.start is, as at boot"
     )
     p.add_argument(
         "--record",

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
         description="Re-estimates the positions of all soundings of one or more runs from all recorded data: fixes, "
         "ranges between vehicles, and track crossings. Writes the adjusted soundings, map and isobath (as "
         "auv_lse export does), before_and_after.csv with both positions of every sounding, and moved.md, a summary. "
-        "Clocks that are apart are found from the packets, and corrected.",
+        "Estimates from the packets how far the clocks are apart, and corrects it.",
         epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, in one call. "
         "The accuracy of compass and DVL comes from section positions of the first run's mission file. Recordings "
         "are only read; a second call replaces the files of the first. "

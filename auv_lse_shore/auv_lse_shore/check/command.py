@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="OUT.png",
         help="draw area, no-go areas, margin, starts and recovery positions (default: MISSION-map.png in this folder)",
     )
-    p.add_argument("--vehicle", metavar="NAME", help="also check this computer as that of a vehicle, such as auv2")
+    p.add_argument("--vehicle", metavar="NAME", help="also check that this computer can run a vehicle, such as auv2")
     p.add_argument("--strict", action="store_true", help="treat warnings as errors")
     p.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     p.add_argument(
@@ -144,7 +144,7 @@ def _draw(settings: Settings, findings: Findings, picture: Path, title: str, not
 
 
 def run(options: argparse.Namespace) -> int:
-    """Checks mission files. Returns 0, 1 or 2, as the help says."""
+    """Checks mission files. Returns 0, 1 or 2, see --help."""
     if options.schema or options.template:
         print(schema_text() if options.schema else template_text(), end="")
         return 0

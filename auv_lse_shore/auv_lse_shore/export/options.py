@@ -56,7 +56,9 @@ def add_survey_options(p: argparse.ArgumentParser) -> None:
         help="standard deviations for the total uncertainties: sounder (m; default gp.noise_std_m), pressure (0.05 m), "
         "sound-speed (5 m/s), water-level (0.05 m)",
     )
-    group.add_argument("--crs", default="", metavar="CRS", help="of chart.tif and chart.bag (default: the UTM zone)")
+    group.add_argument(
+        "--crs", default="", metavar="CRS", help="coordinate system of chart.tif and chart.bag (default: the UTM zone)"
+    )
     group.add_argument("--contours", default="", metavar="M,M,...", help="depths of the lines in contours.geojson")
     group.add_argument("--contour-interval", type=float, metavar="M", help="interval of further lines")
     group.add_argument(

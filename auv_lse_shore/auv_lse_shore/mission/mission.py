@@ -59,7 +59,7 @@ def _complain(console: Console, error: object) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs a mission. Returns 0, 1, 2 or 130, as the help says."""
+    """Runs a mission. Returns 0, 1, 2 or 130, see --help."""
     console = Console(stderr=False)
     if options.parameters:
         print_parameters(console)

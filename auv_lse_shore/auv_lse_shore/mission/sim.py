@@ -71,7 +71,7 @@ def _apart(settings: Settings, folder: Path) -> Settings:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs the simulator. Returns 0, 1, 2 or 130, as the help says."""
+    """Runs the simulator. Returns 0, 1, 2 or 130, see --help."""
     console = Console(stderr=False)
 
     def say(text: str) -> None:

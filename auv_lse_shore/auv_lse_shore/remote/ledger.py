@@ -34,7 +34,7 @@ class Given:
         verb: "go".
         team: With abort: also by acoustic packet.
         given_s: When, by the laptop's clock (s).
-        expires_s: When it does not count any more; 0: never.
+        expires_s: When it expires; 0: never.
         status: PENDING, UNKNOWN, EXPIRED, DROPPED, or an outcome of `auv_lse_run.remote.orders`.
         counts: Whether it is still wanted.
         text: The vehicle's answer.
@@ -146,7 +146,7 @@ class Ledger:
     def due(self, vehicle: str) -> list[tuple[str, Given]]:
         """What the next contact delivers: ("order" or "cancel", order), the safe orders first.
 
-        A safe order goes before the questions: it also keeps what came before it from being executed.
+        Safe orders come before queries, because they also cancel earlier orders.
         """
         orders = self.open(vehicle)
         wanted = [("order", order) for order in orders if order.counts]

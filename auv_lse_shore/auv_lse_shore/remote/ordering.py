@@ -182,7 +182,7 @@ def _is_checked(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Le
     for name in idle:
         print(f"{name}: its nodes do not run. Start them: auv_lse fleet {fleet.path} start {name}", file=sys.stderr)
     if errors or idle:
-        print("GO is given to nobody. Remove the errors, or give it with --anyway.", file=sys.stderr)
+        print("GO was sent to no vehicle. Remove the errors, or override them with --anyway.", file=sys.stderr)
     return not errors and not idle
 
 
@@ -207,8 +207,8 @@ def _taken_over(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Le
                 before = found.ask("take_over", 45.0, laptop=laptop, name=laptop_name())["before"]
         except (LinkError, VehicleError) as error:
             return False, f"not taken over: {error}"
-        by = f"from {before['name']}" if before and before["laptop"] != laptop else "from nobody"
-        return True, f"taken over {by}"
+        by = f"taken over from {before['name']}" if before and before["laptop"] != laptop else "commanded from here"
+        return True, by
 
     answers = with_each(vehicles, one)
     for name, (_, text) in answers.items():
@@ -228,9 +228,9 @@ def sentence(order: Given, trouble: str = "") -> str:
     if order.status == PENDING:
         return f"{verb} is pending{why}; it is sent when the vehicle answers `watch` or `pending`{until}"
     if order.status == UNKNOWN and order.counts:
-        return f"{verb} was sent, its outcome is unknown{why}; it is asked for at the next contact"
+        return f"{verb} was sent, its outcome is unknown{why}; the next contact asks for it"
     if order.status == UNKNOWN:
-        return f"{verb} is cancelled, but may have been executed{why}; it is asked for at the next contact"
+        return f"{verb} is cancelled, but may have been executed{why}; the next contact asks for it"
     if order.status == EXPIRED:
         return f"{verb} has expired; it was never sent"
     if order.status == DROPPED:

@@ -1,4 +1,4 @@
-"""The operating area of a survey: ground that was sounded, without what nobody sounded."""
+"""The operating area of a survey: ground that was sounded, with gaps left out."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class SurveyedArea:
 
     Attributes:
         polygon: Its corners north, east (m), shape (n, 2).
-        no_go: Ground inside of it that nobody sounded: corners of each piece, by name.
+        no_go: Ground inside of it that was not sounded: corners of each piece, by name.
         area_m2: Its size without the pieces of `no_go`.
         others: Sizes (m2) of sounded ground apart from it, the largest first.
     """

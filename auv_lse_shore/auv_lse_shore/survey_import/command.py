@@ -38,7 +38,8 @@ def parser() -> argparse.ArgumentParser:
         description="Turns logs of an existing survey into a run folder that auv_lse export, adjust, fit, replay and "
         "live read as they read a mission's. Prints what it left out and why, and what to type next.",
         epilog=f"Formats, recognized by content:\n{files}\n\n"
-        "Times stay UTC. The same sounding in two files counts once. Logs of the same time are of different boats.\n\n"
+        "Times stay UTC. The same sounding in two files counts once. Logs that overlap in time come from different "
+        "boats.\n\n"
         "Exit codes: 0 success; 2 a log cannot be imported, or wrong command line; 130 Ctrl-C, nothing is written.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -58,20 +59,22 @@ def _add_boat(group: argparse._ArgumentGroup) -> None:
         "--sounder", default="", metavar="NAME", help="use this sounder (default: the one with most pings)"
     )
     group.add_argument("--min-quality", type=float, default=40.0, metavar="PERCENT",
-                       help="leave out pings of lower quality, where a log has it (%(default)g)")  # fmt: skip
+                       help="discard pings of lower quality, if the log rates them (default: %(default)g)")  # fmt: skip
     group.add_argument("--draught", type=float, metavar="M", help="depth of the transducer (of the keel, for depths "
                        "below it) below the surface, or below a submarine's barometer")  # fmt: skip
     group.add_argument("--offset", type=float, nargs=2, default=(0.0, 0.0), metavar=("FORWARD", "STARBOARD"),
-                       help="the transducer's position relative to the antenna in metres (0 0)")  # fmt: skip
-    group.add_argument("--lag", type=float, default=0.0, metavar="S", help="time from a measurement to its stamp (0)")
-    group.add_argument("--lag-std", type=float, metavar="S", help="its standard deviation (default: by format)")
+                       help="the transducer's position relative to the antenna in metres (default: 0 0)")  # fmt: skip
+    group.add_argument(
+        "--lag", type=float, default=0.0, metavar="S", help="seconds from a measurement to its stamp (default: 0)"
+    )
+    group.add_argument("--lag-std", type=float, metavar="S", help="standard deviation of the lag (default: by format)")
     group.add_argument("--position-std", type=float, default=1.5, metavar="M",
-                       help="standard deviation of a position, each axis, if a log has none (%(default)g)")  # fmt: skip
+                       help="std. deviation of positions per axis, if a log has none (default: %(default)g)")  # fmt: skip
     group.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
-                       help="of the water, for a submarine's depth (%(default)g; sea 1025)")  # fmt: skip
+                       help="water density for a submarine's depth (default: %(default)g; sea: 1025)")  # fmt: skip
     group.add_argument("--from", type=float, default=0.0, dest="start", metavar="S",
-                       help="leave out what is earlier: seconds from a log's first position")  # fmt: skip
-    group.add_argument("--to", type=float, default=math.inf, dest="end", metavar="S", help="leave out what is later")
+                       help="discard earlier data: seconds from a log's first position")  # fmt: skip
+    group.add_argument("--to", type=float, default=math.inf, dest="end", metavar="S", help="discard later data")
 
 
 def _add_log(group: argparse._ArgumentGroup) -> None:
@@ -80,7 +83,9 @@ def _add_log(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--depth-unit", choices=("m", "ft", "fathom"), help="unit of a table's depths")
     group.add_argument("--surface", type=float, default=math.nan, metavar="M",
                        help="elevation of the water surface, for a table of bed elevations")  # fmt: skip
-    group.add_argument("--crs", default="", metavar="CRS", help="of a table's metres, such as EPSG:32632")
+    group.add_argument(
+        "--crs", default="", metavar="CRS", help="coordinate system of a table's metres, such as EPSG:32632"
+    )
     group.add_argument("--date", default="", metavar="DAY", help="the first log's first day, or its start: "
                        "2026-06-14 or 2026-06-14T10:00:00Z")  # fmt: skip
     group.add_argument("--utc-offset", type=float, metavar="H", help="hours by which a local clock is ahead of UTC")

@@ -24,7 +24,7 @@ def draw_survey(run: RunData, area: SurveyedArea, path: Path) -> None:
 
     Args:
         run: The survey.
-        area: Its area, with the ground that nobody sounded.
+        area: Its area, with the ground that was not sounded.
         path: The PNG file.
     """
     points = np.concatenate([vehicle.soundings.points_m for vehicle in run.vehicles])
@@ -54,6 +54,6 @@ def draw_survey(run: RunData, area: SurveyedArea, path: Path) -> None:
         Patch(facecolor="#dcebf5", edgecolor=_BORDER, label="proposed area"),
     ]
     if area.no_go:
-        handles.append(Patch(facecolor="white", edgecolor=_VOID, hatch="////", label="nobody sounded"))
+        handles.append(Patch(facecolor="white", edgecolor=_VOID, hatch="////", label="not sounded"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     save(figure, path)

@@ -65,7 +65,7 @@ def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:
         f"isobath {level['level_m']:g} m in an area of {len(area.polygon)} corners, {area.area_m2 / 1e4:.1f} ha",
     ]
     if area.no_go:
-        lines.append(f"{counted(len(area.no_go), 'piece')} of it that nobody sounded became no-go areas")
+        lines.append(f"{counted(len(area.no_go), 'piece')} of it without soundings became no-go areas")
     if others := [size for size in area.others if size > _WORTH_M2]:
         lines.append(f"not in the area: {counted(len(others), 'piece')} of sounded ground apart, "
                      f"{sum(others) / 1e4:.1f} ha")  # fmt: skip

@@ -55,7 +55,7 @@ def dock_of(settings: Settings, numbers: Sequence[int], body: Body) -> MavlinkDo
 
 
 def autopilot_for(settings: Settings, k: int, origin: Origin | None, body: Body) -> Autopilot:
-    """The autopilot of vehicle `k`, as `sim.autopilot.firmware` selects it; `origin` is the mission's and its own."""
+    """The autopilot of vehicle `k`, as `sim.autopilot.firmware` selects it; it uses the mission's `origin`."""
     if settings.sim.autopilot.firmware == "generic":
         return _generic(settings, k, origin, body)
     return _ardupilot(settings, k, origin, body)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 def ranges(north: Array, east: Array) -> str:
-    """The ranges of locations (m), for messages."""
+    """Text with the ranges of locations (m)."""
     return f"north from {north.min():.0f} to {north.max():.0f} m, east from {east.min():.0f} to {east.max():.0f} m"
 
 

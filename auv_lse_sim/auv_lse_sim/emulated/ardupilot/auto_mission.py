@@ -59,7 +59,7 @@ class AutoMission:
             self.current = max(self.current, 1)
 
     def select(self, number: int) -> bool:
-        """Makes an item the current one; returns whether there is one of that number."""
+        """Makes an item the current one; returns whether it exists."""
         if not 0 <= number < len(self.items):
             return False
         self.current = max(number, 1)
@@ -78,7 +78,7 @@ class AutoMission:
             self.state = NOT_STARTED
 
     def restart(self, number: int, in_auto: bool) -> bool:
-        """Resets the mission and selects an item; returns whether there is one of that number."""
+        """Resets the mission and selects an item; returns whether it exists."""
         if not self.select(number):
             return False
         self.state = ACTIVE if in_auto else NOT_STARTED
