@@ -97,15 +97,15 @@ def opening_lines(
         limit_m: Its upper limit with 95 % probability.
     """
     others = ", ".join(f"{_m(length_m[kind])} {kind}" for kind in (LIKELY, GUESSED) if is_length(length_m[kind]))
-    exactly = (
+    accuracy = (
         "no line found"
         if within_m is None
-        else f"95 % of the line found is expected within {within_m:.1f} m of the isobath"
+        else f"95 % of the line found is expected to lie within {within_m:.1f} m of the isobath"
     )
     missing = f"{_m(undiscovered_m)} of isobath expected, at most {_m(limit_m)} with 95 % probability"
     return [
         f"found: {_m(length_m[FOUND])} of isobath{'; ' if others else ''}{others}",
-        f"how exactly: {exactly}",
+        f"accuracy: {accuracy}",
         f"may be missing: {missing if is_length(limit_m) else 'no isobath is expected elsewhere'}",
     ]
 

@@ -69,7 +69,8 @@ def _add_boat(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--lag-std", type=float, metavar="S", help="standard deviation of the lag (default: by format)")
     group.add_argument("--position-std", type=float, default=1.5, metavar="M",
-                       help="std. deviation of positions per axis, if a log has none (default: %(default)g)")  # fmt: skip
+                       help="standard deviation of a log's positions, per axis (default: its own, else "
+                       "%(default)g)")  # fmt: skip
     group.add_argument("--density", type=float, default=998.0, metavar="KG_M3",
                        help="water density for a submarine's depth (default: %(default)g; sea: 1025)")  # fmt: skip
     group.add_argument("--from", type=float, default=0.0, dest="start", metavar="S",

@@ -332,12 +332,12 @@ def test_the_opening_names_only_what_there_is():
     some = {"found": 812.0, "likely": 30.0, "guessed": 0.2}
     assert opening_lines(some, 3.2, 40.0, 110.0) == [
         "found: 812 m of isobath; 30 m likely",
-        "how exactly: 95 % of the line found is expected within 3.2 m of the isobath",
+        "accuracy: 95 % of the line found is expected to lie within 3.2 m of the isobath",
         "may be missing: 40 m of isobath expected, at most 110 m with 95 % probability",
     ]
     assert opening_lines(dict.fromkeys(some, 0.0), None, 0.0, 0.0) == [
         "found: 0 m of isobath",
-        "how exactly: no line found",
+        "accuracy: no line found",
         "may be missing: no isobath is expected elsewhere",
     ]
 
