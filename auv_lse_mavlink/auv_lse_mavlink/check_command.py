@@ -42,16 +42,12 @@ def parser() -> argparse.ArgumentParser:
         "endpoint", metavar="ENDPOINT", help="as link.endpoint: udpin://0.0.0.0:14550, serial:///dev/ttyACM0"
     )
     p.add_argument(
-        "--vehicle", type=int, default=1, metavar="N", help="number of the vehicle, its system id (default: 1)"
+        "--vehicle", type=int, default=1, metavar="N", help="the vehicle's number and system id (default: 1)"
     )
+    modes = ("position_target", "mission")
+    p.add_argument("--mode", choices=modes, default=modes[0], help="as link.mode (default: %(default)s)")
     p.add_argument(
-        "--mode",
-        choices=("position_target", "mission"),
-        default="position_target",
-        help="as link.mode: how the vehicle is to be steered (default: position_target)",
-    )
-    p.add_argument(
-        "--pressure", default="SCALED_PRESSURE2", metavar="MESSAGE", help="as link.pressure (default: SCALED_PRESSURE2)"
+        "--pressure", default="SCALED_PRESSURE2", metavar="MESSAGE", help="as link.pressure (default: %(default)s)"
     )
     p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and accept only signed messages")
     p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="seconds to listen (default: 10)")

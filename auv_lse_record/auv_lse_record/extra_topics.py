@@ -14,7 +14,7 @@ class ExtraTopics:
     """The topics that `record.topics` adds, up to a size.
 
     Attributes:
-        problem: Why their messages are no longer recorded; "" while they are.
+        problem: Why their messages are not recorded any further; "" while they are.
     """
 
     def __init__(self, patterns: Sequence[str], most_mb: float) -> None:
@@ -46,6 +46,6 @@ class ExtraTopics:
             largest = max(self._bytes, key=lambda name: self._bytes[name])
             self.problem = (
                 f"the topics of record.topics have reached record.topics_mb = {self._most_mb:g} MB, most of it "
-                f"{largest}: their messages are no longer recorded. Everything else is"
+                f"{largest}: their messages are not recorded any further. Everything else is"
             )
         return not self.problem

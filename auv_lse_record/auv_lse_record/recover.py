@@ -54,7 +54,7 @@ def recover(path: Path) -> Recovered:
         raise RecordingError(f"{recording} cannot be recovered; of {' and '.join(STORAGES)} only .mcap can")
     found = next((file for file in files if not _is_whole(file)), None)
     if found is None:
-        raise _Complete(f"{recording}: is complete; nothing to recover")
+        raise _Complete(f"{recording} is complete; nothing to recover")
     torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
     with _content(found) as data, new.open("wb") as target:
         messages, nameless, lost = _copy(data, target)

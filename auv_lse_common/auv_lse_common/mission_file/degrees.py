@@ -256,6 +256,6 @@ def checked(ring: Array, key: str, most: int | None = MAX_CORNERS) -> Array:
         if not (math.isfinite(latitude) and abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
             swapped = ". Are latitude and longitude swapped?" if abs(longitude) <= 90.0 < abs(latitude) else ""
             raise ParameterError(
-                f"{key}: latitude {latitude:g}, longitude {longitude:g} is no position in degrees{swapped}"
+                f"{key}: latitude {latitude:g}, longitude {longitude:g} is not a position in degrees{swapped}"
             )
     return ring

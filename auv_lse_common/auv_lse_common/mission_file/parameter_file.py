@@ -37,7 +37,7 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
     if not isinstance(data, Mapping) or not data:
         raise ParameterError(f"{where} {'is empty' if data is None else f'holds {repr(data)[:60]}'}; write {shape}")
     if len(data) > MAX_PATTERNS:
-        raise ParameterError(f"{where}: has {len(data):,} node patterns, more than {MAX_PATTERNS:,}. Leave out some")
+        raise ParameterError(f"{where} has {len(data):,} node patterns, more than {MAX_PATTERNS:,}. Leave out some")
     patterns: dict[str, dict[str, Any]] = {}
     for pattern, body in data.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
@@ -87,7 +87,7 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # UnicodeDecodeError
-        raise ParameterError(f"{path}: is not UTF-8 text: {brief(error)}") from error
+        raise ParameterError(f"{path} is not UTF-8 text: {brief(error)}") from error
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types

@@ -241,7 +241,7 @@ class ModemBridge:
                 if candidate is not None:
                     candidate.within = False
                 if is_echo or not self.quality.accept_candidate(now_s, source):
-                    raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
+                    raise PacketError("excess", f"source {source} has sent more packets than it has slots")
             if candidate is not None:
                 packet = self._possible(candidate)
                 if candidate.waits:

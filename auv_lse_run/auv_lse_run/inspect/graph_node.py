@@ -250,7 +250,7 @@ class Graph:
         try:
             found = {heading: call(base, space or "/") for heading, call in calls.items()}
         except Exception as error:  # rclpy raises NodeNameNonExistentError of its C layer
-            raise GraphError(f"node {name}: does not exist") from error
+            raise GraphError(f"node {name} does not exist") from error
         return {h: [(n, tuple(t)) for n, t in sorted(pairs)] for h, pairs in found.items()}
 
     # ------------------------------------------------------------------ parameters

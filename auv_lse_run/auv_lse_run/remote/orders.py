@@ -83,7 +83,7 @@ class Order:
         if type(order.number) is not int or not 0 < order.number < _MAX_NUMBER:
             raise OrderError(f"The order has no valid number: {order.number!r}.")
         if order.verb not in VERBS:
-            raise OrderError(f"{order.verb!r} is no order. Orders are {', '.join(VERBS)}.")
+            raise OrderError(f"{order.verb!r} is not an order. Orders are {', '.join(VERBS)}.")
         return order
 
 

@@ -313,7 +313,7 @@ class Session:
 
 def _size(value: Any) -> int:
     if type(value) is not int or not 0 < value <= MAX_SENT:
-        raise WireError(f"{value!r} is no number of bytes that can be sent")
+        raise WireError(f"{value!r} is not a number of bytes that can be sent")
     return value
 
 

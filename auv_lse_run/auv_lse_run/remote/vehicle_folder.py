@@ -189,5 +189,5 @@ def blocks(file: IO[bytes], size: int) -> Iterator[bytes]:
 
 def _checked_name(name: str) -> str:
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name in (DIVES, _OWN):
-        raise FolderError(f"{name!r} is no name for a sent file.")
+        raise FolderError(f"{name!r} cannot name a sent file.")
     return name

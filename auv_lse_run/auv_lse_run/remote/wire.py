@@ -36,5 +36,5 @@ def decoded(line: bytes) -> dict[str, Any]:
     except ValueError:  # also text that is not UTF-8
         found = None
     if not isinstance(found, dict):
-        raise WireError(f"the other side sent a line that is no message: {line[:80]!r}")
+        raise WireError(f"the other side sent a line that is not a message: {line[:80]!r}")
     return found

@@ -69,7 +69,7 @@ def read_area(path: str | Path) -> AreaContent:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
         raise ParameterError(
-            f"{path}: is damaged, or not what it seems: {type(error).__name__}: {brief(error)}. "
+            f"{path} is damaged, or not what it seems: {type(error).__name__}: {brief(error)}. "
             f"Export it again, as {KINDS}"
         ) from error
 
@@ -85,20 +85,20 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
     if begin == "<":
         root = read_xml(data, where)
         if root.tag not in ("kml", "gpx"):
-            raise ParameterError(f"{where}: is XML of the kind {root.tag[:40]!r}. Save the area as {KINDS}")
+            raise ParameterError(f"{where} is XML of the kind {root.tag[:40]!r}. Save the area as {KINDS}")
         return kml_features(root, where) if root.tag == "kml" else gpx_features(root, where)
     if begin in ("{", "["):
         found = json.loads(text)
         if not isinstance(found, Mapping):
-            raise ParameterError(f"{where}: is a list, not GeoJSON. Save the area as {KINDS}")
+            raise ParameterError(f"{where} is a list, not GeoJSON. Save the area as {KINDS}")
         is_plan = "fileType" in found or "geoFence" in found
         return qgc_features(found, where) if is_plan else geojson_features(found, where)
     if text.lstrip().startswith("QGC WPL"):
         return waypoint_features(text.lstrip(), where)
     if path.suffix.lower() in _CORNER_LISTS:
         return corner_list_features(text, where, path.suffix.lower())
-    what = "is empty" if not data.strip() else f"is no area file that is known ({path.suffix or 'no suffix'})"
-    raise ParameterError(f"{where}: {what}. Save the area as {KINDS}")
+    what = "is empty" if not data.strip() else f"is not a known kind of area file ({path.suffix or 'no suffix'})"
+    raise ParameterError(f"{where} {what}. Save the area as {KINDS}")
 
 
 def _text(data: bytes) -> str:

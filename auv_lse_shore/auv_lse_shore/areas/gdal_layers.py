@@ -84,7 +84,7 @@ def zipped_features(data: bytes, where: str) -> Iterator[Feature]:
         archive = zipfile.ZipFile(io.BytesIO(data))
         parts = [info for info in archive.infolist() if Path(info.filename).suffix.lower() in _SHAPEFILE]
         if sum(info.file_size for info in parts) > _MAX_UNPACKED_BYTES:
-            raise ParameterError(f"{where}: has more than {_MAX_UNPACKED_BYTES / 1e6:.0f} MB when unpacked")
+            raise ParameterError(f"{where} has more than {_MAX_UNPACKED_BYTES / 1e6:.0f} MB when unpacked")
         contents = {info.filename.replace("/", "_"): archive.read(info) for info in parts}
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
         raise ParameterError(f"{where}: cannot be unpacked: {brief(error)}. Save it again") from error

@@ -18,7 +18,7 @@ def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
         KeyError, TypeError, ValueError: if it is not GeoJSON.
     """
     if "type" not in data:
-        raise ParameterError(f"{where}: has no type, so it is not GeoJSON. Export it as GeoJSON or KML")
+        raise ParameterError(f"{where} has no type, so it is not GeoJSON. Export it as GeoJSON or KML")
     layer = str(data.get("name") or "")
     convert = to_degrees(_crs(data.get("crs")), where)
     for number, feature in enumerate(data["features"] if data["type"] == "FeatureCollection" else [data], 1):

@@ -104,7 +104,7 @@ def waypoint_features(text: str, where: str) -> Iterator[Feature]:
         try:
             command, value, latitude, longitude = int(fields[3]), *(float(fields[k]) for k in (4, 8, 9))
         except (IndexError, ValueError):
-            raise ParameterError(f"{where}:{line_number}: {line.strip()[:80]!r} is no waypoint") from None
+            raise ParameterError(f"{where}:{line_number}: {line.strip()[:80]!r} is not a waypoint") from None
         if polygon and command != (_POLYGON_IN if inside else _POLYGON_OUT):
             raise ParameterError(f"{where}:{line_number}: fence {number} has {len(polygon)} of {expected} corners")
         if command in (_POLYGON_IN, _POLYGON_OUT):

@@ -81,7 +81,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
 
 def _nothing_usable(content: AreaContent, where: str) -> str:
     shown = ", ".join(repr(name) for name in content.ignored[:8])
-    return f"{where}: has no polygon{f', only {shown}' if shown else ''}. Draw the operating area as a polygon"
+    return f"{where} has no polygon{f', only {shown}' if shown else ''}. Draw the operating area as a polygon"
 
 
 def _kind(feature: Feature) -> str:

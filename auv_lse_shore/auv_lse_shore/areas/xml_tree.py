@@ -35,7 +35,7 @@ def read_xml(data: bytes, where: str) -> Element:
             return _parsed(_without_entities(text).encode(), "utf-8", where)
         except expat.ExpatError:
             continue
-    raise ParameterError(f"{where}: is not valid XML: {first}. Export it again") from first
+    raise ParameterError(f"{where} is not valid XML: {first}. Export it again") from first
 
 
 def _without_entities(text: str) -> str:
@@ -55,7 +55,7 @@ def _parsed(data: bytes, encoding: str | None, where: str) -> Element:
         nonlocal depth
         depth += 1
         if depth > _MAX_DEPTH:
-            raise ParameterError(f"{where}: elements are nested {depth} deep. This is no map")
+            raise ParameterError(f"{where}: elements are nested {depth} deep. This is not a map")
         builder.start(name.rpartition(":")[2], attributes)
 
     def end(name: str) -> None:
@@ -64,7 +64,7 @@ def _parsed(data: bytes, encoding: str | None, where: str) -> Element:
         builder.end(name.rpartition(":")[2])
 
     def doctype(*_: object) -> None:
-        raise ParameterError(f"{where}: has a document type declaration, which is not read. Remove the DOCTYPE")
+        raise ParameterError(f"{where} has a document type declaration, which is not read. Remove the DOCTYPE")
 
     parser = expat.ParserCreate(encoding)
     parser.StartElementHandler, parser.EndElementHandler = start, end

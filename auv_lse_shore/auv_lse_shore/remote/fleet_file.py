@@ -134,7 +134,7 @@ _KIND_NAMES = {str: "a text", int: "a whole number"}
 def _vehicle(path: Path, name: str, values: Any) -> RemoteVehicle:
     where = f"{path}: {name}"
     if not re.fullmatch(r"auv([1-9]\d{0,2})", name) or int(name[3:]) > 255:
-        raise FleetFileError(f"{where}: is no vehicle's name. Names are auv1 to auv255.")
+        raise FleetFileError(f"{where} is not a vehicle's name. Names are auv1 to auv255.")
     if not isinstance(values, dict) or not values.get("host"):
         raise FleetFileError(f"{where}: the key 'host' is missing.")
     for key, value in values.items():
@@ -166,7 +166,7 @@ def fleet_text(hosts: list[str]) -> str:
     for number, text in enumerate(hosts or DEFAULT_HOSTS, 1):
         match = re.fullmatch(r"(?:([^@:\s]+)@)?(\[[^\]]+\]|[^@:\s]+)(?::(\d+))?", text)
         if match is None:
-            raise FleetFileError(f"{text!r} is no host. Write USER@HOST, or USER@HOST:PORT.")
+            raise FleetFileError(f"{text!r} is not a host. Write USER@HOST, or USER@HOST:PORT.")
         user, host, port = match.groups()
         lines.append(f"  auv{number}:\n    host: {host.strip('[]')!r}\n".replace("'", '"'))
         lines.append(f'    user: "{user}"\n' if user else "")

@@ -108,7 +108,7 @@ class Ledger:
             LedgerError: for an unknown order.
         """
         if verb not in VERBS:
-            raise LedgerError(f"{verb!r} is no order")
+            raise LedgerError(f"{verb!r} is not an order")
         if verb in ALWAYS:
             self.drop(vehicle)
         number = self._last[vehicle] = self._last.get(vehicle, 0) + 1

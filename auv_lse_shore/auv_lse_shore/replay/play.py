@@ -39,7 +39,7 @@ def play(options: Namespace) -> int:
     with Recording(recording_in(options.run)) as recording:
         length_s = (recording.end_ns - recording.start_ns) * 1e-9
         if not recording.topics or not recording.end_ns:
-            raise RecordingError(f"{options.run}: holds no message; nothing to play")
+            raise RecordingError(f"{options.run} holds no message; nothing to play")
         if not 0.0 <= options.start <= length_s:
             raise ReplayError(f"--start must be within the recording, 0 to {length_s:.1f} s, not {options.start:g}")
         chosen = select_topics(recording.topics, options.topics, options.commands)

@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     )
     folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
     if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
-        raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
+        raise CampaignError(f"{folder} has no simulated missions. Run the same command without --page")
     if not options.estimate:
         make_folder(folder)
     states: dict[str, CampaignState] = {}

@@ -172,7 +172,7 @@ def _clock_facts(options: argparse.Namespace) -> ClockFacts:
     try:
         start = start_of(options.date) if options.date else None
     except ValueError as error:
-        raise LogError(f"--date {options.date} is no day; write it such as 2026-06-14.") from error
+        raise LogError(f"--date {options.date} is not a date; write it like 2026-06-14.") from error
     return ClockFacts(start=start, ahead_h=options.utc_offset, today=datetime.now(UTC).date())
 
 

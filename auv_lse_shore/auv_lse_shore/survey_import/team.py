@@ -83,7 +83,7 @@ def vehicles_of(logs: Sequence[PlacedLog], position_std_m: float) -> list[Vehicl
     """
     names = ", ".join(log.name for log in logs if log.is_estimated)
     if names and not all(log.is_estimated for log in logs):
-        raise LogError(f"{names}: states standard deviations of its positions, and others do not. Import it alone.")
+        raise LogError(f"{names} states standard deviations of its positions, and others do not. Import it alone.")
     in_order = sorted(logs, key=lambda log: float(log.track[0, 0]))
     if not all(log.is_utc for log in logs):
         return [_vehicle(1, _one_after_the_other(in_order), position_std_m)]

@@ -176,7 +176,7 @@ def test_huge_times_are_left_out_not_crashed_on(tmp_path):
             gathered(tmp_path, "time_s,lat,lon,depth_m\n" + body)
 
 
-@pytest.mark.parametrize(("text", "why"), [("9" * 400, "'99999999999999999999' is no time"), ("", "it is empty")])
+@pytest.mark.parametrize(("text", "why"), [("9" * 400, "'99999999999999999999' is not a time"), ("", "it is empty")])
 def test_a_time_column_without_times_is_named_as_ignored(tmp_path, text, why):
     body = "\n".join(f"{text},{a:.8f},{o:.8f},{d:.3f}" for _, a, o, d in ROWS)
     found = gathered(tmp_path, "time_s,lat,lon,depth_m\n" + body)

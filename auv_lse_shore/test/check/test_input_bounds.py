@@ -73,7 +73,7 @@ def test_a_mission_file_of_a_gigabyte_is_not_read(tmp_path: Path) -> None:
 def test_20_000_node_patterns_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "m.yaml"
     file.write_text("".join(f"/auv{i}/**: {{ros__parameters: {{a: 1}}}}\n" for i in range(20_000)))
-    with pytest.raises(ParameterError, match=r"m\.yaml: has 20,000 node patterns, more than 2,000"):
+    with pytest.raises(ParameterError, match=r"m\.yaml has 20,000 node patterns, more than 2,000"):
         read_parameter_file(file)
 
 
@@ -169,5 +169,5 @@ def test_what_is_called_tif_and_is_none_is_not_opened(tmp_path: Path) -> None:
         f'<SourceFilename relativeToVRT="0">{secret}</SourceFilename><SourceBand>1</SourceBand>'
         "</SimpleSource></VRTRasterBand></VRTDataset>"
     )
-    with pytest.raises(GroundError, match=r"g\.tif: is not a readable raster"):
+    with pytest.raises(GroundError, match=r"g\.tif is not a readable raster"):
         load_ground(vrt)

@@ -87,7 +87,7 @@ def test_a_file_that_cannot_be_a_mission_is_refused_in_words(tmp_path, name):
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     file = tmp_path / "mission.yaml"
     file.write_bytes(bytes(range(256)))
-    with pytest.raises(ParameterError, match=r"mission.yaml: is not UTF-8 text"):
+    with pytest.raises(ParameterError, match=r"mission.yaml is not UTF-8 text"):
         Settings.load(file, read_area=read_area)
 
 

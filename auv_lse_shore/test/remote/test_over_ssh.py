@@ -135,7 +135,7 @@ def test_init_writes_a_file_that_can_be_read_and_replaces_none(
     [
         ("vehicles: {}\n", "'vehicles' is missing"),
         ("vehicles: {auv1: {host: a, prot: 22}}\n", "'prot' is not known"),
-        ("vehicles: {boat: {host: a}}\n", "no vehicle's name"),
+        ("vehicles: {boat: {host: a}}\n", "not a vehicle's name"),
         ("vehicles: {auv1: {host: a, port: x}}\n", "write a whole number"),
         ("vehicles: {auv1: {host: -oProxyCommand=x}}\n", "begins with a dash"),
         ("vehicles: {auv1: {host: a}, auv1: {host: b}}\n", "appears twice"),

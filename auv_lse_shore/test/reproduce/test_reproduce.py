@@ -119,7 +119,7 @@ def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
 
 def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, capsys):
     assert main(["--page", "--out", str(tmp_path / "none")]) == 2
-    assert "none: has no simulated missions. Run the same command without --page" in capsys.readouterr().err
+    assert "none has no simulated missions. Run the same command without --page" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     file = tmp_path / "file"
     file.touch()

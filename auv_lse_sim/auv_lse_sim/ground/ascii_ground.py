@@ -38,7 +38,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
                 row = [float(f.replace(",", ".")) for f in fields]
             except ValueError:
                 bad = next(f for f in fields if not _is_number(f.replace(",", ".")))
-                raise GroundError(f"{path}:{number}: {bad[:40]!r} is no number.") from None
+                raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
             columns = int(header.get("ncols", 0))
             if columns and len(row) != columns:
                 raise GroundError(f"{path}:{number}: the row has {len(row)} values, and ncols is {columns}.")
@@ -79,7 +79,7 @@ def _read_header_line(fields: list[str], header: dict[str, float], where: str) -
     try:
         header[key] = float(fields[1].replace(",", "."))
     except (IndexError, ValueError):
-        raise GroundError(f"{where} is no line of a header. Write a name and a number") from None
+        raise GroundError(f"{where} is not a header line. Write a name and a number") from None
     if key in ("ncols", "nrows") and not (header[key].is_integer() and header[key] >= 2):
         raise GroundError(f"{where}: write a whole number of at least 2")
     if not (math.isfinite(header[key]) or key == "nodata_value"):

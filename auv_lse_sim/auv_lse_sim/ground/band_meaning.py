@@ -68,7 +68,7 @@ def metres_per(unit: str, where: str) -> float:
     """
     plain = unit.strip().lower()
     if plain and plain not in _METRES:
-        raise GroundError(f"{where}: its unit is {unit!r}, which is no length. Convert it to metres (gdal_calc.py)")
+        raise GroundError(f"{where}: its unit is {unit!r}, which is not a length. Convert it to metres (gdal_calc.py)")
     return _METRES.get(plain, 1.0)
 
 

@@ -60,7 +60,7 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
     except GroundError:
         raise
     except (RasterioError, RuntimeError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise GroundError(f"{path}: is not a readable raster: {type(error).__name__}: {brief(error)}") from error
+        raise GroundError(f"{path} is not a readable raster: {type(error).__name__}: {brief(error)}") from error
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def _opened(path: Path) -> Any:
     with path.open("rb") as file:
         *others, last = _DRIVERS.get(file.read(4), ("",))
     if not last:
-        raise GroundError(f"{path}: is not a readable raster: it is neither TIFF, netCDF nor HDF5 (BAG, S-102)")
+        raise GroundError(f"{path} is not a readable raster: it is neither TIFF, netCDF nor HDF5 (BAG, S-102)")
     for driver in others:
         try:
             return rasterio.open(path, driver=driver)
@@ -111,7 +111,7 @@ def _variable(names: list[str], path: Path) -> str:
     named = [name for name in fit if text_says_up(shown[name]) is not None] or fit
     if len(named) != 1:
         raise GroundError(
-            f"{path}: has the variables {', '.join(shown.values())}; which are the depths? Write that one to a "
+            f"{path} has the variables {', '.join(shown.values())}; which are the depths? Write that one to a "
             f"GeoTIFF: gdal_translate '{(named or names)[0]}' depth.tif"
         )
     return named[0]
@@ -130,7 +130,7 @@ def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
     grid = data.read(band, masked=True)
     if np.iscomplexobj(grid):
-        raise GroundError(f"{path}: its values are complex numbers, which are no depths")
+        raise GroundError(f"{path}: its values are complex numbers, which are not depths")
     scale, offset = data.scales[band - 1], data.offsets[band - 1]
     values: Array = np.ma.filled(grid.astype(float), np.nan) * (scale * said.unit_m) + offset * said.unit_m
     if (scale, offset) != (1.0, 0.0):
@@ -201,7 +201,7 @@ def _check_no_picture(data: Any, band: int, said: Meaning, path: Path, config: B
     """
     colors = sorted({color.name for color in data.colorinterp} & set(_COLORS))
     if data.colorinterp[band - 1].name in _COLORS or {"red", "green", "blue"} <= set(colors):
-        raise GroundError(f"{path}: is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
+        raise GroundError(f"{path} is a picture (bands {', '.join(colors)}), not depths. Export the depths themselves")
     plain = (data.scales[band - 1], data.offsets[band - 1]) == (1.0, 0.0) and said.is_silent
     if data.dtypes[band - 1] == "uint8" and plain and config.depth_sign == "auto" and config.water_level_m is None:
         raise GroundError(

@@ -32,8 +32,8 @@ def load_ground(
     path = Path(path)
     config = config or BathymetryConfig()
     if not path.is_file():
-        what = "is not a file" if path.exists() else "no such file"
-        raise GroundError(f"{path}: {what}; give bathymetry as .csv, .npz, .asc, .tif, .nc or .bag")
+        what = "is not a file" if path.exists() else "does not exist"
+        raise GroundError(f"{path} {what}; give bathymetry as .csv, .npz, .asc, .tif, .nc or .bag")
     kinds = {
         ".csv": read_soundings_ground,
         ".txt": read_soundings_ground,

@@ -52,7 +52,7 @@ def read_xyz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
             if row is None:
                 raise GroundError(f"{path}:{number}: {line.strip()[:60]!r}; write three numbers: x, y and the depth")
             if len(values) == MAX_SOUNDINGS:
-                raise GroundError(f"{path}: has more than {MAX_SOUNDINGS:,} points. Thin them out, or grid them (.tif)")
+                raise GroundError(f"{path} has more than {MAX_SOUNDINGS:,} points. Thin them out, or grid them (.tif)")
             values.append(row)
             lines.append(number)
     x, y, z = np.array(values).T
@@ -62,7 +62,7 @@ def read_xyz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
     kept = np.flatnonzero(~unknown)[np.isfinite(depth)]
     x, y, depth = x[kept], y[kept], depth[np.isfinite(depth)]
     if not len(depth):
-        raise GroundError(f"{path}: has no point with a depth")
+        raise GroundError(f"{path} has no point with a depth")
     where = [lines[k] for k in kept]
     if np.ptp(x) < 10.0 and np.ptp(y) < 10.0 and (np.abs(x) <= 360.0).all() and (np.abs(y) <= 90.0).all():
         origin = origin or (float(y.min() + y.max()) / 2.0, (float(x.min() + x.max()) / 2.0 + 180.0) % 360.0 - 180.0)

@@ -62,7 +62,7 @@ def test_the_unit_is_converted(tmp_path, unit, metres):
 
 
 def test_a_unit_that_is_no_length_is_refused(tmp_path):
-    with pytest.raises(GroundError, match="its unit is 'degC', which is no length"):
+    with pytest.raises(GroundError, match="its unit is 'degC', which is not a length"):
         load_ground(tif(tmp_path / "g.tif", -DEPTH, unit="degC"))
 
 
@@ -278,5 +278,5 @@ def test_a_projection_that_is_no_text_is_refused_in_words(tmp_path):
     data = path.read_bytes()
     assert b"unknown" in data, "the projection's name"
     path.write_bytes(data.replace(b"unknown", b"unkn\xf4wn"))
-    with pytest.raises(GroundError, match=r"a\.tif: is not a readable raster: UnicodeDecodeError"):
+    with pytest.raises(GroundError, match=r"a\.tif is not a readable raster: UnicodeDecodeError"):
         load_ground(path)

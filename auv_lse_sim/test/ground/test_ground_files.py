@@ -41,7 +41,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ),
         ("a.npz", "no zip", r"a\.npz is damaged or not npz"),
         ("a.pdf", "x", r"files ending in '\.pdf' cannot be read; use one of \.csv"),
-        ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x' is no line of a header"),
+        ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x' is not a header line"),
         ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"but no cellsize, or dx and dy"),
         (
             "a.asc",
@@ -56,7 +56,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         (
             "a.asc",
             "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n",
-            r"a\.asc:7: 'z4' is no number",
+            r"a\.asc:7: 'z4' is not a number",
         ),
         ("a.asc", "ncols inf\n", r"a\.asc:1: 'ncols inf': write a whole number of at least 2"),
         ("a.asc", "ncols 2\nnrows nan\n", r"a\.asc:2: 'nrows nan': write a whole number of at least 2"),
@@ -72,9 +72,9 @@ def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(GroundError, match=r": is not a file; give bathymetry as"):
+    with pytest.raises(GroundError, match=r" is not a file; give bathymetry as"):
         load_ground(tmp_path)
-    with pytest.raises(GroundError, match=r"nowhere\.csv: no such file"):
+    with pytest.raises(GroundError, match=r"nowhere\.csv does not exist"):
         load_ground("nowhere.csv")
 
 

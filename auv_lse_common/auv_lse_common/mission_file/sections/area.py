@@ -135,7 +135,7 @@ def corners(name: str, flat: tuple[float, ...]) -> Array:
     area = 0.5 * float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]))
     span = float(np.ptp(polygon, axis=0).max())
     if abs(area) <= 1e-9 * span * span:
-        raise ParameterError(f"{name}: has no area: its corners lie on one line")
+        raise ParameterError(f"{name} has no area: its corners lie on one line")
     return polygon
 
 

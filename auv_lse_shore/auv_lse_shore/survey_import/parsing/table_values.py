@@ -230,7 +230,7 @@ def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
         try:
             turn = Transformer.from_crs(options.crs, "EPSG:4326", always_xy=True)
         except ProjError as error:
-            raise LogError(f"--crs {options.crs} is no coordinate system; write it such as EPSG:32632.") from error
+            raise LogError(f"--crs {options.crs} is not a coordinate system; write it like EPSG:32632.") from error
         lon, lat = turn.transform(positions[:, 1], positions[:, 0])
         return np.column_stack([lat, lon]), True
     if north == "y" and len(known) and np.abs(known[:, 0]).max() <= 90.0 and np.abs(known[:, 1]).max() <= 180.0:
@@ -300,7 +300,7 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
     if best is None:
         for role in candidates:
             text = next((text for text in table.values[role].tolist() if text.strip()), "")
-            known = f"{text[:20]!r} is no time" if text else "it is empty"
+            known = f"{text[:20]!r} is not a time" if text else "it is empty"
             content.notes.append(f"column {table.columns[role].name} is ignored: {known}")
         content.clock = Clock.NONE
         return np.arange(table.count, dtype=float)
