@@ -300,8 +300,8 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
     if best is None:
         for role in candidates:
             text = next((text for text in table.values[role].tolist() if text.strip()), "")
-            known = f"{text[:20]!r} is not a time" if text else "it is empty"
-            content.notes.append(f"column {table.columns[role].name} is ignored: {known}")
+            why = f"{text[:20]!r} is not a time" if text else "it is empty"
+            content.notes.append(f"column {table.columns[role].name} is ignored: {why}")
         content.clock = Clock.NONE
         return np.arange(table.count, dtype=float)
     content.clock, times = best
