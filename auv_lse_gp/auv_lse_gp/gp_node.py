@@ -145,7 +145,7 @@ class GpNode(VehicleNode):
         return self._slices <= 0
 
     def _is_map_due(self, now_s: float) -> bool:
-        """Whether to compute a map now: not if nobody reads it, and less often for the recorder alone."""
+        """Whether to compute a map now: not without readers, and less often for the recorder alone."""
         if not self._maps.is_due(now_s):
             return False
         readers = max(publisher.readers for publisher in (self._field, self._risk, self._isobath))

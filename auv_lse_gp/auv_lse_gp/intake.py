@@ -26,7 +26,7 @@ class MapIntake:
 
     Attributes:
         corrector: Corrects the positions of soundings; None: uses their estimated positions.
-        watch: Judges the map's quality; None: nobody asks for it.
+        watch: Judges the map's quality; None: it is not judged.
         sounded_s: Time (s) of the last step with a sounding of this vehicle, initially of the first step.
     """
 

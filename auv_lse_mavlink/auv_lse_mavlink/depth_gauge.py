@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-No MAVLink message says how deep a vehicle is. LOCAL_POSITION_NED.z and the altitude above home count from a point that
+No MAVLink message holds a vehicle's depth. LOCAL_POSITION_NED.z and the altitude above home count from a point that
 a ground station or GPS may have set metres off. So depth comes from absolute pressure minus the pressure at the
 surface, the zero.
 
@@ -15,7 +15,7 @@ standard air pressure, which may be metres wrong; `problem` reports it.
 *Drift.* At the first GPS fix after a dive, the depth that the gauge shows is reported, and not corrected.
 
 *Offset.* The autopilot's own depth minus pressure depth, filtered. Depth targets are shifted by it. Under water it may
-differ from its value at the surface by at most `link.depth_difference_m`; beyond it `problem` says so. The shift stops
+differ from its value at the surface by at most `link.depth_difference_m`; beyond it `problem` is set. The shift stops
 there, so that a gauge that is stuck cannot make a vehicle dive on and on. It follows a sudden step of the autopilot's
 own depth, faster than a vehicle or a gauge, which is one of its datum. Targets at the surface take the smaller of both
 shifts. When the autopilot reboots or gets another origin, its datum may change (`forget`).

@@ -243,7 +243,7 @@ class VehicleLink:
 
     @property
     def _depth_problem(self) -> str:
-        """Reason not to trust the depth; silence of the whole autopilot is none."""
+        """Reason not to trust the depth, apart from silence of the whole autopilot."""
         return self.gauge.problem(min(self._now_s, self._spoke_s)) if self.state is LinkState.UP else ""
 
     @property

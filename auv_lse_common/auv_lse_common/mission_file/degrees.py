@@ -53,7 +53,7 @@ class AreaContent:
     notes: list[str] = field(default_factory=list)
 
 
-#: Reads an area file, and raises a ParameterError that says what is wrong with it.
+#: Reads an area file, and raises a ParameterError that names the problem.
 AreaReader = Callable[[Path], AreaContent]
 
 

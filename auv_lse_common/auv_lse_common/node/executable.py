@@ -1,7 +1,7 @@
 """Prepares the process of a node's executable; each node's module imports this one first.
 
 SIGINT or SIGTERM during the imports ends the node without a traceback; `auv_lse_common.node.entry_point` then replaces
-the handlers. Linear algebra runs on one thread unless the environment says otherwise: a mission is many processes on
+the handlers. Linear algebra runs on one thread unless the environment sets more: a mission is many processes on
 few cores, and waiting threads would take the cores from each other. `leave` ends the process.
 """
 

@@ -101,7 +101,7 @@ class TopicPublisher:
         return self._publisher.get_subscription_count()
 
     def publish(self, value: Any) -> None:
-        """Publishes a value as a message, which is made only if somebody reads it, or the topic is latched."""
+        """Publishes a value as a message, which is built only if it has readers, or the topic is latched."""
         if self.has_readers():
             self.publish_message(self._make(value))
 
@@ -112,7 +112,7 @@ class TopicPublisher:
             self._publisher.publish(message)
 
     def has_readers(self) -> bool:
-        """Whether somebody reads the topic, or may read its last message later."""
+        """Whether the topic has readers, or may have later ones of its last message."""
         return self._has_outside_readers() or self._delivery.has_readers(self._topic.name)
 
     def _has_outside_readers(self) -> bool:

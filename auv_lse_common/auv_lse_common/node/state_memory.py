@@ -14,7 +14,7 @@ MEMORY = Path("/dev/shm")
 
 
 class MemoryCopy:
-    """The copy of a state file in memory, which tells a restarted process more than a disk that fails or is slow.
+    """The copy of a state file in memory, newer than the file itself if the disk fails or is slow.
 
     Attributes:
         text: The last state; None without a copy, b"" if the state file is out of date.

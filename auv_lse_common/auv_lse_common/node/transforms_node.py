@@ -5,7 +5,7 @@
     auvN/base_link -> auvN/dvl    fixed: x points down, so that RViz draws the altitude's range
 
 Frames are ENU, z up. No node of the stack reads them; they serve RViz and other packages, and are published only where
-somebody reads them.
+they have readers.
 """
 
 from __future__ import annotations

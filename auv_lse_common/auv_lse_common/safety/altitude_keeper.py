@@ -34,7 +34,7 @@ SPARE_M, LEFT_M = 0.6, 0.3
 WINDOW_M, REACH_M = 4.0, 4.0
 #: Ground that differs by more than this (m), beyond a slope of one, must be seen twice.
 JUMP_M = 0.7
-#: After so long (s) without a ping the next one counts whatever it says.
+#: After so long (s) without a ping the next one counts whatever its value.
 SILENT_S = 5.0
 #: Steepest line (m/m) along which a vehicle climbs while it travels, and steepest slope that is expected to go on.
 STEEPEST = 0.6
@@ -77,7 +77,7 @@ class AltitudeKeeper:
         self._depths.append((now_s, depth_m))
 
     def ping(self, altitude_m: float) -> None:
-        """Takes the altitude (m) at the last position; one that is not positive and finite says nothing."""
+        """Takes the altitude (m) at the last position; one that is not positive and finite is ignored."""
         if not (math.isfinite(altitude_m) and altitude_m > 0.0) or not self._depths:
             return
         from_s = self._depths[-1][0] - LAG_S

@@ -327,7 +327,7 @@ class SafetyWatch:
             self._add(name, found.get(name, ""))
 
     def _add(self, name: str, reason: str) -> None:
-        """Adds a reading of a limit; `reason` says why it exceeds the limit, "" if it does not."""
+        """Adds a reading of a limit; `reason` is why it exceeds the limit, "" if it does not."""
         self._times[name].add(bool(reason))
         if reason:
             self._reasons[name] = reason

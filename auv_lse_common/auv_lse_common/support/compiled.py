@@ -52,7 +52,7 @@ def _choose_cache_folder() -> None:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether this is a folder (not a link) that belongs to this user and that nobody else can write to."""
+    """Whether this is a folder (not a link) that belongs to this user and that only this user can write to."""
     found = folder.lstat()
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
 

@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-#: The environment variable in which whoever starts nodes names its copy. A node of another copy refuses to run.
+#: The environment variable with which the starter of nodes names its copy. A node of another copy refuses to run.
 COPY_VARIABLE = "AUV_LSE_COPY"
 #: Record of the copies that wrote a run folder, a line for each start.
 SOFTWARE_FILE = Path("logs") / "software.txt"
@@ -29,7 +29,7 @@ class InstalledCopy(NamedTuple):
     """An installed copy of a package.
 
     Attributes:
-        version: "0.2.0"; "?" if nothing says it.
+        version: "0.2.0"; "?" if unknown.
         kind: "checkout", "colcon" or "pip".
         folder: The checkout, the install prefix of colcon, or Python's folder of packages.
     """

@@ -32,11 +32,11 @@ class ModemCheck:
 
     Attributes:
         version: Its firmware; "" if it has not reported it.
-        over: Whether every query is answered or given up.
+        over: Whether every query is answered or abandoned.
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
-        """Prepares the queries: `config` is what the mission file says, `address` the vehicle's number."""
+        """Prepares the queries: `config` is from the mission file, `address` the vehicle's number."""
         self.version = ""
         self.over = False
         self._config, self._address = config, address
@@ -90,7 +90,7 @@ class ModemCheck:
 
     def _ask(self, now_s: float) -> None:
         if not self.over and now_s - self._since_s >= self._config.reply_timeout_s and self._tries >= TRIES:
-            if not self.answers:  # to the first query: nobody is there
+            if not self.answers:  # to the first query: no modem is connected
                 self.over = True
             else:
                 self._next(*self._query_names())

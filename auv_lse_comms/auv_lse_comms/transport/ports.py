@@ -202,7 +202,7 @@ class UdpPort:
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
-                continue  # nobody listened at the last write, which UDP allows
+                continue  # nothing listened at the last write, which UDP allows
             except OSError as error:
                 raise TransportError(f"{self._name}: cannot be read: {error}") from error
             taken += len(data)
@@ -237,7 +237,7 @@ class UdpPort:
             else:
                 self._socket.sendto(data, self._peer)
         except (ConnectionRefusedError, BlockingIOError):
-            pass  # nobody listens, or the buffer is full: datagrams may get lost
+            pass  # nothing listens, or the buffer is full: datagrams may get lost
         except OSError as error:
             raise TransportError(f"{self._name}: cannot be written: {error}") from error
 

@@ -344,7 +344,7 @@ class _Stale:
 
     @property
     def gained(self) -> int:
-        """Number of centers close to it that have come or gone."""
+        """Number of centers close to it that were added or removed."""
         return 0 if self.tile.data is None else abs(self.data.close - self.tile.data.close)
 
 

@@ -29,7 +29,7 @@ def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Arra
 
 
 def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[Array], NDArray[np.bool_]]:
-    """A function that tells whether locations (P, 2) are within a distance of lines: mask (P,)."""
+    """A function that returns whether locations (P, 2) are within a distance of lines: mask (P,)."""
     points = resample(lines)
     if len(points) == 0:
         return lambda locations_m: np.zeros(len(locations_m), dtype=bool)

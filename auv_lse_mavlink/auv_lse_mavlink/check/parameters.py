@@ -84,7 +84,7 @@ class ParameterReader:
 
     @property
     def is_applying(self) -> bool:
-        """Whether a change is neither verified nor given up."""
+        """Whether a change is neither verified nor abandoned."""
         return any(not self._is_set(change) for change in self._wanted.values()) and self._tries <= TRIES
 
     def step(self) -> None:

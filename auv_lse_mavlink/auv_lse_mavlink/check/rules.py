@@ -46,8 +46,8 @@ _SUB_LEAK = {
 }
 _ROVER_GCS = {
     0.0: (False, "the vehicle goes on to its target"),
-    1.0: (True, "it does what FS_ACTION says"),
-    2.0: (None, "it does what FS_ACTION says, but goes on in AUTO"),
+    1.0: (True, "it carries out FS_ACTION"),
+    2.0: (None, "it carries out FS_ACTION, but continues in AUTO"),
 }
 _ROVER_ACTION = {
     0.0: (False, "the vehicle goes on to its target"),
@@ -60,8 +60,8 @@ _ROVER_ACTION = {
 }
 _ROVER_THROTTLE = {
     0.0: (True, "no radio is expected"),
-    1.0: (False, "without a radio the vehicle does what FS_ACTION says"),
-    2.0: (None, "without a radio the vehicle does what FS_ACTION says, but goes on in AUTO"),
+    1.0: (False, "without a radio the vehicle carries out FS_ACTION"),
+    2.0: (None, "without a radio the vehicle carries out FS_ACTION, but continues in AUTO"),
 }
 
 

@@ -90,7 +90,7 @@ class OriginExchange:
             )
 
     def setting_refused(self, now_s: float) -> None:
-        """The autopilot takes no origin: it has one, or waits for its GPS. It is asked for it, and sets it later."""
+        """The autopilot takes no origin: it has one, or waits for its GPS. It is asked again, and sets one later."""
         self._set_from_s = now_s + ASK_AGAIN_S
 
     def host_stepped(self, now_s: float) -> None:
@@ -170,7 +170,7 @@ class OriginExchange:
         """Compares a global position (1e-7 deg; 0, 0: unknown) with the local one.
 
         If they contradict each other, the origin has moved unnoticed: it is requested again. If they still do after
-        `CONTRADICTS_S`, `contradiction` says so.
+        `CONTRADICTS_S`, `contradiction` is set.
 
         Args:
             now_s: The host's clock.

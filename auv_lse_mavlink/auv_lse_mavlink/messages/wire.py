@@ -60,7 +60,7 @@ class _Mavlink(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink has no types
             return bool(super().check_signature(msgbuf, srcSystem, srcComponent))
         sender, link_id = (srcSystem, srcComponent), msgbuf[-_SIGNATURE_BLOCK_BYTES]
         timestamp = int.from_bytes(msgbuf[-2 * _SIGNATURE_BYTES : -_SIGNATURE_BYTES], "little")
-        # the sender refuses older timestamps than those that it knows
+        # the sender refuses older timestamps than the last
         self.signing.timestamp = max(self.signing.timestamp, timestamp)
         newest = self.newest(sender)
         if newest is None and not self._answers(msgbuf):

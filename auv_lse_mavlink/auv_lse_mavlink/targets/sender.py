@@ -18,7 +18,7 @@ A stop replaces all targets until it is lifted: it is a target at the vehicle's 
 at the surface, or a position to go to. Then the current target, or the mission, is sent again.
 
 A vehicle that holds, surfaces or has ended its mission stays where it is: when the autopilot is armed, changes its
-mode, reboots or returns, the target is the vehicle's position at that time, because somebody may have moved it. After
+mode, reboots or returns, the target is the vehicle's position at that time, because it may have been moved. After
 the mission's end a vehicle may still be under way, to a recovery position or the last leg's end. If its autopilot then
 reboots or is disarmed, people may have it, so it surfaces where it is and goes there only after another command.
 
@@ -150,7 +150,7 @@ class TargetSender:
         """Compares an estimate with the current target; None: it cannot be compared now.
 
         While the vehicle ignores its target, a mission is uploaded again every `IGNORED_S`, a position target is sent
-        again as `delivery.py` says.
+        again as described in `delivery.py`.
         """
         target = self.current
         if position is None or target is None or self.lift.climbs or not (self.settled or self._obedience.problem):

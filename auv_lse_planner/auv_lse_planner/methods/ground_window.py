@@ -5,7 +5,7 @@ number of soundings. The window is therefore *focused* on the path of the next l
 legs. Its *cells* are those near the path whose risk can still fall; ground that is surveyed and certain is *settled*.
 The posterior holds the centers near these cells, averaged if they are not close. It is conditioned on new centers only
 when plans are evaluated (`update`). Elsewhere, risk and mean are updated when the window is focused, tile by tile,
-where centers have come or gone.
+where centers were added or removed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CELLS_SCALES = 1.5
 #: Ground is settled if its risk, relative to the largest possible, is at most this, and a center is at most this far
 #: away, in length scales.
 SETTLED_SHARE, SETTLED_SCALES = 1e-3, 0.5
-#: Elsewhere, the risk is updated this far from centers that have come or gone, in length scales.
+#: Elsewhere, the risk is updated this far from centers that were added or removed, in length scales.
 STALE_SCALES = 2.0
 #: Side (m) of the square tiles in which risk and mean elsewhere are updated.
 TILE_M = 300.0
@@ -208,7 +208,7 @@ class GroundWindow:
         return found
 
     def _update_map(self) -> None:
-        """Updates risk and mean of all cells near which centers have come or gone."""
+        """Updates risk and mean of all cells near which centers were added or removed."""
         grid, everywhere = self._grid, self._grid.locations_m
         count = np.zeros(grid.inside.shape)
         np.add.at(count, self._index(self._centers.locations_m), 1.0)

@@ -73,7 +73,7 @@ def _identity(folder: Path) -> str:
 
 
 def _mission(file: Path, number: int) -> dict[str, Any]:
-    """What the mission file on this vehicle says about the team, and the hashes of the files that it names."""
+    """What the mission file on this vehicle sets for the team, and the hashes of the files that it names."""
     try:
         settings = Settings.load(file)
         safety = section(

@@ -158,7 +158,7 @@ class Session:
         """Answers requests until the laptop closes, or asks nothing for a minute.
 
         Raises:
-            WireError: if what comes is no conversation.
+            WireError: if the input is not of this protocol.
             OSError: if the laptop has closed while it is answered.
         """
         copy = copy_of("auv_lse_run")

@@ -17,7 +17,7 @@ MAX_LINE = 4_000_000
 
 
 class WireError(ValueError):
-    """A line that is none of this conversation."""
+    """A line that is not of this protocol."""
 
 
 def encoded(message: Mapping[str, Any]) -> bytes:
@@ -29,7 +29,7 @@ def decoded(line: bytes) -> dict[str, Any]:
     """The message of a line.
 
     Raises:
-        WireError: if it is none.
+        WireError: if it is not a message.
     """
     try:
         found = json.loads(line)

@@ -8,7 +8,7 @@ over unless the vehicle is under water.
 
 The next start continues a dive that is not over and has the same mission file and positions. A dive is also over if the
 vehicle was at the surface and the mission never ran or has ended. If any record or state file is missing, blank,
-damaged, old or another dive's, `doubt` says so: the vehicle holds, and surfaces if it is under water. It also holds if
+damaged, old or another dive's, `doubt` is set: the vehicle holds, and surfaces if it is under water. It also holds if
 a dive with another mission file was not ended. Only without any trace of an earlier dive a first dive begins.
 
 Nothing here stops the nodes from starting: a vehicle under water needs them even if its disk is gone.

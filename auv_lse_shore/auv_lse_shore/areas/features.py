@@ -1,4 +1,4 @@
-"""The features of an area file: polygons, lines and points with the text that says what they are for."""
+"""The features of an area file: polygons, lines and points with the text that states their purpose."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def _numbers(element: Element, name: str, where: str) -> list[list[float]]:
     """Longitude, latitude (and height) of each tuple of an element's coordinates; blanks around commas do not count.
 
     Raises:
-        ParameterError: naming the tuple that is none.
+        ParameterError: naming the invalid tuple.
     """
     text = re.sub(r"\s*,\s*", ",", "".join(element.itertext()).strip())
     found = []

@@ -134,7 +134,7 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
 
 
 def user_facts(options: argparse.Namespace) -> UserFacts:
-    """What the command line says about the logs.
+    """What the command line states about the logs.
 
     Raises:
         LogError: if `--date` is no day.

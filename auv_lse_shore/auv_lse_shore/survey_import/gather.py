@@ -1,4 +1,4 @@
-"""From files to logs on the local plane: reads, chooses, dates and places, and counts what is left out."""
+"""From files to logs on the local plane: reads, selects, dates and positions them, and counts what is left out."""
 
 from __future__ import annotations
 

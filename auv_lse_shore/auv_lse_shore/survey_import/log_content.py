@@ -98,7 +98,7 @@ class LogContent:
         self._pressures: dict[str, array[float]] = defaultdict(lambda: array("d"))
 
     def position(self, kind: str, stamp_s: float, lat_deg: float, lon_deg: float) -> None:
-        """Adds a position in degrees; 0, 0 is none, and neither is one outside of the earth."""
+        """Adds a position in degrees; 0, 0 and impossible ones are ignored."""
         if lat_deg == 0.0 and lon_deg == 0.0:
             self.left_out[NO_POSITION] += 1
         elif not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0 and math.isfinite(stamp_s)):

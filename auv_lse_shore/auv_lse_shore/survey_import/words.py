@@ -1,4 +1,4 @@
-"""What the import tells: what was found, what was left out and why, and what to type next."""
+"""What the import prints: what was found, what was left out and why, and what to type next."""
 
 from __future__ import annotations
 

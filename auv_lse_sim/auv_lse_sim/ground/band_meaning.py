@@ -1,4 +1,4 @@
-"""What a file says about the values of a raster: depth or elevation, their unit, and what they are not."""
+"""What a file states about the values of a raster: depth or elevation, their unit, and what they are not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Meaning:
     """What a raster's values are.
 
     Attributes:
-        up: Whether they are elevations; None if nothing says so.
+        up: Whether they are elevations; None if nothing states it.
         unit_m: Metres per unit.
         name: Their name, for messages.
         notes: How the values were read, for `describe`.
@@ -48,7 +48,7 @@ class Meaning:
 
 
 def text_says_up(text: str) -> bool | None:
-    """Whether a name means elevations (True) or depths (False); None if it says neither, or both."""
+    """Whether a name means elevations (True) or depths (False); None if it means neither, or both."""
     plain = re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower()
     down, up = _DOWN.search(plain) is not None, _UP.search(plain) is not None
     return None if down == up else up

@@ -41,7 +41,7 @@ def raster_ground(
         crs: Their coordinate reference system in a form that pyproj reads, None if the file has none.
         config: How to read them.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
-        said: What the file says about the values, already in metres; None: its name decides.
+        said: What the file states about the values, already in metres; None: its name decides.
 
     Raises:
         GroundError: if the values or the projection are not understood, or the raster lies far from the origin or is

@@ -1,6 +1,6 @@
 """A vehicle's motion along a leg in sub-steps, with its instruments and its filter in the loop.
 
-Ideal vehicles run on rails: they are exactly where the leg says. Others are steered:
+Ideal vehicles run on rails: they are exactly on the leg. Others are steered:
 
     path following   the position `s` along the leg moves on with the vehicle: s' = V cos(course - path) + k_s * ahead
     line of sight    course wanted = path - atan(off / lookahead), heading wanted = that minus the crab angle

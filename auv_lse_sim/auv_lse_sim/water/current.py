@@ -21,7 +21,7 @@ class Current:
     Args:
         config: Its parameters.
         rng: Source of its random numbers (stream "current").
-        ideal: Still water, whatever `config` says.
+        ideal: Still water, whatever `config` is.
     """
 
     def __init__(self, config: CurrentConfig, rng: np.random.Generator, ideal: bool = False) -> None:

@@ -26,7 +26,7 @@ else:
 
 #: Largest number of positions of a path that can be evaluated together; their covariance takes 0.5 GB.
 MAX_LOCATIONS = 8000
-#: Most legs of a vehicle that the method `line` plans; its account knows no stages.
+#: Most legs of a vehicle that the method `line` plans; it cannot plan in stages.
 MAX_LINE_LEGS = 200
 
 

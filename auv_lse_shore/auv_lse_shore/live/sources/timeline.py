@@ -14,7 +14,7 @@ class Timeline:
     """An append-only list of events, written by one thread and read by any.
 
     A page requests the events after its last one. A new mission begins a new list under a new name, so that a page
-    that reconnects knows whether its events are still valid.
+    that reconnects can decide whether its events are still valid.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class Timeline:
         """The events that follow those that a page has.
 
         Args:
-            name: The list that the page knows; for another name than the current one all events are new.
+            name: The list that the page has; for another name than the current one all events are new.
             index: Number of events that it has.
             most: Maximum number of events to return.
 

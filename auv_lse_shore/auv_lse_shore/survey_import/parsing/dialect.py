@@ -173,7 +173,7 @@ def columns_of(text: str, dialect: Dialect, wanted: Sequence[int]) -> Iterator[l
 
 
 def numbers_of(texts: Sequence[str], decimal_comma: bool) -> Array:
-    """Numbers of texts, shape (n,); NaN for those that are none."""
+    """Numbers of texts, shape (n,); NaN where a text is not a number."""
     cells = "\n".join(texts).replace(",", ".").split("\n") if decimal_comma else texts
     try:
         return np.fromiter(map(float, cells), float, len(cells))

@@ -81,12 +81,12 @@ class Sentences:
         return np.where(sizes > width, np.bytes_(b"?"), cells)
 
     def numbers(self, rows: Numbers, number: int, empty: float = np.nan) -> Array:
-        """A field (0, 1, ...) of some sentences as numbers; NaN for those that are none."""
+        """A field (0, 1, ...) of some sentences as numbers; NaN where it is not one."""
         return numbers_of(self.cells(rows, number), empty)
 
 
 def numbers_of(cells: Cells, empty: float = np.nan) -> Array:
-    """Numbers of fields; `empty` for blank ones, and NaN for those that are none."""
+    """Numbers of fields; `empty` for blank ones, and NaN where one is not a number."""
     try:
         return np.where(cells == b"", b"nan", cells).astype(float) if np.isnan(empty) else _filled(cells, empty)
     except ValueError:
@@ -122,7 +122,7 @@ def degrees(texts: Cells, sides: Cells, positive: bytes, negative: bytes) -> Arr
 
 
 def of_day_s(clocks: Cells) -> Array:
-    """Seconds of the day of times such as 140305.20; NaN for those that are none."""
+    """Seconds of the day of times such as 140305.20; NaN where one is not a time."""
     numbers = np.nan_to_num(numbers_of(clocks), nan=-1.0, posinf=-1.0)
     digits = np.char.find(clocks, b".")
     digits = np.where(digits < 0, np.char.str_len(clocks), digits)
@@ -134,7 +134,7 @@ def of_day_s(clocks: Cells) -> Array:
 
 
 def days(dates: Cells) -> Array:
-    """Days since 1970 of dates ddmmyy; NaN for those that are none."""
+    """Days since 1970 of dates ddmmyy; NaN where one is not a date."""
     numbers = np.where(np.char.str_len(dates) == 6, numbers_of(dates), np.nan)
     unique, where = np.unique(numbers, return_inverse=True)
     found: Array = np.array([_day(number) for number in unique.tolist()])[where] if len(unique) else np.empty(0)

@@ -176,7 +176,7 @@ class ArduPilot:
         self.estimator.height_m += up_m
 
     def reboot(self, now_s: float) -> None:
-        """Boots: parameters take effect; origin, mission and mode are gone."""
+        """Boots: parameters take effect; origin, mission and mode are lost."""
         self._tick(now_s)
         self.estimator.boot()
         self.parameters.boot()
@@ -337,7 +337,7 @@ class ArduPilot:
             self._fly_mission()
 
     def _go(self, target: Target) -> None:
-        """Flies to a target, if it is armed and not told to misbehave."""
+        """Flies to a target, if it is armed and no fault is injected."""
         here_m = math.hypot(target.north_m - self._last.north_m, target.east_m - self._last.east_m)
         depth_m = target.depth_m - self.estimator.height_m
         stops = here_m <= STOP_M or (self.own.surface is not None and depth_m <= SURFACE_M)

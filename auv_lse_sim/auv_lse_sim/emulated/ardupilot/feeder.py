@@ -10,7 +10,7 @@ from auv_lse_sim.emulated.autopilot_report import Report
 SYSTEM, COMPONENT = 250, 190
 #: Its clock (ms) minus the autopilot's.
 CLOCK_MS = 400_000_000
-#: Reach of the range finder (cm), as it says.
+#: Reach of the range finder (cm), as it reports it.
 REACH_CM = (30, 10000)
 
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 GAIN = 0.62
 #: Largest jerk (m/s^3) and acceleration (m/s^2) of the S-curve, and the time (s) in which the jerk rises.
 JERK, ACCELERATION, EASE_S = 0.39, 0.354, 0.152
-#: Speed that the vehicle reaches as a share of the speed that it is told.
+#: Speed that the vehicle reaches as a share of the commanded speed.
 SPEED_SHARE = 0.87
 #: Rate (m/s) of ascent in SURFACE, and with motors that are off; and the time constant (s) with which they set in.
 ASCENT_MPS, BUOYANCY_MPS, ASCENT_TIME_S = 1.3, 0.1, 0.3
@@ -74,7 +74,7 @@ class Guidance(Protocol):
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the vehicle is at its last target, or was told to stop."""
+        """Whether the vehicle is at its last target, or has a command to stop."""
 
     def at(self, now_s: float) -> Pose:
         """The pose at a time."""
@@ -172,7 +172,7 @@ class SubGuidance:
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the vehicle is at its last target, or was told to stop."""
+        """Whether the vehicle is at its last target, or has a command to stop."""
         return self._arrives
 
     def at(self, now_s: float) -> Pose:
@@ -248,7 +248,7 @@ class RoverGuidance:
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the vehicle is at its last target, or was told to stop."""
+        """Whether the vehicle is at its last target, or has a command to stop."""
         return self._target_m is None
 
     def at(self, now_s: float) -> Pose:

@@ -27,7 +27,7 @@ class OrderedPilot:
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the vehicle is at its last target, or was told to stop, and no order waits."""
+        """Whether the vehicle is at its last target, or has a command to stop, and no order waits."""
         return self._guidance.has_arrived and not self._orders
 
     def order(self, now_s: float, order: Callable[[float], None]) -> None:

@@ -68,7 +68,7 @@ class Streams:
         self._sent_s = {}
 
     def set_interval(self, message_id: int, interval_us: float) -> None:
-        """Streams one message at an interval (us), as SET_MESSAGE_INTERVAL says; -1: not at all, 0: by its group."""
+        """Streams one message at an interval (us), as SET_MESSAGE_INTERVAL sets it; -1: not at all, 0: by its group."""
         if interval_us == 0.0:
             self._intervals_s.pop(message_id, None)
         else:
