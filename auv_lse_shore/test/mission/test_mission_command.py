@@ -96,7 +96,7 @@ def test_hardware_chosen_by_the_user_stays_in_the_vehicles_file(tmp_path: Path) 
 
 def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
     path, out = tmp_path / "mission.yaml", tmp_path / "vehicles.yaml"
-    corners = [0.0, 0.0, 3000.0, 0.0, 3000.0, 3000.0, 0.0, 3000.0]
+    corners = [0.0, 0.0, 900.0, 0.0, 900.0, 900.0, 0.0, 900.0]
     path.write_text(f"/**:\n  ros__parameters:\n    area: {{polygon_m: {corners}}}\n")
     assert main([str(path), "--for-vehicles", str(out), *PORT]) == 0
     assert list(Settings.load(out).area.polygon_m) == corners
