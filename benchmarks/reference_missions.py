@@ -54,7 +54,7 @@ MISSIONS: dict[str, dict[str, Any]] = {
         "mission.steps": 25,
         "mission.seed": 10,
     },
-    "local_no_merging": {"gp.local": True, "gp.merge": False, "mission.steps": 30, "mission.seed": 11},
+    "no_merging": {"gp.merge": False, "mission.steps": 30, "mission.seed": 11},
 }
 
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     )
     from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath, contours
     from auv_lse_gp.map.gate import SoundingError
-    from auv_lse_gp.map.online import Counts, OnlineGp, Outcome
+    from auv_lse_gp.map.online import Counts, OnlineGp
+    from auv_lse_gp.map.store import Outcome
     from auv_lse_gp.soundings import read_soundings
 
 __all__ = [
@@ -68,7 +69,8 @@ __getattr__ = lazy_exports(
         "map.gate": ("SoundingError",),
         "inference.cached_points": ("CachedPoints",),
         "covariance.kernels": ("Kernel",),
-        "map.online": ("Counts", "OnlineGp", "Outcome"),
+        "map.online": ("Counts", "OnlineGp"),
+        "map.store": ("Outcome",),
         "inference.posterior": ("Posterior",),
         "level_set.bayes_risk": (
             "LevelSet",

@@ -12,6 +12,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import UNWATCHED_PERIODS, GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.positions import positions_of
 from auv_lse_common.mission_file.sections.sim import SimConfig
@@ -28,7 +29,6 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
-from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.map.quality_watch import QualityWatch, slices
 from auv_lse_gp.positions.position_corrector import corrector_for
@@ -43,7 +43,7 @@ class GpNode(VehicleNode):
     def __init__(self) -> None:
         super().__init__("gp_node")
         config = section(GpConfig, self.parameters, "gp", self.where)
-        level_set = section(LevelSet, self.parameters, "level_set", self.where)
+        level_set = section(LevelSetConfig, self.parameters, "level_set", self.where)
         area = section(AreaConfig, self.parameters, "area", self.where)
         operating_area = OperatingArea(area)
         self._map = DepthMap(config, level_set, operating_area)

@@ -20,8 +20,6 @@ Message = Any
 #: Takes the share of a log that has been read, 0 to 1.
 Progress = Callable[[float], None]
 
-#: First bytes of a dataflash log: the definition of a message.
-DATAFLASH = b"\xa3\x95\x80"
 #: First bytes of MAVLink 1 and 2 messages, which follow 8 bytes of time in a telemetry log.
 _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
 #: A telemetry log's times (s since 1970) are between these: 2000 and 2100.

@@ -45,17 +45,19 @@ class MethodEntry:
     """A value of `planner.method`.
 
     Attributes:
+        family: Name of its family.
         parameters: Planner parameters that differ from the paper's augmented method.
         of_paper: Whether it is the paper's, and so maximizes the paper's reward.
-        risk_integral: Value that replaces `level_set.method`; None: uses the mission file's.
+        risk_integral: How the expected risk is computed: exactly, or with the paper's approximation.
     """
 
+    family: str = "path"
     parameters: Mapping[str, Any] = field(default_factory=dict)
     of_paper: bool = False
-    risk_integral: str | None = None
+    risk_integral: str = "exact"
 
 
-#: Families by name: the values of `planner.proposals`.
+#: Families by name.
 FAMILIES: dict[str, Family] = {
     "tour": Family(
         bound_of="map", to_the_end=True, all_mates=True, positions_per_leg=MAP_LOCATIONS_PER_LEG, sends_tours=True
@@ -74,34 +76,37 @@ FAMILIES: dict[str, Family] = {
 #: No naive path after the searched legs, and no incumbent.
 _PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}
 #: A tour over the rest of the mission.
-_TOUR: dict[str, Any] = {"proposals": "tour", "augmented": False, "naive_paths": (), "iterations": 150}
+_TOUR: dict[str, Any] = {"augmented": False, "naive_paths": (), "iterations": 150}
 
 METHODS: dict[str, MethodEntry] = {
     # One tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
-    "tour": MethodEntry(parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4}),
+    "tour": MethodEntry(
+        family="tour",
+        parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4},
+    ),
     # The same search for the length of isobath located.
     "line": MethodEntry(
+        family="line",
         parameters={
             **_TOUR,
-            "proposals": "line",
             "credit": "beyond",
             "horizon": 10,
             "exploration": 0.5,
             "tour_interval": 4,
             "iterations": 80,
-        }
+        },
     ),
     # The paper's methods; the third uses the paper's approximate risk integral.
     "augmented": MethodEntry(of_paper=True),
     "plain": MethodEntry(of_paper=True, parameters={**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5}),
     "exponential_quadratic": MethodEntry(of_paper=True, risk_integral="exponential_quadratic"),
     # Baselines: a tour that is never re-optimized, a single naive path, and one-leg scores.
-    "fixed_tour": MethodEntry(parameters={**_TOUR, "tour_interval": 0}),
-    "lawnmower": MethodEntry(parameters={"proposals": "naive", "horizon": 1, "naive_paths": FITTED_OF_GROUP}),
-    "random": MethodEntry(parameters={**_PLAIN, "proposals": "random", "horizon": 1}),
-    "myopic": MethodEntry(parameters={**_PLAIN, "proposals": "benefit", "horizon": 1}),
-    "max_variance": MethodEntry(parameters={**_PLAIN, "proposals": "variance", "horizon": 1}),
-    "straddle": MethodEntry(parameters={**_PLAIN, "proposals": "straddle", "horizon": 1}),
+    "fixed_tour": MethodEntry(family="tour", parameters={**_TOUR, "tour_interval": 0}),
+    "lawnmower": MethodEntry(family="naive", parameters={"horizon": 1, "naive_paths": FITTED_OF_GROUP}),
+    "random": MethodEntry(family="random", parameters={**_PLAIN, "horizon": 1}),
+    "myopic": MethodEntry(family="benefit", parameters={**_PLAIN, "horizon": 1}),
+    "max_variance": MethodEntry(family="variance", parameters={**_PLAIN, "horizon": 1}),
+    "straddle": MethodEntry(family="straddle", parameters={**_PLAIN, "horizon": 1}),
 }
 
 #: What a mission can be asked for (`mission.goal`), and the method of each goal.

@@ -11,7 +11,9 @@ from typing import Any
 
 #: Parameters of earlier versions.
 RETIRED = (
+    "gp.local",
     "gp.outlier_sigmas",
+    "level_set.method",
     "motion.track_spacing_m",
     "packet.check_limits",
     "packet.expected_loss",
@@ -27,6 +29,7 @@ RETIRED = (
     "planner.map_share",
     "planner.objective",
     "planner.own_area_m2",
+    "planner.proposals",
     "planner.tail",
     "planner.team_order",
     "planner.team_routes",
@@ -60,10 +63,10 @@ RENAMED: Mapping[str, str] = {
 
 #: Values of earlier versions, by the parameter that took them, each with the value that replaced it.
 RETIRED_VALUES: Mapping[str, Mapping[str, str]] = {
+    "gp.kernel": {"matern32": "matern52", "wendland_c4": "wendland_c2"},
     "motion.straight": {"printed": "growing"},
     "planner.credit": {"printed": "whole"},
     "planner.method": {"best": "tour", "bounded": "tour", "map": "tour"},
-    "planner.proposals": {"surrogate": "tour"},
 }
 
 

@@ -47,9 +47,3 @@ class GrowingRows:
         begin = self._size
         self.resize(begin + len(new))
         self.buffer[begin : self._size] = new
-
-    def copy(self) -> GrowingRows:
-        """An independent copy."""
-        other = GrowingRows(0)
-        other.buffer, other._size = self.buffer.copy(), self._size
-        return other

@@ -11,10 +11,10 @@ from auv_lse_common.mission_file.settings import Settings
 
 def test_parameters_of_the_file_override_those_of_the_method():
     paper = PlannerConfig(method="augmented").complete()
-    assert (paper.proposals, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
+    assert (paper.family_name, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
     assert (paper.naive_paths, paper.incumbent) == ((0xF0,), True)
     plain = PlannerConfig(method="plain").complete()
-    assert (plain.proposals, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
+    assert (plain.family_name, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
     assert (plain.naive_paths, plain.incumbent) == ((), False)
     changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
     assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))

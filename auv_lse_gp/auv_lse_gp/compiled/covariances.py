@@ -1,4 +1,4 @@
-"""Covariances, triangular solves and spacing compiled with numba: see `kernels.py`, `factor.py`, `spacing.py`."""
+"""Covariances, triangular solves and spacing compiled with numba: see `kernels.py`, `factor.py`, `store.py`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ _LOG2E = math.log2(math.e)
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, so that x - n ln 2 has no rounding error
 _LN2_LOW = 1.90821492927058770002e-10
 _MAGIC = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer in the low bits
-_SQRT3 = math.sqrt(3.0)
 _SQRT5 = math.sqrt(5.0)
 
 
@@ -75,14 +74,6 @@ def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
 
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
-def _matern32(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
-    _wide_vectors()
-    for j in range(len(bx)):
-        t = _SQRT3 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
-        out[j] = variance * ((1.0 + t) * _exp(-t))
-
-
-@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _matern52(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
     _wide_vectors()
     for j in range(len(bx)):
@@ -108,29 +99,15 @@ def _wendland_c2(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  
         out[j] = variance * (q * q * (4.0 * r + 1.0))
 
 
-@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
-def _wendland_c4(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
-    _wide_vectors()
-    for j in range(len(bx)):
-        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
-        q = max(1.0 - r, 0.0)
-        q = q * q
-        out[j] = variance * (q * q * q * ((35.0 * r + 18.0) * r + 3.0) * (1.0 / 3.0))
-
-
 @njit("void(i8, f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True)
 def covariance_row(index, variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
     """Covariance of scaled locations (bx, by) with one location (x, y); `index` as in `config.KERNELS`."""
     if index == 0:
-        _matern32(variance, bx, by, x, y, out)
-    elif index == 1:
         _matern52(variance, bx, by, x, y, out)
-    elif index == 2:
+    elif index == 1:
         _squared_exponential(variance, bx, by, x, y, out)
-    elif index == 3:
-        _wendland_c2(variance, bx, by, x, y, out)
     else:
-        _wendland_c4(variance, bx, by, x, y, out)
+        _wendland_c2(variance, bx, by, x, y, out)
 
 
 @njit("void(i8, f8, f8[:, :], f8[:, :], f8[:, ::1])", cache=True)
@@ -195,14 +172,6 @@ def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
-def _matern32_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
-    _wide_vectors()
-    for j in range(len(bx)):
-        t = _SQRT3 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
-        out[j] = -3.0 * variance * _exp(-t)
-
-
-@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _matern52_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
     _wide_vectors()
     for j in range(len(bx)):
@@ -222,15 +191,6 @@ def _wendland_c2_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-
         r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
         q = max(1.0 - r, 0.0)
         out[j] = -20.0 * variance * (q * q * q)
-
-
-@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
-def _wendland_c4_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
-    _wide_vectors()
-    for j in range(len(bx)):
-        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
-        q = max(1.0 - r, 0.0)
-        out[j] = -56.0 / 3.0 * variance * ((5.0 * r + 1.0) * (q * q) * (q * q) * q)
 
 
 @njit("void(f8[::1], f8[::1], f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract", "reassoc"})
@@ -254,21 +214,17 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
     for i in range(len(a)):
         x, y = a[i, 0], a[i, 1]
         if index == 0:
-            _matern32_slope(variance, bx, by, x, y, slopes)
-        elif index == 1:
             _matern52_slope(variance, bx, by, x, y, slopes)
-        elif index == 2:
+        elif index == 1:
             _squared_exponential_slope(variance, bx, by, x, y, slopes)
-        elif index == 3:
-            _wendland_c2_slope(variance, bx, by, x, y, slopes)
         else:
-            _wendland_c4_slope(variance, bx, by, x, y, slopes)
+            _wendland_c2_slope(variance, bx, by, x, y, slopes)
         _weighted_apart(weights[min(i, last)], slopes, bx, by, x, y, out[i])
 
 
 @njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)
 def take_spaced(kept, size, spacing, locations, max_new, near):  # type: ignore[no-untyped-def]  # numba's types
-    """`spacing.take_spaced_numpy` compiled; same arguments."""
+    """`store.take_spaced_numpy` compiled; same arguments."""
     full = size + max_new
     for i in range(len(locations)):
         x, y = locations[i, 0], locations[i, 1]

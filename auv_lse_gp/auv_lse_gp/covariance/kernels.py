@@ -20,16 +20,7 @@ Array = NDArray[np.float64]
 
 #: Support of a Wendland kernel / its length scale: the correlation at one length scale is then that of a Matern 5/2
 #: kernel (0.524), so that `length_scale_m` means the same for every kernel.
-SUPPORT_RATIO = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
-
-#: Default radius of the local subset (d_eps) / length scale, for kernels without compact support. Errors:
-#: docs/design/gp.md.
-LOCAL_RATIO = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0}
-
-
-def _matern32(r: Array) -> Array:
-    t = math.sqrt(3.0) * r
-    return np.asarray((1.0 + t) * np.exp(-t))
+SUPPORT_RATIO = {"wendland_c2": 3.3107}
 
 
 def _matern52(r: Array) -> Array:
@@ -47,16 +38,6 @@ def _wendland_c2(r: Array) -> Array:
     return np.asarray(q * q * (4.0 * r + 1.0))
 
 
-def _wendland_c4(r: Array) -> Array:
-    # Wendland (1995), phi_{3,2}: positive definite in up to three dimensions, four times differentiable.
-    q = np.maximum(1.0 - r, 0.0) ** 2
-    return np.asarray(q * q * q * ((35.0 * r + 18.0) * r + 3.0) / 3.0)
-
-
-def _matern32_slope(r: Array) -> Array:
-    return np.asarray(-3.0 * np.exp(-math.sqrt(3.0) * r))
-
-
 def _matern52_slope(r: Array) -> Array:
     t = math.sqrt(5.0) * r
     return np.asarray(-5.0 / 3.0 * (1.0 + t) * np.exp(-t))
@@ -70,26 +51,18 @@ def _wendland_c2_slope(r: Array) -> Array:
     return np.asarray(-20.0 * np.maximum(1.0 - r, 0.0) ** 3)
 
 
-def _wendland_c4_slope(r: Array) -> Array:
-    return np.asarray(-56.0 / 3.0 * (5.0 * r + 1.0) * np.maximum(1.0 - r, 0.0) ** 5)
-
-
 #: Correlation rho(r) by name.
 CORRELATIONS: dict[str, Callable[[Array], Array]] = {
-    "matern32": _matern32,
     "matern52": _matern52,
     "squared_exponential": _squared_exponential,
     "wendland_c2": _wendland_c2,
-    "wendland_c4": _wendland_c4,
 }
 
 #: rho'(r) / r by name, finite at r = 0; the gradient of rho(|a - b|) with respect to a is this times (a - b).
 SLOPES: dict[str, Callable[[Array], Array]] = {
-    "matern32": _matern32_slope,
     "matern52": _matern52_slope,
     "squared_exponential": _squared_exponential_slope,
     "wendland_c2": _wendland_c2_slope,
-    "wendland_c4": _wendland_c4_slope,
 }
 
 
@@ -103,7 +76,6 @@ class Kernel:
         length_m: The kernel's own length along the first axis: length scale, or support of a Wendland kernel.
         length_2_m: The same along the second axis.
         support_m: Distance along the first axis beyond which k is zero; infinite without compact support.
-        local_m: Radius of the local subset (d_eps) along the first axis.
     """
 
     def __init__(self, config: GpConfig) -> None:
@@ -111,15 +83,10 @@ class Kernel:
         self.index = KERNELS.index(config.kernel)
         self.signal_variance_m2 = config.signal_std_m**2
         across = (config.length_scale_2_m or config.length_scale_m) / config.length_scale_m
-        compact = self.name in SUPPORT_RATIO
-        if compact:
-            self.length_m = config.support_m or SUPPORT_RATIO[self.name] * config.length_scale_m
-            self.support_m = self.length_m
-            self.local_m = self.length_m
+        if self.name in SUPPORT_RATIO:
+            self.length_m = self.support_m = config.support_m or SUPPORT_RATIO[self.name] * config.length_scale_m
         else:
-            self.length_m = config.length_scale_m
-            self.support_m = math.inf
-            self.local_m = config.support_m or LOCAL_RATIO[self.name] * config.length_scale_m
+            self.length_m, self.support_m = config.length_scale_m, math.inf
         self.length_2_m = across * self.length_m
         angle = math.radians(config.rotation_deg)
         along = np.array([math.cos(angle), math.sin(angle)])  # (north, east) of the first axis
@@ -127,16 +94,6 @@ class Kernel:
         self._to_scaled = np.stack([along / self.length_m, right / self.length_2_m], axis=1)
         self._correlation = CORRELATIONS[self.name]
         self._slope = SLOPES[self.name]
-
-    @property
-    def compact(self) -> bool:
-        """Whether the kernel has compact support."""
-        return math.isfinite(self.support_m)
-
-    @property
-    def local_radius(self) -> float:
-        """Radius of the local subset in scaled distance."""
-        return self.local_m / self.length_m
 
     def scale(self, locations_m: Array) -> Array:
         """Locations (P, 2) in the kernel's axes and lengths, so that r is the Euclidean distance."""

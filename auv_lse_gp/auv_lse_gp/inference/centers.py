@@ -7,8 +7,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.support.growing_rows import GrowingRows
-
 Array = NDArray[np.float64]
 
 
@@ -32,6 +30,11 @@ class Centers:
     def __len__(self) -> int:
         """Number of centers."""
         return len(self.depths_m)
+
+    def copy(self) -> Centers:
+        """An independent copy."""
+        effect = None if self.position_effect_m is None else self.position_effect_m.copy()
+        return Centers(self.locations_m.copy(), self.depths_m.copy(), self.noise_std_m.copy(), effect)
 
     def slice(self, begin: int, end: int) -> Centers:
         """The centers from number `begin` to `end`, without copying."""
@@ -92,42 +95,3 @@ def _joined_effects(first: Centers, second: Centers) -> Array | None:
 
 #: An empty set of centers.
 NO_CENTERS = Centers(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-
-
-class CenterTable:
-    """Centers that are appended, moved and dropped."""
-
-    def __init__(self) -> None:
-        self._table = GrowingRows(4)  # north, east, depth, noise
-
-    def __len__(self) -> int:
-        """Number of centers."""
-        return len(self._table)
-
-    @property
-    def centers(self) -> Centers:
-        """The centers: views, overwritten by later changes."""
-        rows = self._table.rows
-        return Centers(rows[:, :2], rows[:, 2], rows[:, 3])
-
-    def copy(self) -> CenterTable:
-        """An independent copy."""
-        other = CenterTable()
-        other._table = self._table.copy()
-        return other
-
-    def append(self, centers: Centers) -> None:
-        """Appends centers."""
-        self._table.append(np.column_stack([centers.locations_m, centers.depths_m, centers.noise_std_m]))
-
-    def move(self, number: int, position_m: Array, depth_m: float, noise_std_m: float) -> None:
-        """Gives center `number` a new location (2,), depth and noise."""
-        self._table.rows[number] = (*position_m, depth_m, noise_std_m)
-
-    def shift(self, by_m: Array) -> None:
-        """Moves all centers by (n, 2)."""
-        self._table.rows[:, :2] += by_m
-
-    def truncate(self, size: int) -> None:
-        """Drops all centers from number `size` on."""
-        self._table.resize(min(len(self), size))

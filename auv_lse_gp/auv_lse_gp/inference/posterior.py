@@ -189,13 +189,6 @@ class Posterior:
         other.truncate(0)
         return other
 
-    def copy(self) -> Posterior:
-        """An independent copy without planned locations."""
-        other = copy.copy(self)
-        other._factor = self._factor.copy()
-        other.truncate(other.data_rows)
-        return other
-
     def _append(self, scaled: Array, noise_m2: Array) -> None:
         """Appends measurements at scaled locations (m, 2) to the factor: RW2006 algorithm 2.1, line 2, for new rows."""
         if not len(scaled):

@@ -25,7 +25,7 @@ Numbers = NDArray[np.int64]
 Corner = tuple[int, int]
 
 #: Distance from a tile up to which centers count, in kernel lengths (of a Wendland kernel: supports).
-MARGIN = {"matern32": 3.75, "matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25, "wendland_c4": 1.25}
+MARGIN = {"matern52": 3.75, "squared_exponential": 10.0, "wendland_c2": 1.25}
 #: Shift of centers (kernel lengths) relative to their neighbors' mean that leaves the slopes at centers as they are.
 SLOPES_MOVED = 0.05
 #: Locations (kernel lengths) that differ by less are the same.

@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfinv, log_ndtr, ndtr, ndtri, owens_t
 
-from auv_lse_common.mission_file.sections.level_set import METHODS, LevelSetConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.support import compiled
 from auv_lse_gp.compiled.modules import compiled_risk
 
 Array = NDArray[np.float64]
 
+#: Methods to compute the expected risk: exactly, or as in the paper with an approximate error function.
+METHODS = ("exact", "exponential_quadratic")
 #: erf(x) ~ 1 - exp(-A x - B x^2) for x >= 0, largest error 2.2e-3 (Tsay and Ke).
 ERF_A = 1.0950081470333
 ERF_B = 0.75651138383854
@@ -30,14 +32,20 @@ ERF_B = 0.75651138383854
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class LevelSet(LevelSetConfig):
-    """The isobath to find, the costs of wrong calls, and the resulting risks."""
+    """The isobath to find, the costs of wrong calls, and the resulting risks.
+
+    Attributes:
+        method: How the expected risk is computed, one of `METHODS`.
+    """
+
+    method: str = "exact"
 
     @classmethod
-    def of(cls, config: LevelSetConfig) -> LevelSet:
+    def of(cls, config: LevelSetConfig, method: str = "exact") -> LevelSet:
         """The level set of a mission file's section `level_set`."""
         if isinstance(config, cls):
             return config
-        return cls(**{f.name: getattr(config, f.name) for f in dataclasses.fields(LevelSetConfig)})
+        return cls(method=method, **{f.name: getattr(config, f.name) for f in dataclasses.fields(LevelSetConfig)})
 
     def p_safe(self, mean_m: ArrayLike, std_m: ArrayLike) -> Array:
         """Probability that the depth is at least the level."""

@@ -22,8 +22,8 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.inference.tiled_posterior import TiledMoments
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.merging import MERGE_WINDOW
-from auv_lse_gp.map.online import Counts, OnlineGp, Outcome
+from auv_lse_gp.map.online import Counts, OnlineGp
+from auv_lse_gp.map.store import MERGE_WINDOW, Outcome
 
 Array = NDArray[np.float64]
 
@@ -250,21 +250,16 @@ class DepthMap:
     def _predict(self, most_work: float) -> tuple[Array, Array, Array, Array]:
         """The values of `Moments`."""
         gp = self.gp
-        if gp.is_tiled and not gp.config.local:
+        if gp.is_tiled:
             tiled = gp.tiled  # up to date
             if not isinstance(self._moments, TiledMoments):
                 self._moments = TiledMoments(tiled, self._locations_m, gp.config.length_scale_m)
             moments = self._moments.update(most_work)
             return *moments, self._moments.scales(gp.config.std_soundings)
         posterior = gp.posterior  # updates it
-        if not gp.config.local or gp.kernel.compact:
-            if not isinstance(self._moments, CachedMoments):
-                self._moments = CachedMoments(posterior, self._locations_m, self._provisional)
-            mean, variance, position_variance = self._moments.update()
-        else:
-            mean, total = gp.moments(self._locations_m)
-            position_variance = posterior.position_variance(gp.kernel.scale(self._locations_m))
-            variance = np.maximum(total - position_variance, 0.0)
+        if not isinstance(self._moments, CachedMoments):
+            self._moments = CachedMoments(posterior, self._locations_m, self._provisional)
+        mean, variance, position_variance = self._moments.update()
         return mean, variance, position_variance, variance_scales(posterior, gp.config, self._locations_m, variance)
 
 

@@ -137,7 +137,6 @@ def _conditioned(config: GpConfig, centers: Centers, banks: Banks | None, factor
         config,
         kernel=KERNEL,
         support_m=0.0,
-        local=False,
         length_scale_m=factor * config.length_scale_m,
         length_scale_2_m=factor * config.length_scale_2_m,
     )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.map.online import Outcome
+from auv_lse_gp.map.store import Outcome
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.depth_sensitivity import DepthSensitivity
 from auv_lse_gp.positions.sounding_log import SoundingLog
@@ -38,15 +38,13 @@ class CorrectedMap:
         self.own = own
         self.paused = False
         self.seeds = np.zeros(0, dtype=np.int64)
-        self._packets: list[int] = []  # packet of each sounding in the log; own soundings have that of the last packet
         self._drift_m = np.zeros((0, 2))  # how far the first centers were shifted since the last rebuild
         self._sensitivity = DepthSensitivity(self.log)
 
     def add_soundings(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> None:
         """Takes soundings of a vehicle in `own`."""
         ordered = soundings.in_order()
-        self._packets += [self._packets[-1] if self._packets else 0] * len(ordered)
-        positions = self.log.add(vehicle, ordered, correction)
+        positions = self.log.add(vehicle, ordered, correction, is_packet=False)
         if self.paused:
             return
         outcomes = self.map.add_soundings(np.column_stack([ordered.stamp_s, positions, ordered.depth_m]))
@@ -54,8 +52,7 @@ class CorrectedMap:
 
     def add_samples(self, vehicle: int, samples: Soundings, correction: Correction | None) -> None:
         """Takes a mate's samples; those without a time (NaN) stay at their estimated positions."""
-        self._packets += [self._packets[-1] + 1 if self._packets else 0] * len(samples)
-        positions = self.log.add(vehicle, samples, correction)
+        positions = self.log.add(vehicle, samples, correction, is_packet=True)
         if self.paused:
             return
         outcomes = self.map.add_samples(np.column_stack([positions, samples.depth_m]), vehicle)
@@ -71,7 +68,7 @@ class CorrectedMap:
             Whether the map was rebuilt.
         """
         gp, seeds = self.map.gp, self.seeds
-        if not gp.can_shift:
+        if not gp.is_tiled:
             positions = self.log.corrected_m(correction)
             if _lengths_m(positions - self.log.mapped_m).max(initial=0.0) <= moved_m:
                 return False
@@ -121,7 +118,7 @@ class CorrectedMap:
         self._drift_m = np.zeros((0, 2))
         self.map.clear()
         vehicles, stamps, depths = self.log.vehicles, self.log.stamps_s, self.log.depths_m
-        is_own, packets = np.isin(vehicles, sorted(self.own)), np.array(self._packets, dtype=np.int64)
+        is_own, packets = np.isin(vehicles, sorted(self.own)), self.log.packets
         own = np.flatnonzero(is_own)
         own = own[np.argsort(stamps[own], kind="stable")]
         self._remember(self.map.add_soundings(np.column_stack([stamps[own], locations_m[own], depths[own]])), own)

@@ -29,7 +29,8 @@ class SoundingLog:
     """
 
     def __init__(self) -> None:
-        self._table = GrowingRows(7, 256)  # vehicle, stamp, raw north and east, mapped north and east, depth
+        # vehicle, stamp, raw north and east, mapped north and east, depth, packet
+        self._table = GrowingRows(8, 256)
         self._tracks: dict[int, SegmentedTrack] = {}
         self._segmented = 0  # number of soundings in `_tracks`
 
@@ -62,20 +63,27 @@ class SoundingLog:
         """Depths (n,)."""
         return self._table.rows[:, 6]
 
-    def add(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> Array:
+    @property
+    def packets(self) -> Numbers:
+        """Number of the packet of each (n,), in order of arrival; this vehicle's have that of the last packet."""
+        return np.asarray(self._table.rows[:, 7].astype(np.int64))
+
+    def add(self, vehicle: int, soundings: Soundings, correction: Correction | None, is_packet: bool = False) -> Array:
         """Adds soundings (n) of one vehicle; returns their positions in the map (n, 2).
 
         Args:
             soundings: The soundings; the estimated position is used where the raw one is unknown.
             correction: The current correction; None before the first.
+            is_packet: Whether they are the samples of a packet.
         """
         raw = soundings.raw_positions_m
         mapped = np.where(np.isfinite(raw), raw, soundings.locations_m)
         known = np.isfinite(soundings.stamp_s) & np.isfinite(raw).all(axis=1)
         if correction is not None and known.any():
             mapped[known] = correction.positions(vehicle, soundings.stamp_s[known], raw[known])
-        numbers = np.full(len(soundings), vehicle)
-        self._table.append(np.column_stack([numbers, soundings.stamp_s, raw, mapped, soundings.depth_m]))
+        number, packet = np.full(len(soundings), vehicle), self._table.rows[-1:, 7].max(initial=0.0) + is_packet
+        packets = np.full(len(soundings), packet)
+        self._table.append(np.column_stack([number, soundings.stamp_s, raw, mapped, soundings.depth_m, packets]))
         return mapped
 
     def corrected_m(self, correction: Correction, index: Numbers | None = None) -> Array:

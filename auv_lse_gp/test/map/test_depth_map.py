@@ -65,16 +65,6 @@ def test_field_updated_in_steps_equals_one_update(name, merge):
         assert step_by_step.counts.merged > 30
 
 
-def test_local_map_uses_the_local_prediction():
-    config = GpConfig(local=True, merge=False, length_scale_m=30.0)
-    depth_map = DepthMap(config, LevelSet(), AREA)
-    depth_map.add_soundings(track(200))
-    mean, std = depth_map.gp.predict(depth_map.grid.locations_m)
-    inside = depth_map.grid.inside
-    assert_allclose(depth_map.field().mean_m[inside], mean)
-    assert_allclose(depth_map.field().prior_std_m[inside], std)
-
-
 def test_soundings_are_sorted_by_stamp_and_samples_keep_their_order():
     depth_map = DepthMap(GpConfig(min_spacing_m=10.0, merge=False), LevelSet(), AREA)
     outcomes = depth_map.add_soundings([[2.0, 104.0, 100.0, 15.0], [1.0, 100.0, 100.0, 15.0]])

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from auv_lse_gp import AreaConfig, DepthMap, GpConfig, IllConditionedError, LevelSet, OperatingArea, Outcome
-from auv_lse_gp.inference.factor import Factor
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome
 from auv_lse_gp.map import online
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 900.0, 0.0, 900.0, 900.0, 0.0, 900.0), raster_m=20.0))
@@ -76,26 +75,6 @@ def test_samples_must_fit_a_tiled_map(monkeypatch):
     wrong = depth_map.add_samples(np.column_stack([locations + 1.0, mean + 30.0]), 3)
     assert set(wrong) == {Outcome.OUTLIER}
     assert depth_map.team[3].suspicious
-
-
-def test_tiled_map_rejects_what_it_cannot_factorize(monkeypatch):
-    monkeypatch.setattr(online, "MAX_DENSE", 150)
-    gp, new = built().gp, (450.0, 85.0, 15.0)
-    size = len(gp)
-    before = gp.predict([[450.0, 85.0]])
-
-    def refuse(self, cross, own):
-        raise IllConditionedError("not positive definite")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(online, "_EPSILON", 1.0)  # with so few digits, each sounding is factorized at once
-        patch.setattr(Factor, "append", refuse)
-        with pytest.raises(IllConditionedError):
-            gp.add(*new)
-    assert len(gp) == size
-    assert np.array_equal(gp.predict([[450.0, 85.0]]), before)
-    assert gp.add(*new) is Outcome.KEPT
-    assert gp.predict([[450.0, 85.0]])[1] < before[1]
 
 
 def test_day_of_soundings_is_kept():

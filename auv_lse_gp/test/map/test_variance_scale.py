@@ -81,9 +81,8 @@ def test_map_without_soundings_has_the_priors_scale() -> None:
     assert_allclose(field.std_m, field.prior_std_m)
 
 
-@pytest.mark.parametrize("local", [False, True])
-def test_published_map_is_rescaled_except_the_position_variance(local: bool) -> None:
-    config = GpConfig(local=local, length_scale_m=30.0)
+def test_published_map_is_rescaled_except_the_position_variance() -> None:
+    config = GpConfig(length_scale_m=30.0)
     depth_map = DepthMap(config, LevelSet(), AREA)
     rng = np.random.default_rng(2)
     at = rng.uniform(0.0, 200.0, (40, 2))

@@ -40,7 +40,7 @@ class NaivePath(PathMethod):
 
 
 class OneLeg(PathMethod):
-    """The next leg with the best score at its end; `planner.proposals` selects the score."""
+    """The next leg with the best score at its end; the method's family selects the score."""
 
     def propose(self, situation: Situation, reward: PathReward) -> Proposal:
         """The best leg."""
@@ -48,11 +48,12 @@ class OneLeg(PathMethod):
         choices = space.choices(s.state)
         points = reward.posterior.at(np.array([space.motion.end_state(s.state, a)[1:] for a in choices]))
         std = np.sqrt(points.planned_var_m2)
-        if s.planner.proposals == "variance":
+        family = s.planner.family_name
+        if family == "variance":
             scores = std
-        elif s.planner.proposals == "straddle":  # Bryan et al. 2006
+        elif family == "straddle":  # Bryan et al. 2006
             scores = 1.96 * std - np.abs(points.mean_m - level.level_m)
-        elif s.planner.proposals == "benefit":
+        elif family == "benefit":
             scores = PathReward(reward.posterior, level).values_of_equal(points, 1)
         else:
             scores = self.context.rng.random(len(choices))

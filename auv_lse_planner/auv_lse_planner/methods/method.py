@@ -10,7 +10,6 @@ every receiver builds the same path.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -26,6 +25,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerS
 from auv_lse_common.vocabulary.naive_ids import id_in_plan
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.methods.ground_window import GroundWindow
 from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.team import Team
@@ -141,9 +141,7 @@ class PlanningContext:
 
     def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
         """Reward at the positions of this vehicle's path, with measurements planned at locations (O, 2)."""
-        level_set, integral = self.settings.level_set, situation.planner.entry.risk_integral
-        if integral:
-            level_set = dataclasses.replace(level_set, method=integral)
+        level_set = LevelSet.of(self.settings.level_set, situation.planner.entry.risk_integral)
         return PathReward(self.posterior.with_planned(planned_m), level_set, situation.planner.credit)
 
     def search_problem(self, situation: Situation, seeds: list[Actions]) -> SearchProblem:

@@ -98,8 +98,6 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
     checks, notes = [], []
     if published.centers is None:
         notes.append(f"{vehicle}: its kernel centers are not recorded, so its map was compared with the soundings only")
-    elif settings.gp.local:
-        notes.append(f"{vehicle}: gp.local makes maps that no dense computation equals")
     else:
         c = published.centers
         given = Measurements.of_centers(c.locations_m, c.depths_m, c.noise_std_m, c.position_effect_m)

@@ -36,7 +36,7 @@ from auv_lse_shore.positions.merging import merged
 Array = NDArray[np.float64]
 
 #: Support of a Wendland kernel / `gp.length_scale_m`: the correlation at one length scale is that of Matern 5/2.
-_SUPPORT = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
+_SUPPORT = {"wendland_c2": 3.3107}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

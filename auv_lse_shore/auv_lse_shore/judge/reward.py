@@ -117,7 +117,7 @@ class _Replay:
 
     def risk_here(self, locations: Array) -> Array:
         """As `risk`, for the locations (P, 2) of a leg; in a large map it updates the posteriors of the last call."""
-        if not self.gp.is_tiled or self.gp.config.local:
+        if not self.gp.is_tiled:
             return self.risk(self.gp, locations)
         tiled, before, risk = self.gp.tiled, self._tiles, np.empty(len(locations))
         self._tiles = {tile: tiled.of_tile(tile, start=before.get(tile)) for tile, _ in tiled.tiles(locations)}
@@ -157,7 +157,7 @@ class _Replay:
             return float(self.risk(self.gp, map_m).mean()), np.nan
         planned = np.concatenate(ahead)
         before, after = (risk[len(planned) :] for risk in self.expected(planned, map_m))
-        if not self.gp.is_tiled or self.gp.config.local:  # `before` differs by rounding, or is not local
+        if not self.gp.is_tiled:  # `before` differs by rounding
             before = self.risk(self.gp, map_m)
         return float(before.mean()), float(after.mean())
 

@@ -20,7 +20,7 @@ from auv_lse_gp.level_set.lines import near
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import CLASSES, Piece
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
-from auv_lse_gp.map.online import Outcome
+from auv_lse_gp.map.store import Outcome
 from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.isobath import write_geojson

@@ -130,7 +130,7 @@ def test_one_round_reports_every_mistake(tmp_path: Path) -> None:
         ({"sim": {"dvl": {"rate_hz": 0, "dropout_min_s": 9.0}, "lake": {"level_m": 99.0}}}, None,
          ["dvl.rate_hz", "dvl.dropout_min_s is 9 s", "lake.terrace_m, level_m"]),
         ({"mission": {"vehicles": 0}}, {"modem": {"kind": "micromodem"}}, ["vehicles", r"\(auv2\): modem.port"]),
-        ({"gp.kernel.x": 1, "gp.kernel": "matern32", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
+        ({"gp.kernel.x": 1, "gp.kernel": "wendland_c2", "motion": {"actions_deg": []}}, None, ["gp.kern", "actions"]),
         ({}, {"mission": {"steps": 5}, "gp": {"x": 1}}, ["/auv2.*: mission is the same", "gp.x"]),
     ],
 )  # fmt: skip

@@ -34,7 +34,7 @@ REFUSED = {
     "a number for a section": HEAD + "    3: 4\n",
     "a number for a parameter": HEAD + "    gp: {3: 4}\n",
     "a value for a section": HEAD + "    vehicle: 3\n",
-    "a section that is a value too": HEAD + "    gp: 3\n    gp.kernel: matern32\n",
+    "a section that is a value too": HEAD + "    gp: 3\n    gp.kernel: wendland_c2\n",
     "a whole number beyond floats": HEAD + "    gp: {length_scale_m: " + "9" * 400 + "}\n",
     "a date that cannot be": HEAD + "    gp: {length_scale_m: 2020-99-99}\n",
     "an area of two corners": HEAD + "    area: {polygon_m: [0.0, 0.0, 1.0, 1.0]}\n",

@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.operating_area import UNREACHABLE, OperatingAre
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_planner.paths.reachable import UnreachedPart, unreached_parts
+from auv_lse_sim.ground.reachable import UnreachedPart, unreached_parts
 
 #: Largest number of parts that are described one by one.
 MAX_DESCRIBED = 3

@@ -9,10 +9,10 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_planner.paths.reachable import unreached_parts
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 from auv_lse_sim.ground.reach import clip_to_reachable, without_unreachable
+from auv_lse_sim.ground.reachable import unreached_parts
 
 GATE = [
     0.0,

@@ -8,7 +8,7 @@ import math
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 
 #: Names of the covariance functions, see `kernels.py`.
-KERNELS = ("matern32", "matern52", "squared_exponential", "wendland_c2", "wendland_c4")
+KERNELS = ("matern52", "squared_exponential", "wendland_c2")
 
 #: While the recorder alone reads the maps, one is computed every so many `publish_period_s`.
 UNWATCHED_PERIODS = 2
@@ -53,15 +53,11 @@ class GpConfig:
         10.0, low=0.0, unit="m", help="A sounding becomes a center if it is at least this far from every center."
     )
     merge: bool = parameter(True, help="A sounding too close to a center is averaged into it instead of being dropped.")
-    local: bool = parameter(
-        False, help="Predict only from the centers within support_m (the paper); false: exactly, from all."
-    )
     support_m: float = parameter(
         0.0,
         low=0.0,
         unit="m",
-        help="Radius of the local subset (d_eps, along the first axis), and the support of a Wendland kernel. "
-        "0: a default multiple of the length scale.",
+        help="Support of a Wendland kernel along the first axis; 0: a default multiple of the length scale.",
     )
     team_outlier_sigmas: float = parameter(
         5.0,

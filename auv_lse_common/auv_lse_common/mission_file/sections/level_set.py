@@ -7,9 +7,6 @@ import math
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 
-#: Methods to compute the expected risk: exactly, or as in the paper with an approximate error function.
-METHODS = ("exact", "exponential_quadratic")
-
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class LevelSetConfig:
@@ -18,9 +15,6 @@ class LevelSetConfig:
     level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (paper: l).")
     cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe location safe (paper: c1).")
     cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe location unsafe (paper: c2).")
-    method: str = parameter(
-        "exact", choices=METHODS, help="How the expected risk is computed: exactly, or with the paper's approximation."
-    )
 
     def __post_init__(self) -> None:
         """Rejects unusable values.
@@ -33,8 +27,6 @@ class LevelSetConfig:
         for name in ("cost_false_safe", "cost_false_unsafe"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ParameterError(f"level_set.{name} must be a finite number > 0, not {getattr(self, name)!r}")
-        if self.method not in METHODS:
-            raise ParameterError(f"level_set.method must be one of {', '.join(METHODS)}, not {self.method!r}")
 
     @property
     def largest_risk(self) -> float:

@@ -73,11 +73,6 @@ class PlannerConfig:
     map_spacing_m: float = parameter(
         20.0, unit="m", above=0.0, help="spacing of the positions over which the risk is summed"
     )
-    proposals: FromMethod[str] = from_method(
-        "path",
-        choices=tuple(FAMILIES),
-        help="source of new plans",
-    )
     anytime_weight: float = parameter(1.0, low=0.0, help="method tour: additional weight of an early drop of risk")
     own_share: float = parameter(
         1.0,
@@ -109,7 +104,7 @@ class PlannerConfig:
     @property
     def family_name(self) -> str:
         """Name of the method's family, see `methods.FAMILIES`."""
-        return str(self.complete().proposals)
+        return self.entry.family
 
     @property
     def family(self) -> Family:
@@ -128,7 +123,7 @@ class PlannerConfig:
         values |= {name: value for name in paper if (value := getattr(self, name)) is not None}
         if values["augmented"] and not values["naive_paths"]:
             values["naive_paths"] = paper["naive_paths"]
-        if not values["augmented"] and values["proposals"] != "naive":
+        if not values["augmented"] and self.family_name != "naive":
             values["naive_paths"] = ()
         return replace(self, **values)
 

@@ -116,10 +116,6 @@ class Parameters:
             self._values[own] = value / self._wire[own][1]
         return self.on_wire(name)
 
-    def wire_name(self, name: str) -> str:
-        """The name on the wire of a parameter by its name of 4.5."""
-        return self._wire[name][0]
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names on the wire, in the order of their indices."""

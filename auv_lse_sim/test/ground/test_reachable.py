@@ -5,7 +5,7 @@ import pytest
 from planner_helpers import world
 
 from auv_lse_common.mission_file.sections.area import AreaConfig
-from auv_lse_planner.paths.reachable import unreached_parts
+from auv_lse_sim.ground.reachable import unreached_parts
 
 
 def two_basins(width_m, length_m):

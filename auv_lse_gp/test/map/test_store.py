@@ -1,10 +1,11 @@
-"""The spacing index against a loop over all locations, after forgetting too."""
+"""The table of centers: spacing against a loop over all locations, and noise."""
 
 import numpy as np
 import pytest
 
 from auv_lse_common.support import compiled
-from auv_lse_gp.map.spacing import SpacingIndex
+from auv_lse_gp import GpConfig, Kernel, Outcome
+from auv_lse_gp.map.store import CenterStore
 
 
 @pytest.fixture(params=[True, False], ids=["numba", "numpy"], autouse=True)
@@ -12,6 +13,11 @@ def either(request, monkeypatch):
     if request.param and not compiled.USE_NUMBA:
         pytest.skip("numba is not installed")
     monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
+
+
+def made(**options):
+    config = GpConfig(merge=False, **options)
+    return CenterStore(config, Kernel(config))
 
 
 def nearest(kept, location, spacing_m):
@@ -22,11 +28,11 @@ def nearest(kept, location, spacing_m):
 @pytest.mark.parametrize("max_new", [0, 5, 1000])
 def test_take_equals_adding_locations_one_by_one(max_new):
     rng = np.random.default_rng(2)
-    index, kept, room = SpacingIndex(5.0), np.zeros((0, 2)), max_new
+    store, kept, room = made(min_spacing_m=5.0), np.zeros((0, 2)), max_new
     for count in (0, 1, 150):  # with more than the table has room for at first
         locations = rng.uniform(-50.0, 50.0, (count, 2))
         room = max_new
-        near, new = index.take(locations, max_new)
+        near, new = store._spaced(locations, max_new)
         for location, number, is_new in zip(locations, near.tolist(), new.tolist(), strict=True):
             wanted = nearest(kept, location, 5.0)
             if wanted is not None:
@@ -36,21 +42,19 @@ def test_take_equals_adding_locations_one_by_one(max_new):
                 kept, room = np.vstack([kept, location]), room - 1
             else:
                 assert (number, is_new) == (-1, False)
-        assert len(index) == len(kept)
-
-
-def test_dropped_locations_are_not_found():
-    rng = np.random.default_rng(1)
-    index = SpacingIndex(5.0)
-    locations = rng.uniform(-500.0, 500.0, (80, 2))
-    index.take(locations, 80)
-    index.truncate(30)
-    near, _ = index.take(locations, 0)
-    assert near[:30].tolist() == list(range(30))
-    assert (near[30:] < 30).all()
+        assert len(store) == len(kept)
 
 
 def test_location_at_exactly_the_spacing_is_not_too_close():
-    index = SpacingIndex(10.0)
-    near, new = index.take(np.array([[0.0, 0.0], [10.0, 0.0], [-6.0, 7.9]]), 3)
+    near, new = made(min_spacing_m=10.0)._spaced(np.array([[0.0, 0.0], [10.0, 0.0], [-6.0, 7.9]]), 3)
     assert (near.tolist(), new.tolist()) == ([0, 1, 0], [True, True, False])
+
+
+def test_centers_have_the_noise_with_which_they_can_be_factorized_wherever_they_are():
+    store = made(signal_std_m=50.0, noise_std_m=0.005, min_spacing_m=0.0)
+    outcomes = store.take(np.tile([10.0, 20.0, 15.0], (300, 1)), np.full(300, 0.005), 300)
+    assert outcomes == [Outcome.KEPT] * 300
+    assert 0.02 < store.centers.noise_std_m.min() < 0.05
+    usual = made()
+    usual.take(np.array([[10.0, 20.0, 15.0]]), np.array([0.3]), 1)
+    assert usual.centers.noise_std_m.tolist() == [0.3]
