@@ -59,7 +59,7 @@ def test_shift_moves_centers_and_what_later_soundings_are_compared_with(monkeypa
     with pytest.raises(ValueError, match=r"shift: \(1, 2\) cannot be shifted; needs"):
         depth_map.gp.shift(by[None])
     depth_map.clear()
-    with pytest.raises(ValueError, match=r"expected \(0, 2\) and a tiled map"):  # a dense map is rebuilt
+    with pytest.raises(ValueError, match=r"needs shape \(0, 2\) and a tiled map"):  # a dense map is rebuilt
         depth_map.gp.shift(by[None][:0])
 
 
