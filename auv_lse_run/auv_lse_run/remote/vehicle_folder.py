@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 import re
@@ -72,20 +73,31 @@ class VehicleFolder:
         """Keeps a sent file beside the others, until `install`.
 
         Raises:
-            FolderError: if the bytes are not those of the hash.
-            OSError: if it cannot be written.
+            FolderError: if the bytes are not those of the hash, or the disk is full.
+            OSError: if it cannot be written for another reason.
         """
         _checked_name(name)
         if not _SHA256.fullmatch(digest) or hashlib.sha256(data).hexdigest() != digest:
             raise FolderError(f"{name} arrived damaged. Send it again.")
-        self._incoming.mkdir(parents=True, exist_ok=True)
         path = self._incoming / digest
-        descriptor = os.open(path.with_suffix(".part"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(descriptor)
-        path.with_suffix(".part").replace(path)
+        part = path.with_suffix(".part")
+        try:
+            self._incoming.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(descriptor)
+            part.replace(path)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+            if error.errno != errno.ENOSPC:
+                raise
+            raise FolderError(
+                f"Its disk has no room for {name} ({len(data) / 1e6:.1f} MB). Fetch its recordings and remove them: "
+                "auv_lse fleet FILE fetch --delete"
+            ) from error
 
     def owner(self) -> str:
         """The vehicle that this folder was first used for; "" if it is new."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 from pathlib import Path
@@ -90,3 +91,24 @@ def test_lines_and_bytes_follow_each_other_until_the_other_side_closes() -> None
     os.close(write)
     assert stream.block(5, 1.0) == b"", "the other side has closed"
     os.close(read)
+
+
+def test_a_full_disk_is_named_with_the_cure_and_keeps_no_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    asked = {"ask": "put", "name": "mission.yaml", "sha256": digest(b"x"), "data": b"x"}
+    answer = Session(tmp_path, 1, 81).answer(asked)
+    assert "has no room for mission.yaml" in answer["error"]
+    assert "fetch --delete" in answer["error"]
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_the_folder_of_another_user_is_named_with_the_cure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    problem = VehicleFolder(tmp_path).problem()
+    assert f"belongs to user {os.geteuid()}" in problem
+    assert "sudo chown -R" in problem
+    asked = {"ask": "put", "name": "mission.yaml", "sha256": digest(b"x"), "data": b"x"}
+    assert Session(tmp_path, 1, 81).answer(asked) == {"error": problem}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import time
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.user_error import error_text
 from auv_lse_run.remote.vehicle_folder import sha256_of
 from auv_lse_shore.remote.contacts import with_each
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
@@ -75,8 +77,12 @@ class _Fetcher:
                 with session(self._vehicle, self._fleet.ssh_config) as found:
                     self._copy_all(found, all_dives)
                 return self._found
-            except (VehicleError, OSError) as error:
+            except VehicleError as error:
                 self._found.trouble = str(error)
+                return self._found
+            except OSError as error:
+                cure = " Make room on this laptop; the same command continues." if error.errno == errno.ENOSPC else ""
+                self._found.trouble = f"{error_text(error)}.{cure}"
                 return self._found
             except LinkError as error:
                 if time.monotonic() - self._progress_s > self._wait_s:

@@ -89,10 +89,10 @@ class Ledger:
             raise LedgerError(f"is damaged ({error})") from error
 
     def values(self) -> dict[str, Any]:
-        """The ledger as JSON can hold it."""
+        """The ledger as JSON can hold it; later changes of the ledger leave it as it is."""
         orders = {name: [asdict(order) for order in found] for name, found in self._orders.items()}
-        own = {"laptop": self.laptop, "sent": self.sent, "checked": self.checked}
-        return own | {"last": self._last, "orders": orders}
+        own = {"laptop": self.laptop, "sent": dict(self.sent), "checked": dict(self.checked)}
+        return own | {"last": dict(self._last), "orders": orders}
 
     def give(self, vehicle: str, verb: str, now_s: float, valid_s: float = 0.0, team: bool = False) -> Given:
         """A new order to a vehicle; drops those that it replaces.
