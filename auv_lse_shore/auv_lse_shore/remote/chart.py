@@ -7,6 +7,7 @@ be a hundred times larger than the soundings that it is made of.
 
 from __future__ import annotations
 
+import math
 import tempfile
 import threading
 import time
@@ -33,8 +34,8 @@ _PERIODS = {
     "odometry": 2.0, "sounding": 1.0, "mission/state": 2.0, "plan": 0.0, "planner/bound": 0.0,
     "modem/tx": 0.0, "modem/rx": 0.0, "team/samples": 0.0, "tdma": 10.0,
 }  # fmt: skip
-#: Time (s) between two looks at what has come, and that maps may take of each second.
-_LOOK_S, _MAP_SHARE = 0.5, 0.3
+#: Time (s) between two looks at what has come, and between two maps of a vehicle; largest share of time for each map.
+_LOOK_S, _MAPS_S, _MAP_SHARE = 0.5, 30.0, 0.1
 #: Largest excerpt (bytes), unpacked: no vehicle's software sends more.
 _MOST_BYTES = 50_000_000
 
@@ -71,8 +72,7 @@ class TeamChart:
         self._name, self._tracks = name, {f"auv{k}": _Track() for k in vehicles}
         self._lock, self._over, self._renewed = threading.Lock(), threading.Event(), False
         self._events: MissionEvents | None = None
-        self._mapped_s = -1e9
-        self._map_took_s = 0.0
+        self._map_due_s = dict.fromkeys(vehicles, -math.inf)
         self.timeline.set_state(source="team", growing=True, waiting="waiting for the vehicles’ recordings")
 
     def __enter__(self) -> TeamChart:
@@ -160,10 +160,11 @@ class TeamChart:
             self.timeline.begin(mission_facts(settings, name=self._name, simulated=False))
 
     def _add_maps(self) -> None:
-        """Adds the newest maps, unless they would take too much of this computer's time."""
-        began_s = time.monotonic()
-        if self._events is None or began_s - self._mapped_s < self._map_took_s / _MAP_SHARE:
-            return
-        self.timeline.add(self._events.newest_maps())
-        self._mapped_s = time.monotonic()
-        self._map_took_s = self._mapped_s - began_s
+        """Adds the newest maps, if they are due: they take time here, and memory in the browser."""
+        for vehicle, due_s in self._map_due_s.items():
+            began_s = time.monotonic()
+            if self._events is None or began_s < due_s or not (event := self._events.newest_map(vehicle)):
+                continue
+            self.timeline.add(event)
+            took_s = time.monotonic() - began_s
+            self._map_due_s[vehicle] = began_s + max(_MAPS_S, took_s / _MAP_SHARE)

@@ -78,6 +78,8 @@ def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> 
     while True:
         found = {name: _found(ledgers, name, number) for name, number in given.items()}
         _report(found, troubles)
+        if wish.verb == "abort":
+            _report_acoustic(found, wish.team)
         left = [vehicle for vehicle in vehicles if found[vehicle.name].is_open]
         if not left or not sys.stdin.isatty():
             break
@@ -219,6 +221,16 @@ def _taken_over(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], ledgers: Le
 def _report(found: Mapping[str, Given], troubles: Mapping[str, str]) -> None:
     for name, order in found.items():
         print(f"{name}: {sentence(order, troubles.get(name, ''))}", flush=True)
+
+
+def _report_acoustic(found: Mapping[str, Given], is_for_team: bool) -> None:
+    """Reports how vehicles that an abort has not reached can hear it under water."""
+    acted = ", ".join(name for name, order in found.items() if order.status == ACTED)
+    away = ", ".join(name for name, order in found.items() if order.is_open)
+    if away and is_for_team and acted:
+        print(f"{acted} passes the abort on to {away} by acoustic packet, if packets have a tag (packet.tag).")
+    elif away and not is_for_team:
+        print(f"To reach {away} by acoustic packet, abort all: the vehicles in reach pass it on, and abort, too.")
 
 
 def sentence(order: Given, trouble: str = "") -> str:

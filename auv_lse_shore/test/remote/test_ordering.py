@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from auv_lse_run.remote.orders import ACTED
 from auv_lse_shore.remote import fetching, ordering
 from auv_lse_shore.remote.checking import utc_s
 from auv_lse_shore.remote.fleet_file import FleetFile, read_fleet
@@ -73,3 +74,22 @@ def test_a_full_disk_of_the_laptop_is_named_with_the_cure(
     assert found.trouble == (
         f"{tmp_path}/bag.mcap.part: No space left on device. Make room on this laptop; the same command continues."
     )
+
+
+def test_an_abort_tells_how_a_vehicle_that_is_out_of_reach_hears_it(
+    fleet: FleetFile, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def reach_the_first(fleet: FleetFile, vehicles: Any, ledgers: Any, wait_s: float) -> dict[str, str]:
+        with ledgers.changed() as ledger:
+            for vehicle in vehicles:
+                if vehicle.name == "auv1":
+                    ledger.note_answer("auv1", ledger.last("auv1"), ACTED)
+        return {"auv2": "It is out of reach or off."}
+
+    monkeypatch.setattr(ordering, "delivered", reach_the_first)
+    assert ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="abort", team=True)) == 1
+    assert "auv1 passes the abort on to auv2 by acoustic packet" in capsys.readouterr().out
+    assert ordering.ordered(fleet, fleet.vehicles[1:], ordering.Wish(verb="abort")) == 1
+    assert "To reach auv2 by acoustic packet, abort all" in capsys.readouterr().out
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="abort"))
+    assert "acoustic" not in capsys.readouterr().out

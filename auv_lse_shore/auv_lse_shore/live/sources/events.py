@@ -72,7 +72,7 @@ class MissionEvents:
 
         Args:
             settings: The mission file.
-            maps_on_request: Whether maps that vehicles do not publish are computed by `newest_maps` only.
+            maps_on_request: Whether maps that vehicles do not publish are computed by `newest_map` only.
         """
         self._settings = settings
         self._maps_on_request = maps_on_request
@@ -152,18 +152,18 @@ class MissionEvents:
             self._own_maps[vehicle] = OwnMap(self._settings.planner_settings(vehicle), self._area)
         return self._own_maps[vehicle]
 
-    def _own_map(self, vehicle: int, stamp_s: float) -> list[Event]:
-        """The map of a vehicle that publishes none, if one is due."""
-        field = self._map_of(vehicle).field(stamp_s)
+    def _own_map(self, vehicle: int, stamp_s: float, at_once: bool = False) -> list[Event]:
+        """The map of a vehicle that publishes none, if one is due, or wanted at once."""
+        field = self._map_of(vehicle).field(stamp_s, at_once)
         if field is None:
             return []
         layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
         return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)]
 
-    def newest_maps(self) -> list[Event]:
-        """The map of each vehicle of which there are new soundings or samples, at its last position's time."""
-        due = {k: self.last_s.get(f"/auv{k}/odometry") for k, own in self._own_maps.items() if own.has_news}
-        return [event for k, at_s in due.items() if at_s is not None for event in self._own_map(k, at_s)]
+    def newest_map(self, vehicle: int) -> list[Event]:
+        """A vehicle's map at its last position's time, if there are new soundings or samples for it."""
+        own, at_s = self._own_maps.get(vehicle), self.last_s.get(f"/auv{vehicle}/odometry")
+        return [] if own is None or not own.has_news or at_s is None else self._own_map(vehicle, at_s, True)
 
     def _map(self, vehicle: int, stamp_s: float, field: FieldReport) -> list[Event]:
         self._map_of(vehicle).stop()

@@ -53,11 +53,12 @@ class OwnMap:
         if not self.stopped:
             self._waiting.append((source, rows))
 
-    def field(self, now_s: float) -> DepthField | None:
-        """The map, if one is due at `now_s` and the vehicle publishes none."""
+    def field(self, now_s: float, at_once: bool = False) -> DepthField | None:
+        """The map, if one is due at `now_s`, or wanted at once, and the vehicle publishes none."""
         self._first_s = min(self._first_s, now_s)
         period_s = self._settings.gp.publish_period_s if self._map is None else self._map.publish_period_s
-        if self.stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:
+        is_early = now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s
+        if self.stopped or (is_early and not at_once):
             return None
         self._made_s = now_s
         if self._map is None:
