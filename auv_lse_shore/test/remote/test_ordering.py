@@ -45,7 +45,7 @@ def test_go_is_given_to_nobody_if_one_vehicle_has_an_error(
 ) -> None:
     checks.append(Problem("auv2", "error", "its clock is wrong"))
     assert ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="go")) == 1
-    assert "auv2: its clock is wrong\nGO is given to nobody" in capsys.readouterr().err
+    assert "auv2: its clock is wrong\nGO was sent to no vehicle" in capsys.readouterr().err
     assert given(fleet) == [0, 0]
     ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="go", anyway=True))
     assert given(fleet) == [1, 1]
