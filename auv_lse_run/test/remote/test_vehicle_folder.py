@@ -71,7 +71,7 @@ def test_a_request_that_makes_no_sense_is_answered(tmp_path: Path) -> None:
     session = Session(tmp_path, 1, 230)
     assert "does not know" in session.answer({"ask": "dance"})["error"]
     assert "incomplete" in session.answer({"ask": "install"})["error"]
-    assert "no order" in session.answer({"ask": "order", "laptop": "a", "number": 1, "verb": "fly"})["error"]
+    assert "is not an order" in session.answer({"ask": "order", "laptop": "a", "number": 1, "verb": "fly"})["error"]
     with pytest.raises(WireError):
         decoded(b"[1]")
 
