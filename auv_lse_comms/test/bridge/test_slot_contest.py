@@ -147,3 +147,16 @@ def test_a_track_that_lost_is_trusted_again_when_it_is_alone() -> None:
         water.receive(now_s, FORGED_M, steady(now_s))
         heard.append(water.accepted[FORGED_M] > before)
     assert heard == [False] * 4 + [True] * 4
+
+
+@pytest.mark.parametrize("first_s", [1.0, 6.0], ids=["in time", "late"])
+def test_of_a_flood_a_slot_brings_some_plans_and_the_samples_of_one_packet(first_s: float) -> None:
+    water = Water()
+    cycles, ahead = 10, 3
+    for cycle in range(cycles):
+        for number in range(8):
+            now_s = 30.0 * cycle + 10.0 + first_s + 0.45 * number
+            water.receive(now_s, TRUE_M, payload(30.0 * cycle, 45.0 * cycle + number, 0.0, TRUE_M))
+    water.poll(330.0)
+    assert water.accepted[TRUE_M] <= (5 if first_s == 1.0 else 1) * cycles + ahead
+    assert len(water.depths) <= 2 * (cycles + ahead)

@@ -212,3 +212,14 @@ def test_no_vehicle_with_a_damaged_state_travels(tmp_path: Path, quick: None, st
         assert not (changed and safety.run.status.state is RunState.WAITING), f"a new dive: {what}"
         stop(files)
         shutil.rmtree(one.root)
+
+
+def test_an_older_state_file_forgets_no_abort(tmp_path: Path, quick: None) -> None:
+    one = dive(tmp_path / "one", "aborted", False)
+    (path,) = (file for file in one.files if file.name == "auv1.safety_node.state" and "copies" not in file.parts)
+    path.write_bytes(one.older[path])
+    _, files, safety = start(one.root, one.out, 1)
+    assert "is older than its second copy, by 1 states" in files["safety_node"].lost
+    assert not travel(safety, DEPTH_M, 5.0)
+    assert safety.run.command(Command.GO, "test"), "refused: it waits for RESET"
+    stop(files)

@@ -90,3 +90,9 @@ def test_a_lost_state_surfaces_and_holds_until_reset() -> None:
     again.recover({}, "state file x: is damaged", False)
     assert again.run.status.stop.action is Action.SURFACE
     assert again.run.command(Command.GO, "test") != ""
+
+
+def test_a_vehicle_with_an_autopilot_waits_for_go_whatever_its_mission_file_says() -> None:
+    parameters = {**AREA, "vehicle": {"start": "at_once"}, "link": {"kind": "mavlink"}}
+    assert Safety.of(parameters, "test", 1).run.status.state is RunState.WAITING
+    assert Safety.of({**parameters, "sim": {}}, "test", 1).run.status.state is RunState.RUNNING, "in a simulation"
