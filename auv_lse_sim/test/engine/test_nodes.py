@@ -385,7 +385,7 @@ def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path)
         (PARAMETERS.replace("iterations", "iteratons"), "/auv1", "did you mean 'iterations'"),
         (PARAMETERS.replace("planner:", "plnner:"), "/auv1", "did you mean 'planner'"),
         (PARAMETERS.replace("iterations: 30", "iterations: 0"), "/auv1", "planner.iterations must be a whole number"),
-        (PARAMETERS, "/scout", "ends in the vehicle's number"),
+        (PARAMETERS, "/scout", "does not end in the vehicle's number"),
         (PARAMETERS, "/auv3", "vehicle 3 does not exist; mission.vehicles is 2"),
     ],
 )
