@@ -72,7 +72,7 @@ def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[by
 
     Raises:
         OSError: if a file cannot be read.
-        RecordingError: if it is none.
+        RecordingError: if the last file is none, or damaged; of an earlier one the rest is left out.
     """
     if len(topics) > _MOST_TOPICS:
         raise RecordingError(f"{len(topics)} topics are too many for an excerpt.")
@@ -81,9 +81,14 @@ def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[by
         return b"", Cursor(dive.name), False
     if cursor.dive != dive.name or cursor.file not in files:
         cursor = Cursor(dive.name, next(iter(files)))
-    found = _Excerpt(files[cursor.file], cursor, topics)
-    data = found.read()
     later = list(files)[list(files).index(cursor.file) + 1 :]
+    found = _Excerpt(files[cursor.file], cursor, topics)
+    try:
+        data = found.read()
+    except RecordingError:
+        if not later:
+            raise
+        return excerpt(dive, Cursor(dive.name, later[0]), topics)
     if later and not data and not found.more:
         return excerpt(dive, Cursor(dive.name, later[0]), topics)
     return data, found.cursor, found.more or bool(later)
@@ -122,14 +127,24 @@ class _Excerpt:
         self._kept = bytearray()
 
     def read(self) -> bytes:
-        """Reads on, and returns the records to send."""
+        """Reads on, and returns the records to send.
+
+        Raises:
+            OSError: if the file cannot be read.
+            RecordingError: if it is damaged.
+        """
         file, end_s = GrowingFile(self._path, self.cursor.offset), time.monotonic() + _MOST_S
-        for block in file.blocks():
-            for opcode, record in _records(block):
-                self._take(opcode, record)
-            if len(self._kept) >= MOST_BYTES or time.monotonic() > end_s:
-                self.more = True
-                break
+        try:
+            for block in file.blocks():
+                for opcode, record in _records(block):
+                    self._take(opcode, record)
+                if len(self._kept) >= MOST_BYTES or time.monotonic() > end_s:
+                    self.more = True
+                    break
+        except (OSError, RecordingError):
+            raise
+        except Exception as error:  # mcap raises errors of many kinds for a damaged file
+            raise RecordingError(f"{self._path}: damaged near byte {file.offset}: {error!r}") from error
         self.cursor.offset = file.offset
         return bytes(self._kept)
 

@@ -286,13 +286,17 @@ class Session:
         Of a dive that has ended the rest is read.
         """
         from auv_lse_record.excerpt import Cursor, excerpt
+        from auv_lse_record.recording import RecordingError
 
         cursor = Cursor.read(asked["cursor"])
         running = self._running()
         dive = Path(running) if running else self._folder.dive(cursor.dive)
         if dive is None:
             return {"cursor": {}, "more": False}
-        data, cursor, more = excerpt(dive, cursor, dict(asked["topics"]))
+        try:
+            data, cursor, more = excerpt(dive, cursor, dict(asked["topics"]))
+        except RecordingError as error:
+            raise FolderError(f"Its recording cannot be read: {error}") from error
         return {"cursor": cursor.values(), "more": more, "data": zlib.compress(data) if data else b""}
 
     def _get(self, asked: Mapping[str, Any], stream: Stream) -> None:

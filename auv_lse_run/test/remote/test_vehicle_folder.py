@@ -112,3 +112,21 @@ def test_the_folder_of_another_user_is_named_with_the_cure(tmp_path: Path, monke
     assert "sudo chown -R" in problem
     asked = {"ask": "put", "name": "mission.yaml", "sha256": digest(b"x"), "data": b"x"}
     assert Session(tmp_path, 1, 81).answer(asked) == {"error": problem}
+
+
+def test_a_damaged_recording_ends_no_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = tmp_path / "dives" / "one" / "bag"
+    bag.mkdir(parents=True)
+    session = Session(tmp_path, 1, 81)
+    asked = {"ask": "excerpt", "cursor": {"dive": "one"}, "topics": {"/auv1/odometry": 2.0}}
+    chunk = b"\x06" + (40).to_bytes(8, "little") + bytes(range(40))
+    for data in (
+        b"no MCAP at all",
+        b"\x89MCAP0\r\n" + chunk,
+        b"\x89MCAP0\r\n\x05" + (3).to_bytes(8, "little") + b"abc",
+    ):
+        (bag / "bag.mcap").write_bytes(data)
+        assert "Its recording cannot be read: " in session.answer(asked)["error"]
+    (bag / "bag.mcap").write_bytes(b"\x89MCAP0\r\n\x03\x00")  # the recorder is writing
+    assert session.answer(asked)["data"] == b""
+    assert session.answer({**asked, "cursor": {"dive": "../../etc"}}) == {"cursor": {}, "more": False}

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parse_parameters
-from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.user_error import brief
 from auv_lse_common.topics.table import VEHICLE_TOPICS, full_name
 from auv_lse_record.growing_file import MAGIC, RecordingFile
-from auv_lse_record.recording import MISSION_FILE, RecordingError
+from auv_lse_record.recording import MISSION_FILE
 from auv_lse_shore.live.sources.events import MissionEvents
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.timeline import Timeline
@@ -58,7 +58,7 @@ class TeamChart:
 
     Attributes:
         timeline: What the page shows.
-        trouble: Why the chart is incomplete, by vehicle.
+        trouble: Why a vehicle's excerpts cannot be shown, by vehicle.
     """
 
     def __init__(self, name: str, vehicles: Sequence[int]) -> None:
@@ -136,8 +136,8 @@ class TeamChart:
             for name, found in files.items():
                 try:
                     self._read(name, found)
-                except (RecordingError, ParameterError) as error:
-                    self.trouble[name] = f"its recording cannot be shown: {error}"
+                except Exception as error:  # whatever one vehicle sent: the others are shown
+                    self.trouble[name] = f"its recording cannot be shown: {brief(error)}"
             self._add_maps()
 
     def _read(self, name: str, files: Sequence[RecordingFile]) -> None:

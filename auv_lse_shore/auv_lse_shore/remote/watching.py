@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from auv_lse_shore.live.viewers.server import served
+from auv_lse_shore.live.viewers.server import port_or_any, served
 from auv_lse_shore.remote.chart import ChartError, TeamChart
 from auv_lse_shore.remote.checking import utc_s
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
@@ -46,7 +46,7 @@ class Watch:
             every_s: Time between questions to a vehicle (s).
             chart: Gets excerpts of the vehicles' recordings; None: none are fetched.
         """
-        self.chart = chart
+        self.chart, self._chart_trouble = chart, dict[str, str]()
         self._fleet, self._vehicles, self._every_s = fleet, vehicles, every_s
         self.ledgers = LedgerFile(fleet.path)
         with self.ledgers.changed() as ledger:
@@ -94,9 +94,14 @@ class Watch:
             while self.chart.take(name, found.ask("excerpt", _ANSWER_S, **self.chart.request(name))):
                 if time.monotonic() >= until_s or self._over.is_set():
                     break
-            self.chart.trouble.pop(name, None)
+            self._chart_trouble.pop(name, None)
         except (ChartError, VehicleError) as error:
-            self.chart.trouble[name] = str(error)
+            self._chart_trouble[name] = str(error)
+
+    def chart_trouble(self, name: str) -> str:
+        """Why the chart of a vehicle is incomplete; "" if it is not."""
+        shown = {} if self.chart is None else self.chart.trouble
+        return self._chart_trouble.get(name) or shown.get(name, "")
 
     def _is_due(self, name: str) -> bool:
         return bool(self.ledgers.read().due(name))
@@ -119,7 +124,7 @@ def watch(
         chart = None
         if page is not None:
             chart = stack.enter_context(TeamChart(fleet.path.stem, [vehicle.number for vehicle in vehicles]))
-            print(f"the team's page: {stack.enter_context(served(chart.timeline, page))}", flush=True)
+            print(f"the team's page: {stack.enter_context(served(chart.timeline, port_or_any(page)))}", flush=True)
         found = stack.enter_context(Watch(fleet, vehicles, every_s, chart))
         if once:
             for asked in found.asked.values():
@@ -167,8 +172,7 @@ def _shown(found: Watch, now_s: float) -> tuple[Table, list[str]]:
         table.add_row(name, *cells(view, now_s))
         lines += [f"{name}: {text}" for text in view.alarms(now_s)]
         lines += [f"{name}: {sentence(order, view.trouble)}" for order in ledger.open(name)]
-        if found.chart is not None and name in found.chart.trouble:
-            lines.append(f"{name}: {found.chart.trouble[name]}")
+        lines += [f"{name}: {text}" for text in (found.chart_trouble(name),) if text]
     return table, lines
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -120,3 +121,21 @@ def test_a_row_has_the_age_and_what_is_expected() -> None:
     view = VehicleView("auv1", {"running": True, "state": state}, 100.0, "out of reach", "one")
     assert cells(view, 110.0) == ["RUNNING", "10, 0 expected", "5.0 m", "", "11 s", "under water"]
     assert cells(VehicleView("auv1"), 0.0) == ["no answer", "", "", "", "", "asking"]
+
+
+def test_a_recording_that_cannot_be_shown_is_named_and_the_others_are_shown(
+    recorded: Path, chart: TeamChart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chart.take(
+        "auv2",
+        {
+            "cursor": {"dive": "a", "file": "b"},
+            "data": zlib.compress(b"\x06" + (40).to_bytes(8, "little") + bytes(range(40))),
+        },
+    )
+    wait_for(lambda: "auv2" in chart.trouble)
+    one = Vehicle(tmp_path / "auv1", 1, monkeypatch)
+    one.dives("monday", recorded, 0.3)
+    one.fill(chart)
+    wait_for(lambda: bool(events(chart, "pose", 1)))
+    assert chart.trouble["auv2"].startswith("its recording cannot be shown: ")
