@@ -63,7 +63,10 @@ def read_run(
         RecordingError: naming the recording and the missing or damaged part.
         ParameterError: if the mission file is not a parameter file.
     """
-    return read_bag(recording_in(path), recorded_parameters(path, mission), ground=ground, wall_s=wall_s)
+    if mission is not None:
+        return read_bag(recording_in(path), read_parameter_file(mission), ground=ground, wall_s=wall_s)
+    with Recording(recording_in(path)) as recording:
+        return _run_in(recording, _parameters_in(recording, path), ground, wall_s)
 
 
 def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
@@ -81,7 +84,12 @@ def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
     if mission is not None:
         return read_parameter_file(mission)
     with Recording(recording_in(path)) as recording:
-        text = recording.text(MISSION_FILE)
+        return _parameters_in(recording, path)
+
+
+def _parameters_in(recording: Recording, path: Path) -> Patterns:
+    """The mission file of a recording, or that beside it."""
+    text = recording.text(MISSION_FILE)
     if text is not None:
         return parse_parameters(text, f"{path}: {MISSION_FILE}")
     for folder in (path, path.parent):
@@ -108,15 +116,22 @@ def read_bag(
     Raises:
         RecordingError: naming the bag and the error.
     """
+    with Recording(recording_in(bag)) as recording:
+        return _run_in(recording, parameters, ground, wall_s)
+
+
+def _run_in(
+    recording: Recording, parameters: Mapping[str, Mapping[str, Any]], ground: GroundGrid | None, wall_s: float
+) -> RunData:
+    """The run of an open recording."""
     notes, parameters = notes_on_retired(parameters), without_retired(parameters)
     logs: dict[int, dict[str, list[Any]]] = {}
     last_s = 0.0
-    with Recording(recording_in(bag)) as recording:
-        for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS):
-            logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
-            last_s = max(last_s, stamp_s)
+    for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS):
+        logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
+        last_s = max(last_s, stamp_s)
     if not logs:
-        raise RecordingError(f"{bag} has no topic /auvN/...: it is not the recording of a mission.")
+        raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")
     sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
     received = [
         PacketReceived.of(packet, number)

@@ -59,7 +59,7 @@ class OperatingArea:
         """Rasterizes the distance to the border.
 
         Raises:
-            ParameterError: if the raster would be too large, or the no-go areas leave no position.
+            ParameterError: if the raster would be too large, or the no-go areas leave nothing free.
         """
         self.config = config
         self.polygon = corners("area.polygon_m", config.polygon_m)

@@ -58,7 +58,7 @@ def _is_private(folder: Path) -> bool:
 
 
 if USE_NUMBA:
-    with contextlib.suppress(OSError):  # no position to write: compiled at each start
+    with contextlib.suppress(OSError):  # no folder to write to: compiled at each start
         _choose_cache_folder()
 
 
@@ -95,11 +95,10 @@ def copy_compiled(module_file: str) -> None:
 
 
 def _copy_cache(made_by_setup: Path, folder: Path) -> None:
-    """Copies a cache that cannot be written, unless a copy as new as it is there; does nothing if there is no
-    position."""
+    """Copies a cache that cannot be written, unless a copy as new as it is there; does nothing if there is no room."""
     if not made_by_setup.is_dir() or os.access(made_by_setup, os.W_OK):
         return
-    with contextlib.suppress(OSError):  # no position, or another process was faster
+    with contextlib.suppress(OSError):  # no room, or another process was faster
         if folder.exists() and folder.stat().st_mtime >= made_by_setup.stat().st_mtime:
             return
         copy = tempfile.mkdtemp(dir=folder.parent)
