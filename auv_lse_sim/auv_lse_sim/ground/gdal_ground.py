@@ -25,10 +25,11 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 
 Array = NDArray[np.float64]
 
+_CLASSIC_NETCDF = (b"CDF\1", b"CDF\2")
 #: Drivers of GDAL that may open a file, by its first bytes; others, as VRT, name further files.
 _DRIVERS = {
     **dict.fromkeys((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), ("GTiff",)),
-    **dict.fromkeys((b"CDF\1", b"CDF\2", b"CDF\5"), ("netCDF",)),
+    **dict.fromkeys((*_CLASSIC_NETCDF, b"CDF\5"), ("netCDF",)),
     b"\x89HDF": ("BAG", "S102", "netCDF"),
 }
 _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
@@ -89,7 +90,10 @@ def _opened(path: Path) -> Any:
     from rasterio.errors import RasterioIOError
 
     with path.open("rb") as file:
-        *others, last = _DRIVERS.get(file.read(4), ("",))
+        signature = file.read(4)
+    *others, last = _DRIVERS.get(signature, ("",))
+    if signature in _CLASSIC_NETCDF:
+        _check_header(path)
     if not last:
         raise GroundError(f"{path} is not a readable raster: it is neither TIFF, netCDF nor HDF5 (BAG, S-102)")
     for driver in others:
@@ -98,6 +102,22 @@ def _opened(path: Path) -> Any:
         except RasterioIOError:
             continue
     return rasterio.open(path, driver=last)
+
+
+def _check_header(path: Path) -> None:
+    """Checks the header of a classic netCDF file: for a damaged one, GDAL asks for memory without limit and crashes.
+
+    Raises:
+        GroundError: if it is damaged.
+    """
+    from scipy.io import netcdf_file
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            netcdf_file(path, mmap=True).close()
+    except (ValueError, LookupError, TypeError, OverflowError, MemoryError, ArithmeticError) as error:
+        raise GroundError(f"{path} is a damaged netCDF file ({brief(error)}). Copy it again") from error
 
 
 def _variable(names: list[str], path: Path) -> str:

@@ -1,6 +1,9 @@
 """What rasters say about their values: scale, unit, sign, masks, bands; and what they are not."""
 
 import contextlib
+import os
+import resource
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -280,3 +283,22 @@ def test_a_projection_that_is_no_text_is_refused_in_words(tmp_path):
     path.write_bytes(data.replace(b"unknown", b"unkn\xf4wn"))
     with pytest.raises(GroundError, match=r"a\.tif is not a readable raster: UnicodeDecodeError"):
         load_ground(path)
+
+
+def test_a_netcdf_header_that_asks_for_endless_memory_is_refused_and_not_crashed_on(tmp_path):
+    path = netcdf(tmp_path / "g.nc", {"elevation": (-DEPTH).astype("f4")})
+    data = bytearray(path.read_bytes())
+    data[data.index(b"\0\0\0\x0b") + 4] = 7  # the number of variables: 117 million
+    path.write_bytes(data)
+    child = os.fork()
+    if child == 0:  # a crash ends a process of its own, in which memory is bounded as on a small computer
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        limit = pages * resource.getpagesize() + 3_000_000_000
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        try:
+            load_ground(path)
+        except GroundError as error:
+            os._exit(0 if "damaged netCDF file" in str(error) else 1)
+        finally:
+            os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
