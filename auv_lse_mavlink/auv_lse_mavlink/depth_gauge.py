@@ -155,7 +155,7 @@ class DepthGauge:
         self._waiting_m = self._depth_m
 
     def forget(self) -> None:
-        """The autopilot's datum may have changed: the offset is unknown."""
+        """Discards the offset, because the autopilot's datum may have changed."""
         self._differences.clear()
         self._waiting_m = self.offset_m = self._reference_m = self._center_m = math.nan
 

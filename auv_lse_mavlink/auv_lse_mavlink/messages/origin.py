@@ -69,7 +69,7 @@ class OriginExchange:
         return not self._is_lost and (self.datum.mission is None or self.datum.autopilot is not None)
 
     def forget(self, rebooted: bool) -> None:
-        """The autopilot may have another origin now, or none if it has rebooted."""
+        """Discards the origin: the autopilot may have another one now, or none if it has rebooted."""
         self._had = not rebooted and (self._had or self.datum.autopilot is not None)
         self._asking_s = -math.inf
         self.datum = Datum(self.datum.mission)

@@ -91,7 +91,7 @@ class Survey:
 
     @property
     def vertical_datum(self) -> str:
-        """Name of what depths refer to."""
+        """Name of the vertical datum of depths."""
         return self.datum or "water surface during the dive"
 
     def describe(self) -> dict[str, str]:

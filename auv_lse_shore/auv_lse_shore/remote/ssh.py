@@ -34,7 +34,7 @@ class LinkError(RuntimeError):
 
 
 class VehicleError(RuntimeError):
-    """The vehicle has been reached, and what is wrong needs a person. Its text ends with the cure."""
+    """The vehicle answers, but a person must fix what is wrong. Its text ends with the cure."""
 
 
 class RemoteSession:

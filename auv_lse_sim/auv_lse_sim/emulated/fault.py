@@ -6,7 +6,7 @@ import enum
 
 
 class Fault(enum.Enum):
-    """How a simulated autopilot fails to do as it is sent."""
+    """How a simulated autopilot fails to carry out what it is sent."""
 
     NONE = "none"
     REFUSES = "refuses every mission and command, and follows no position target"

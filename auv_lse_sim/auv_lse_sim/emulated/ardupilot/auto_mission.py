@@ -73,7 +73,7 @@ class AutoMission:
             self.state, self.current = ACTIVE, max(self.current, 1)
 
     def leave(self) -> None:
-        """AUTO is left."""
+        """Handles the end of mode AUTO."""
         if self.state == ACTIVE:
             self.state = NOT_STARTED
 
