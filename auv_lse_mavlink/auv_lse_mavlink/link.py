@@ -105,7 +105,7 @@ class VehicleLink:
                 "are geodetic"
             )
         self.state = LinkState.DOWN
-        self.status = AutopilotStatus()
+        self.status = AutopilotStatus(config.battery_wh)
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
@@ -234,7 +234,7 @@ class VehicleLink:
             armed=self.status.armed,
             mode=self.status.mode,
             mode_obeys=not modes or self.status.mode in modes,
-            battery=self.status.battery,
+            battery=self.status.charge_at(self._now_s),
             leak=1 if self.status.leaks(self._now_s) else -1,
             disobeys=self._origin.contradiction or (self._problem[1] if self._problem[0] else ""),
             depth_problem=self._depth_problem,
@@ -446,8 +446,8 @@ class VehicleLink:
         stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
         self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
 
-    def _on_system_status(self, message: Message) -> None:
-        self.status.system_status(message)
+    def _on_power(self, message: Message) -> None:
+        self.status.power(self._now_s, message)
 
     def _on_navigation(self, message: Message) -> None:
         if self._position is not None and not self.report.problem:
@@ -480,16 +480,15 @@ class VehicleLink:
 HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "HEARTBEAT": VehicleLink._on_heartbeat,
     "SYSTEM_TIME": VehicleLink._on_system_time,
-    "SYS_STATUS": VehicleLink._on_system_status,
+    "SYS_STATUS": VehicleLink._on_power,
+    "BATTERY_STATUS": VehicleLink._on_power,
     "ATTITUDE": VehicleLink._on_attitude,
     "LOCAL_POSITION_NED": VehicleLink._on_local_position,
     "GLOBAL_POSITION_INT": VehicleLink._on_global_position,
     "GPS_RAW_INT": VehicleLink._on_gps,
     "GPS_GLOBAL_ORIGIN": VehicleLink._on_origin,
     "DISTANCE_SENSOR": VehicleLink._on_distance,
-    "SCALED_PRESSURE": VehicleLink._on_pressure,
-    "SCALED_PRESSURE2": VehicleLink._on_pressure,
-    "SCALED_PRESSURE3": VehicleLink._on_pressure,
+    **dict.fromkeys(("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"), VehicleLink._on_pressure),
     "NAV_CONTROLLER_OUTPUT": VehicleLink._on_navigation,
     "COMMAND_ACK": VehicleLink._on_command_ack,
     "MISSION_REQUEST_INT": VehicleLink._on_mission_request,

@@ -856,12 +856,27 @@ def test_the_autopilot_reports_mode_charge_and_a_leak():
     pilot.beat(armed=False)
     state = pilot.of(events.AutopilotState)[-1]
     assert (state.report.armed, state.report.battery, state.battery_v, state.report.leak) == (False, 0.64, 14.8, 1)
-    pilot.wait(30.0)
+    pilot.wait(29.0)
+    assert pilot.link.report.battery == 0.64
+    pilot.wait(1.5)
+    assert math.isnan(pilot.link.report.battery), "its messages have stopped"
     assert pilot.link.report.leak == 1, "it tells of a leak every 20 s"
     pilot.wait(25.0)
     assert pilot.link.report.leak == -1, "after a RESET the limit does not trip again of itself"
     pilot.wait(6.0, beat=False)
     assert not pilot.of(events.AutopilotState)[-1].report.heard
+
+
+def test_the_charge_is_what_the_energy_used_leaves_of_the_battery():
+    """ArduPilot reports no percentage without BATT_CAPACITY, and energy with 1 hJ (0.03 Wh) of resolution."""
+    pilot = Autopilot(battery_wh=266.0).up()
+    pilot.say(mavlink.MAVLink_sys_status_message(0, 0, 0, 500, 14800, -1, 64, 0, 0, 0, 0, 0, 0))
+    assert math.isnan(pilot.link.report.battery), "the percentage is that of another capacity"
+    voltages = [14800] + [65535] * 9
+    for battery, used_hj, charge in ((1, 900, math.nan), (0, -1, math.nan), (0, 2394, 0.75), (0, 99999, 0.0)):
+        message = mavlink.MAVLink_battery_status_message(battery, 0, 0, 32767, voltages, 0, 74, used_hj, -1)
+        pilot.say(message)
+        assert pilot.link.report.battery == pytest.approx(charge, nan_ok=True)
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,14 @@ from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_depth
-from auv_lse_common.safety.battery_use import BatteryUse
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.health import Health, Level
-from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
+from auv_lse_planner.battery_watch import BatteryWatch
 
 
 @dataclass(slots=True)
@@ -25,8 +26,7 @@ class Safety:
     run: MissionRun
     watch: SafetyWatch
     config: SafetyConfig
-    at_end: Stop
-    battery: BatteryUse
+    battery: BatteryWatch
     _rebooted: bool = False  # and it is not known yet where the vehicle is
     _wet_steps: int = 0  # steps under water less those at the surface, since the first known depth
     _since_s: float = math.nan  # since when the mission is in doubt with a known depth
@@ -46,6 +46,8 @@ class Safety:
         safety = section(SafetyConfig, parameters, "safety", where)
         own = section(VehicleConfig, parameters, "vehicle", where)
         area = section(AreaConfig, parameters, "area", where)
+        mission = section(MissionConfig, parameters, "mission", where)
+        motion = section(MotionConfig, parameters, "motion", where)
         link = parameters.get("link", {})
         try:
             on_abort = own.stop("safety.abort", safety.abort)
@@ -66,14 +68,25 @@ class Safety:
             run=MissionRun(at_once, on_abort, own.stop_at_end),
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot, own.depth_m > 0.0),
             config=safety,
-            at_end=own.stop_at_end,
-            battery=BatteryUse(safety.min_battery),
+            battery=BatteryWatch.of(own, safety, area, mission, motion),
         )
+
+    def command(self, command: Command, source: str, team: bool = False) -> str:
+        """Gives the mission a command; returns why it is refused, "" if it is accepted.
+
+        The first GO is refused if the battery lasts for too little of the mission.
+        """
+        if command is Command.GO and self.run.waits_for_go:
+            charge = math.nan if self.watch.way is None else self.watch.way[1]
+            refusal, self.battery.warning = self.battery.answer_go(charge)
+            if refusal:
+                return f"GO: {refusal}"
+        return self.run.command(command, source, team)
 
     def step(self, now_s: float) -> None:
         """Checks every limit, and what to do after a reboot or while waiting for a GO that cannot arrive."""
         self.watch.step(now_s, self.run)
-        self._watch_battery()
+        self._watch_battery(now_s)
         under_water = self.watch.under_water
         if under_water is None or not (self._rebooted or self.run.waits_for_go):
             self._wet_steps, self._since_s = 0, math.nan
@@ -91,33 +104,25 @@ class Safety:
             reason = "waits for GO under water, where none arrives"
             self.run.trip("waiting", Stop(action=Action.SURFACE), reason)
 
-    def _watch_battery(self) -> None:
+    def _watch_battery(self, now_s: float) -> None:
         """Learns how far the battery lasts; ends the mission while it suffices for the way to the recovery position."""
         way = self.watch.way
-        if way is None or self.config.min_battery <= 0.0 or self.run.status.state is not RunState.RUNNING:
+        if way is None or not self.battery.is_watched or self.run.status.state is not RunState.RUNNING:
             return
-        way_m, charge, north_m, east_m = way
-        self.battery.take(charge, way_m)
-        if self.at_end.action is not Action.GO_TO:
-            return
-        home_m = math.dist((north_m, east_m), self.at_end.position_m)
-        if self.battery.must_turn(home_m):
-            self.run.end_early(
-                f"the battery ({charge:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
-            )
+        if reason := self.battery.take(now_s, way):
+            self.run.end_early(reason)
 
     @property
-    def battery_left_m(self) -> float:
-        """Way (m) that the battery lasts before the way to the recovery position; NaN while unknown."""
-        way = self.watch.way
-        goes_home = self.at_end.action is Action.GO_TO and way is not None
-        return self.battery.left_m(math.dist(way[2:], self.at_end.position_m) if goes_home and way else 0.0)
+    def warnings(self) -> dict[str, str]:
+        """Exceeded limits that have not tripped, and what the last GO warned of, each with its reason."""
+        return self.watch.warnings | ({"mission": self.battery.warning} if self.battery.warning else {})
 
     def snapshot(self) -> dict[str, Any]:
         """The mission's and the watch's state, for a state file."""
         return {
             "run": self.run.snapshot(),
             "watch": self.watch.snapshot(),
+            "battery": self.battery.use.snapshot(),
             "rebooted": self._rebooted,
             "under_water": self.watch.under_water,
         }
@@ -137,6 +142,7 @@ class Safety:
             return
         self.run.restore(values["run"])
         self.watch.restore(values["watch"])
+        self.battery.use.restore(values.get("battery", {}))
         self._rebooted = rebooted or values["rebooted"]
         if self._rebooted:
             self.run.pause("the computer was restarted; the vehicle's depth is not known yet")
@@ -154,16 +160,16 @@ class Safety:
     def problems(self) -> dict[str, str]:
         """Texts about exceeded and tripped limits, by key."""
         found = {f"tripped {name}": f"{name}: {why} (latched until RESET)" for name, why in self.run.limits.items()}
-        return found | {name: f"{name}: {reason}" for name, reason in self.watch.warnings.items()}
+        return found | {name: f"{name}: {reason}" for name, reason in self.warnings.items()}
 
     def health(self) -> Health:
         """The state of the mission."""
         status = self.run.status
         bad = Level.ERROR if self.run.limits or status.state is RunState.ABORTED else Level.OK
-        level = max(bad, Level.WARN if self.watch.warnings else Level.OK)
+        level = max(bad, Level.WARN if self.warnings else Level.OK)
         text = "; ".join(self.problems().values()) or status.reason or "ok"
         action = Action.TRAVEL if status.stop is None else status.stop.action
         values = {"state": status.state.name, "action": action.name}
-        if self.battery.is_known:
-            values["battery lasts m"] = f"{self.battery_left_m:.0f}"
+        if self.watch.way is not None and status.state is RunState.RUNNING:
+            values |= self.battery.values(*self.watch.way[2:])
         return Health(level=level, text=text, values=values)

@@ -88,7 +88,7 @@ class SafetyNode(VehicleNode):
         except ValueError:
             return f"{order.command} is not a command; use one of {', '.join(f'{c} {c.name}' for c in Command)}"
         source = order.source or "unknown source"
-        refused = self._safety.run.command(command, source, order.team)
+        refused = self._safety.command(command, source, order.team)
         self._keep()  # an accepted command outlives this process
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused
@@ -100,7 +100,7 @@ class SafetyNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Checks the limits; publishes the state when it changes and, without lockstep, every second."""
         self._safety.step(now_s)
-        status, warnings = self._safety.run.status, self._safety.watch.warnings
+        status, warnings = self._safety.run.status, self._safety.warnings
         if self._safety.watch.under_water is not self._under_water:
             self._keep()
         if (status, *warnings) != self._reported:  # compares keys: the numbers in warnings change constantly

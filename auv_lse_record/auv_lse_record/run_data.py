@@ -134,6 +134,8 @@ class VehicleRun:
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
         mates: Navigation data of received packets, in order of time.
+        ended_early: Why its mission ended before its last leg; "" if it did not.
+        battery: Last values of `LEGS_LEFT`, `LEGS_PLANNED` and `BATTERY_LASTS` while its mission ran; empty if unknown.
     """
 
     vehicle: int
@@ -146,6 +148,8 @@ class VehicleRun:
     dead_reckoning: Array = field(default_factory=lambda: _rows(5))
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
+    ended_early: str = ""
+    battery: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks the shapes.

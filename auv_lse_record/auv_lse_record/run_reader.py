@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
-from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport
+from auv_lse_common.topics.records import BoundReport, HealthReport, Odometry, PlanReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
+from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
 from auv_lse_record.run_data import (
@@ -43,6 +45,8 @@ _TOPICS = {
     "modem/rx",
     "team/samples",
     "team/navigation",
+    "diagnostics",
+    "mission/state",
 }
 #: Values of a decision in its bound report.
 _VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
@@ -172,7 +176,18 @@ def _vehicle_run(number: int, log: Mapping[str, list[Any]], method: str) -> Vehi
         dead_reckoning=np.column_stack([_track(raw), [position.depth_m for position in raw]]),
         fixes=sorted(log["fix"], key=lambda fix: fix.stamp_s),
         mates=sorted(log["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
+        ended_early=next((run.status.reason for run in reversed(log["mission/state"]) if run.status.ended_early), ""),
+        battery=battery_of(log["diagnostics"]),
     )
+
+
+def battery_of(messages: Sequence[list[HealthReport]]) -> dict[str, str]:
+    """Last values about the battery while the mission ran; empty without a battery."""
+    found: dict[str, str] = {}
+    for report in sorted((r for reports in messages for r in reports), key=lambda r: r.stamp_s):
+        if report.values.get("state", RunState.RUNNING.name) == RunState.RUNNING.name:
+            found |= {k: report.values[k] for k in (LEGS_LEFT, LEGS_PLANNED, BATTERY_LASTS) if k in report.values}
+    return found if LEGS_LEFT in found else {}
 
 
 def _track(positions: Sequence[Odometry | DeadReckoning]) -> Array:

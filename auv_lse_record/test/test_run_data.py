@@ -3,9 +3,27 @@
 import numpy as np
 import pytest
 
+from auv_lse_common.topics.records import HealthReport
+from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_record.run_data import VehicleRun
+from auv_lse_record.run_reader import battery_of
 
 
 def test_wrong_columns_are_rejected():
     with pytest.raises(ValueError, match=r"auv3 truth must have the shape \(n, 4\), not \(2, 3\)"):
         VehicleRun(vehicle=3, truth=np.zeros((2, 3)))
+
+
+def test_of_the_battery_the_last_values_count_while_the_mission_ran():
+    def health(stamp_s, **values):
+        return [HealthReport(stamp_s=stamp_s, name="n", level=0, text="ok", values=values)]
+
+    battery = {LEGS_LEFT: "9", BATTERY_LASTS: "2.50 km (standard deviation 0.10 km)"}
+    messages = [
+        health(30.0, state="ENDED", **{LEGS_LEFT: "3"}),
+        health(20.0, state="RUNNING", **battery),
+        health(21.0, **{LEGS_PLANNED: "40"}),
+        health(10.0, state="RUNNING", **{LEGS_LEFT: "30"}),
+    ]
+    assert battery_of(messages) == {**battery, LEGS_PLANNED: "40"}
+    assert battery_of([health(10.0, state="RUNNING"), health(11.0, **{LEGS_PLANNED: "40"})]) == {}

@@ -30,10 +30,10 @@ SMALL = ("--sequences", "4000")
 FAULTS = (
     "depth", "fence", "altitude", "battery", "leak", "autopilot", "pressure", "link", "mission time",
     "odometry with old stamps", "odometry silent", "odometry frozen", "odometry impossible",
-    "altimeter silent", "altimeter frozen", "depth gauge frozen", "heading jumping",
+    "altimeter silent", "altimeter frozen", "depth gauge frozen", "heading jumping", "charge silent",
 )  # fmt: skip
 #: Limits whose response is always "warn".
-WARNINGS = ("altimeter", "depth gauge", "heading")
+WARNINGS = ("altimeter", "depth gauge", "heading", "charge")
 #: While a sensor is silent its last reading counts, which may be an outlier: then these limits may trip, too.
 STANDING = {f"odometry {how}": ("depth", "fence") for how in ("silent", "frozen", "impossible")}
 STANDING["altimeter silent"] = ("altitude",)
@@ -100,7 +100,7 @@ class Sequence:
 
     def _delay_s(self) -> float:
         """Time from the fault to when the limit is truly exceeded: as soon as an age or a way is over its limit."""
-        if self._fault.startswith(("odometry", "link", "altimeter silent")):
+        if self._fault.startswith(("odometry", "link", "altimeter silent", "charge silent")):
             return 2.0 * self.patience_s
         if self._fault.endswith("frozen"):
             repeats_s = 2 * (REPEATS + 1) * self._step_s / self._per_step
@@ -126,6 +126,8 @@ class Sequence:
             report = AutopilotReport(heard=not self._has("link"), armed=True, battery=0.9, leak=0)
             if self._is_bad("battery"):
                 report = dataclasses.replace(report, battery=0.1)
+            if self._has("charge silent"):
+                report = dataclasses.replace(report, battery=math.nan)
             if self._is_bad("leak"):
                 report = dataclasses.replace(report, leak=1)
             if self._is_bad("pressure"):

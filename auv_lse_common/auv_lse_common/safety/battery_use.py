@@ -2,22 +2,28 @@
 
 Theory of operation
 -------------------
-The way is counted in stretches of `STRETCH_M`. `take` gets the charge with the way travelled; of each stretch the
-median counts. What a stretch costs is the median slope between all pairs of stretches (Theil-Sen), over the whole
-mission or over the last `RECENT`, whichever is more: with a rising head current, or with old cells, the charge falls
-ever faster. A reading that jumps for one or two stretches changes neither this nor `charge`, the median of the last
-`SMOOTHED` stretches moved on by what they have cost since.
+A way of length l with the displacement (n, e) is expected to cost (a l + b n + c e) (1 + g (1 - q)) of the full charge.
+In a current, b and c make a way against it dear and the way back cheap, whether the vehicle keeps its speed through the
+water or over ground. The factor with g is that of cells which empty: at a lower voltage the same power takes more
+current, and old cells sag more. A Kalman filter estimates q, the present charge, with a, b, c, g and their covariance.
+It takes the median reading of each stretch of `STRETCH_M`, or of a stay several times as long.
 
-The way home may lead against the current: its stretches count with a high quantile of the averages over `WINDOW`
-stretches so far. The spread of the stretches and the step of the reading make the sum uncertain; `CAUTION` standard
-deviations are added. Fewer than `LEAST` stretches, or no readings, predict nothing.
+A reading far from the expected charge is ignored, unless `AGAIN` stretches in a row contradict it: then the covariance
+is widened until it fits. So a reading that jumps for a stretch or two changes nothing, and a wrong expectation is
+learned anew.
+
+The way home is possible while the charge expected there exceeds the reserve by `CAUTION` standard deviations. These
+contain what is not known of a, b, c and g, and the scatter of the way home itself.
+
+The filter begins with the distance that a full battery is stated to last, otherwise after `LEAST` stretches.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,20 +32,35 @@ Array = NDArray[np.float64]
 
 #: Length of a stretch (m).
 STRETCH_M = 25.0
-#: Stretches before anything is predicted, of the recent past, and whose median is the present charge.
-LEAST, RECENT, SMOOTHED = 12, 12, 9
-#: Stretches over which the cost of the way home is averaged, and the quantile of the averages that it may reach.
-WINDOW, HOME_QUANTILE = 6, 0.95
-#: Standard deviations that are kept in reserve, and the step of a reading in whole percent.
-CAUTION, STEP = 3.0, 0.01
-#: The spread of the stretches is measured over this many.
-APART = 4
+#: Stretches before anything is predicted, with and without a stated distance; one reading in four may jump.
+LEAST_STATED, LEAST = 5, 10
+#: Standard deviations that are kept in reserve.
+CAUTION = 3.0
+#: Charge kept beside these: readings in whole percent are wrong by half of it, and the model by as much.
+MARGIN = 0.01
+#: Readings are in whole percent unless one is off from that by more than this (percent).
+FINE = 1e-3
+#: Standard deviation of the cost of one stretch, and of the change of its parameters over one, in mean costs.
+SCATTER, CHANGE = 0.16, 0.005
+#: Standard deviation of a at first, as a share of itself: stated, learned from the first stretches.
+STATED_STD, LEARNED_STD = 0.15, 0.3
+#: Standard deviation of b and c at first, as a share of a.
+CURRENT_STD = 0.15
+#: Mean and standard deviation of g at first.
+AGEING, AGEING_STD = 0.15, 0.12
+#: Standard deviation of a stretch's median reading, in whole percent and finer; of the charge at first.
+READING_STD, FINE_STD, FIRST_STD = 0.0035, 0.001, 0.01
+#: A reading this many standard deviations off is ignored, unless so many in a row are; then the covariance of all but
+#: the charge grows by this factor.
+FAR, AGAIN, WIDER = 4.0, 5, 4.0
+#: A vehicle that takes this many times longer than usual for a stretch uses its battery without travelling.
+LONG = 2.0
 #: A stretch costs at least this much of the charge.
 LEAST_COST = 1e-5
-#: Number of stretches, and of readings of one, that are remembered.
-MOST = 400
-#: A vehicle that stays this many times longer than usual on a stretch uses its battery without travelling.
-LONG = 4
+#: Number of readings of a stretch, and of stretches whose times are remembered.
+MOST, TIMES = 400, 60
+#: A forecast goes in pieces of this length (stretches), and in so many at most.
+PIECE, PIECES = 8.0, 8
 
 
 class BatteryUse:
@@ -49,99 +70,190 @@ class BatteryUse:
         reserve: Charge (0 to 1) that must be left.
     """
 
-    def __init__(self, reserve: float) -> None:
-        """Starts without readings."""
-        self.reserve = reserve
-        self._stretches: list[tuple[int, float]] = []  # number of a stretch, median charge on it
-        self._counts: list[int] = []  # readings on each
-        self._readings: list[float] = []  # on the present one
-        self._now = -1
-        self._cost = self._home_cost = self._spread = math.nan  # of a stretch, as a share of the full charge
+    def __init__(self, reserve: float, lasts_m: float | None = None) -> None:
+        """Starts without readings.
 
-    def take(self, charge: float, way_m: float) -> None:
-        """Takes a charge (0 to 1; NaN: unknown) after a way (m)."""
-        stretch = int(way_m / STRETCH_M)
-        if not 0.0 <= charge <= 1.0 or stretch < self._now:
+        Args:
+            lasts_m: Way (m) that a full battery is expected to last; None: it is learned.
+        """
+        self.reserve = reserve
+        self._stated = None if lasts_m is None else STRETCH_M / lasts_m  # of a stretch
+        self._readings: list[tuple[float, ...]] = []  # charge, time (s), way, north, east (stretches) on this stretch
+        self._first: list[tuple[float, ...]] = []  # medians of the first stretches, until the filter begins
+        self._state: Array | None = None  # q, a, b, c, g
+        self._covariance = np.zeros((5, 5))
+        self._at: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # time, way, north, east of the state
+        self._now = self._at  # the same of the last reading
+        self._number, self._ignored = -1, 0
+        self._is_fine = False  # whether readings have fractions of a percent
+        self._times: list[float] = []  # of stretches (s)
+
+    def take(self, now_s: float, charge: float, way_m: float, north_m: float, east_m: float) -> None:
+        """Takes a charge (0 to 1; NaN: unknown) at a time, after a way, at a position."""
+        if not 0.0 <= charge <= 1.0:
             return
-        if stretch > self._now:
+        now = (now_s, way_m / STRETCH_M, north_m / STRETCH_M, east_m / STRETCH_M)
+        number = int(now[1])
+        if number < self._number or now_s < self._now[0]:  # the way or the clock starts anew
+            self._readings = []
+            self._at = (now_s, *now[1:])
+        began_s = self._readings[0][1] if self._readings else now_s
+        if number != self._number or now_s - began_s > LONG * self._usual_s:
             self._finish_stretch()
-            self._now = stretch
-        self._readings.append(charge)
+            self._number = number
+        self._now = now
+        self._is_fine = self._is_fine or abs(charge * 100.0 - round(charge * 100.0)) > FINE
+        self._readings.append((charge, *now))
         del self._readings[:-MOST]
 
     @property
     def is_known(self) -> bool:
-        """Whether enough has been travelled with readings."""
-        return len(self._stretches) >= LEAST
+        """Whether anything can be predicted."""
+        return self._state is not None
 
     @property
     def charge(self) -> float:
-        """The present charge, smoothed; NaN while unknown."""
-        if not self.is_known:
-            return math.nan
-        moved_on = (charge - self._cost * (self._now - number) for number, charge in self._stretches[-SMOOTHED:])
-        smoothed = median(moved_on)
-        if len(self._readings) <= LONG * median(self._counts):
-            return smoothed
-        return min(smoothed, median(self._readings[-len(self._readings) // LONG :]))
+        """The present charge, filtered; NaN while unknown."""
+        return math.nan if self._state is None else float(self._forecast(())[0][0])
 
-    def needed(self, way_m: float, home_m: float) -> float:
-        """Charge that a further way (m) and the way home (m) take at most, with the reserve; NaN while unknown."""
-        if not self.is_known:
-            return math.nan
-        more, home = way_m / STRETCH_M, home_m / STRETCH_M
-        total, span = more + home, self._stretches[-1][0] - self._stretches[0][0]
-        of_cost = math.hypot(self._spread / len(self._stretches), 0.7 * STEP / span)
-        of_stretches = math.hypot(self._spread * math.sqrt(total), 0.5 * STEP)
-        expected = self.reserve + more * self._cost + home * self._home_cost
-        return expected + CAUTION * math.hypot(total * of_cost, of_stretches)
+    @property
+    def lasts_m(self) -> tuple[float, float]:
+        """Way (m) that a full battery lasts without current, and its standard deviation; NaN while unknown."""
+        if self._state is None:
+            return math.nan, math.nan
+        _, cost, _, _, growth = self._state
+        cost = max(float(cost * (1.0 + 0.5 * growth)), LEAST_COST)
+        return STRETCH_M / cost, STRETCH_M / cost**2 * math.sqrt(self._covariance[1, 1])
 
-    def must_turn(self, home_m: float) -> bool:
-        """Whether a further stretch and the way home (m) would take more than there is; False while unknown."""
-        return self.is_known and self.charge < self.needed(STRETCH_M, home_m)
+    def surplus(self, way_m: float, home_m: tuple[float, float]) -> float:
+        """Charge above the reserve that is left for sure after a way and the way home; NaN while unknown.
 
-    def left_m(self, home_m: float) -> float:
-        """Way (m) that the battery lasts before the way home (m); NaN while unknown, at least 0."""
-        if not self.is_known:
+        Args:
+            way_m: Length of the further way (m), which ends where it begins.
+            home_m: From there to the recovery position: north, east (m).
+        """
+        if self._state is None:
             return math.nan
-        charge, low, high = self.charge, 0, 1 << 16
+        north, east = home_m[0] / STRETCH_M, home_m[1] / STRETCH_M
+        ways = ((way_m / STRETCH_M, 0.0, 0.0), (math.hypot(north, east), north, east))
+        state, covariance = self._forecast(ways)
+        return float(state[0]) - self.reserve - MARGIN - CAUTION * math.sqrt(covariance[0, 0])
+
+    def must_turn(self, home_m: tuple[float, float]) -> bool:
+        """Whether a moment's further way and the way home (north, east, m) would use more than there is."""
+        return self.surplus(2.0, home_m) < 0.0
+
+    def left_m(self, home_m: tuple[float, float]) -> float:
+        """Way (m) that the battery lasts before the way home (north, east, m); NaN while unknown, at least 0."""
+        if self._state is None:
+            return math.nan
+        low, high = 0, 1 << 12
         while low < high:
             middle = (low + high + 1) // 2
-            low, high = (middle, high) if self.needed(middle * STRETCH_M, home_m) <= charge else (low, middle - 1)
+            low, high = (middle, high) if self.surplus(middle * STRETCH_M, home_m) >= 0.0 else (low, middle - 1)
         return low * STRETCH_M
 
+    def snapshot(self) -> dict[str, Any]:
+        """What is learned, for a state file."""
+        if self._state is None:
+            return {}
+        return {"state": self._state.tolist(), "covariance": self._covariance.tolist()}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`, with a charge that is not known."""
+        if values:
+            self._state, self._covariance = np.array(values["state"]), np.array(values["covariance"])
+            self._covariance[0, 0] += 1.0
+
+    @property
+    def _usual_s(self) -> float:
+        return median(self._times) if self._times else math.inf
+
     def _finish_stretch(self) -> None:
+        """Takes the median of the stretch's readings."""
         if not self._readings:
             return
-        self._stretches.append((self._now, median(self._readings)))
-        self._counts.append(len(self._readings))
-        del self._stretches[:-MOST], self._counts[:-MOST]
+        readings = np.array(self._readings)
         self._readings = []
-        if not self.is_known:
+        point = (float(np.median(readings[:, 0])), *(float(value) for value in readings[:, 1:].mean(axis=0)))
+        if self._state is None:
+            self._begin(point)
+        else:
+            self._update(point)
+
+    def _begin(self, point: tuple[float, ...]) -> None:
+        """Begins the filter, if enough is known, and takes the first stretches."""
+        self._first.append(point)
+        if len(self._first) < (LEAST_STATED if self._stated else LEAST):
             return
-        recent = self._stretches[-RECENT:] if len(self._stretches) >= 2 * RECENT else self._stretches
-        self._cost = max(_slope(self._stretches), _slope(recent))
-        known = self._stretches[-4 * RECENT :]
-        # over several stretches, which makes the step of the reading matter less
-        pairs = zip(known[:-APART], known[APART:], strict=True)
-        off = [abs(one - other - (b - a) * self._cost) / math.sqrt(b - a) for (a, one), (b, other) in pairs]
-        self._spread = 1.4826 * median(off)
-        self._home_cost = max(self._cost, self._highest_average())
+        cost, share = (self._stated, STATED_STD) if self._stated else (_slope(self._first), LEARNED_STD)
+        began = self._first[0][2]
+        charge = median(point[0] + cost * (point[2] - began) for point in self._first)
+        self._state = np.array([charge, cost / (1.0 + 0.5 * AGEING), 0.0, 0.0, AGEING])
+        stds = (FIRST_STD, share * cost, CURRENT_STD * cost, CURRENT_STD * cost, AGEING_STD)
+        self._covariance = np.diag(np.square(stds))
+        self._at = self._first[0][1:]
+        for taken in self._first:
+            self._update(taken)
+        self._first = []
 
-    def _highest_average(self) -> float:
-        """High quantile of what a stretch has cost over `WINDOW` of them; jumps of one or two are left out."""
-        numbers, charges = np.array(self._stretches[-8 * WINDOW :], dtype=float).T
-        charges = np.median(np.lib.stride_tricks.sliding_window_view(charges, 5), axis=1)
-        numbers = numbers[2:-2]
-        if len(charges) <= WINDOW:
-            return 0.0
-        averages = (charges[:-WINDOW] - charges[WINDOW:]) / (numbers[WINDOW:] - numbers[:-WINDOW])
-        return float(np.quantile(averages, HOME_QUANTILE))
+    def _update(self, point: tuple[float, ...]) -> None:
+        """Moves the filter on to a stretch, and takes its reading."""
+        assert self._state is not None
+        charge, at = point[0], point[1:]
+        passed_s, *way = (b - a for a, b in zip(self._at, at, strict=True))
+        state, covariance = _moved(self._state, self._covariance, tuple(way))
+        if way[0] > 0.5:
+            self._times.append(passed_s / way[0])
+            del self._times[:-TIMES]
+        stayed = passed_s / self._usual_s - LONG * max(way[0], 0.0) if self._times else 0.0
+        covariance[0, 0] += (max(stayed, 0.0) * state[1]) ** 2
+        noise = (FINE_STD if self._is_fine else READING_STD) ** 2
+        off, variance = charge - state[0], covariance[0, 0] + noise
+        is_far = off * off > FAR**2 * variance
+        if is_far and self._ignored < AGAIN:
+            self._ignored += 1
+        else:
+            if is_far:
+                covariance *= min(off * off / variance, WIDER)
+                covariance[0, 0] = max(covariance[0, 0], off * off)
+                variance = covariance[0, 0] + noise
+            self._ignored = 0
+            gain = covariance[:, 0] / variance
+            state, covariance = state + gain * off, covariance - np.outer(gain, covariance[0])
+        state[1] = max(state[1], LEAST_COST)
+        self._state, self._covariance, self._at = state, covariance, at
+
+    def _forecast(self, ways: tuple[tuple[float, float, float], ...]) -> tuple[Array, Array]:
+        """State and covariance after further ways (length, north, east in stretches)."""
+        assert self._state is not None
+        state, covariance = _moved(self._state, self._covariance, tuple(np.subtract(self._now[1:], self._at[1:])))
+        for way in ways:
+            pieces = min(max(math.ceil(way[0] / PIECE), 1), PIECES)
+            for _ in range(pieces):
+                state, covariance = _moved(state, covariance, tuple(part / pieces for part in way))
+        return state, covariance
 
 
-def _slope(points: Sequence[tuple[int, float]]) -> float:
-    """Median fall of the charge per stretch over all pairs of points."""
-    numbers, charges = np.array(points[:: len(points) // 60 + 1], dtype=float).T
-    first, second = np.triu_indices(len(numbers), 1)
-    falls = (charges[first] - charges[second]) / (numbers[second] - numbers[first])
+def _moved(state: Array, covariance: Array, way: tuple[float, ...]) -> tuple[Array, Array]:
+    """State and covariance after a way (length, north, east in stretches)."""
+    charge, cost, _, _, growth = state
+    length, north, east = max(way[0], 0.0), way[1], way[2]
+    factor = 1.0 + growth * (1.0 - charge)
+    used = float(state[1:4] @ (length, north, east))
+    by = np.array((1.0 + used * growth, -length * factor, -north * factor, -east * factor, -used * (1.0 - charge)))
+    state, covariance = state.copy(), covariance.copy()
+    state[0] -= used * factor
+    row = by @ covariance
+    covariance[0], covariance[:, 0], covariance[0, 0] = row, row, row @ by
+    covariance[0, 0] += SCATTER**2 * cost**2 * length
+    covariance[[1, 2, 3], [1, 2, 3]] += CHANGE**2 * cost**2 * length
+    return state, covariance
+
+
+def _slope(points: list[tuple[float, ...]]) -> float:
+    """Median fall of the charge per stretch, over the pairs of points at least a third of the way apart."""
+    charges, ways = np.array([(point[0], point[2]) for point in points]).T
+    first, second = np.triu_indices(len(ways), max(len(ways) // 3, 1))
+    falls = (charges[first] - charges[second]) / (ways[second] - ways[first])
     return max(float(np.median(falls)), LEAST_COST)

@@ -121,6 +121,7 @@ class SafetyWatch:
             "depth gauge": "warn",
             "altimeter": "warn",
             "heading": "warn",
+            "charge": "warn",
             "odometry": config.odometry_response,
             "link": config.link_response,
             "autopilot": config.autopilot_response,
@@ -154,6 +155,7 @@ class SafetyWatch:
         self._now_s = math.nan
         self._odometry_s = math.nan  # newest stamp, at most the time of its step; or time of the first step
         self._link_s = math.nan
+        self._charge_s = math.inf  # when the autopilot last reported one, or was first heard
         self._ran_s = 0.0
 
     def odometry(
@@ -274,6 +276,7 @@ class SafetyWatch:
             self._odometry_s += passed_s
             self._link_s += passed_s
             self._altitude_s += passed_s
+            self._charge_s += passed_s
             for time in self._times.values():
                 time.shift(passed_s)
             passed_s = 0.0
@@ -288,6 +291,10 @@ class SafetyWatch:
         else:
             self._odometry_s += passed_s  # one loss, one limit
             self._altitude_s += passed_s
+            self._charge_s += passed_s
+        if self._autopilot is not None and self._link_known:
+            known = math.isfinite(self._autopilot.battery) or math.isinf(self._charge_s)
+            self._charge_s = now_s if known else self._charge_s
         return passed_s
 
     @property
@@ -351,6 +358,8 @@ class SafetyWatch:
             found["link"] = f"no autopilot heartbeat for {age_s:.0f} s, longer than {config.link_age_s:g} s"
         if self._autopilot is not None and self._autopilot.disobeys and not self._link_lost:
             found["autopilot"] = self._autopilot.disobeys
+        if (age_s := self._now_s - self._charge_s) > config.odometry_age_s and config.min_battery > 0.0:
+            found["charge"] = f"the autopilot has reported no battery charge for {age_s:.0f} s"
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:
             found["battery"] = f"battery at {self._autopilot.battery:.0%}, below {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:

@@ -10,6 +10,9 @@ from typing import Any
 
 #: Age (s) up to which a counted event is a current problem.
 RECENT_S = 120.0
+#: Values of `safety_node`: legs that the battery lasts before the way to the recovery position, and the way that a full
+#: battery lasts. Value of `planner_node`: legs not yet travelled.
+LEGS_LEFT, BATTERY_LASTS, LEGS_PLANNED = "legs left by battery", "full battery lasts", "legs planned"
 
 
 class Level(enum.IntEnum):

@@ -150,6 +150,11 @@ class RunStatus:
         commanded = any(self.reason.startswith(f"{command.name} by ") for command in Command)
         return not self.limits and (commanded or self.reason == _WAITS)
 
+    @property
+    def ended_early(self) -> bool:
+        """Whether the mission ended before its last leg; False without a reason."""
+        return self.state is RunState.ENDED and self.reason not in ("", _LAST_LEG)
+
     def stop_after(self, then: Stop | None) -> Stop | None:
         """What a vehicle does instead of travelling, if its newest leg ends with the stop `then`.
 
@@ -158,7 +163,7 @@ class RunStatus:
         return None if self.state is RunState.ENDED and self.stop == then else self.stop
 
 
-_WAITS = "waits for GO"
+_WAITS, _LAST_LEG = "waits for GO", "the last leg is complete"
 _HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 
 
@@ -208,7 +213,7 @@ class MissionRun:
             self.limits.clear()
             self._team_abort = False
         self._team_abort = self._team_abort or (command is Command.ABORT and team)
-        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source[:MAX_SOURCE]}"
+        reason = _LAST_LEG if command is Command.END else f"{command.name} by {source[:MAX_SOURCE]}"
         self._apply(command, reason)
         return ""
 

@@ -9,6 +9,10 @@ from auv_lse_mavlink.messages.wire import Message, mavlink
 #: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
 #: safety watch keeps the limit tripped until RESET.
 LEAK_REPORTED_S = 50.0
+#: A charge that was reported this long ago (s) is unknown.
+CHARGE_S = 30.0
+#: MAVLink counts energy in hJ.
+HJ_PER_WH = 36.0
 #: Texts that ArduPilot sends as warnings in normal operation: after each upload while it flies a mission.
 ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
 #: A warning that repeats itself is reported again after this time (s); so many are remembered.
@@ -24,15 +28,21 @@ class AutopilotStatus:
         armed: Whether it is armed.
         mode: Number of its flight mode, in its own numbering; -1 while unknown.
         kind: MAV_AUTOPILOT and MAV_TYPE.
-        battery: Charge left, 0 to 1; NaN unknown.
-        battery_v: Its voltage (V); NaN unknown.
+        battery_v: Voltage of its battery (V); NaN unknown.
     """
 
-    def __init__(self) -> None:
-        """Starts unknown."""
+    def __init__(self, battery_wh: float = 0.0) -> None:
+        """Starts unknown.
+
+        Args:
+            battery_wh: Energy of the full battery (Wh), from which the energy used is subtracted; 0: the autopilot
+                reports the charge.
+        """
         self.armed, self.mode = False, -1
         self.kind: tuple[int, int] = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
-        self.battery = self.battery_v = math.nan
+        self.battery_v = math.nan
+        self._battery_wh = battery_wh
+        self._charge, self._charge_s = math.nan, -math.inf
         self._leak_s = -math.inf
         self._texts: dict[str, float] = {}  # warnings, and when they were returned
 
@@ -47,12 +57,21 @@ class AutopilotStatus:
         self.mode = int(message.custom_mode)
         self.kind = (message.autopilot, message.type)
 
-    def system_status(self, message: Message) -> None:
-        """Takes a SYS_STATUS."""
-        if 0 <= message.battery_remaining <= 100:
-            self.battery = message.battery_remaining / 100.0
+    def power(self, now_s: float, message: Message) -> None:
+        """Takes a SYS_STATUS: charge and voltage; or a BATTERY_STATUS: energy used since the autopilot's start."""
+        if message.get_type() == "BATTERY_STATUS":
+            if self._battery_wh and message.id == 0 and message.energy_consumed >= 0:
+                used_wh = message.energy_consumed / HJ_PER_WH
+                self._charge, self._charge_s = max(1.0 - used_wh / self._battery_wh, 0.0), now_s
+            return
+        if not self._battery_wh and 0 <= message.battery_remaining <= 100:
+            self._charge, self._charge_s = message.battery_remaining / 100.0, now_s
         if message.voltage_battery != 0xFFFF:
             self.battery_v = message.voltage_battery / 1000.0
+
+    def charge_at(self, now_s: float) -> float:
+        """Charge left, 0 to 1; NaN if it was not reported lately."""
+        return self._charge if now_s - self._charge_s <= CHARGE_S else math.nan
 
     def text(self, now_s: float, message: Message) -> str:
         """Takes a STATUSTEXT; returns the text if an operator should read it, else "".
@@ -77,5 +96,5 @@ class AutopilotStatus:
 
     def host_stepped(self, now_s: float) -> None:
         """Adjusts stored times after the host's clock was set back to `now_s`."""
-        self._leak_s = min(self._leak_s, now_s)
+        self._leak_s, self._charge_s = min(self._leak_s, now_s), min(self._charge_s, now_s)
         self._texts.clear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_common.vocabulary.health import LEGS_PLANNED, Health, Level
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -21,6 +21,7 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
     values: dict[str, Any] = {"decisions": len(planner.records), "planning_ms": f"{1e3 * planning_s:.1f}"}
     if planner.records:
         last = planner.records[-1]
+        values[LEGS_PLANNED] = max(planner.rollout.steps - last.step, 0)
         values |= {"step": last.step, "iterations": last.iterations, "jbar": last.expected_end}
     level = Level.WARN if problems else Level.OK
     return Health(level=level, text="; ".join(problems.values()) or "ok", values=values)

@@ -49,6 +49,7 @@ class MissionProgress:
         held: The vehicles that wait or hold, and why; "" if none does.
         until: The quality at which the mission ends.
         qualities: Quality of each vehicle's map judged last: share found, length undiscovered (m), deviation (m).
+        battery_legs: Legs that each vehicle's battery lasts before the way to its recovery position, {vehicle: legs}.
     """
 
     vehicles: int
@@ -68,6 +69,7 @@ class MissionProgress:
     held: str = ""
     until: UntilConfig = field(default_factory=UntilConfig)
     qualities: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    battery_legs: dict[int, int] = field(default_factory=dict)
 
     @property
     def _quality_text(self) -> str:
@@ -97,6 +99,20 @@ class MissionProgress:
         texts = [f"{name} {total:.0f}" for name, total in totals if total >= 0.0]
         return f"{self.reward} reward: {', '.join(texts)}" if texts else ""
 
+    @property
+    def _battery_text(self) -> str:
+        """The legs left by battery beside those planned; "" if no battery is known."""
+        if not self.battery_legs:
+            return ""
+        left = " ".join(self._legs_left(vehicle).partition(" ")[0] for vehicle in range(1, self.vehicles + 1))
+        return f"legs left by battery {left}"
+
+    def _legs_left(self, vehicle: int) -> str:
+        """A vehicle's legs left by battery, and those planned."""
+        done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
+        legs = self.battery_legs.get(vehicle)
+        return "-" if legs is None else f"{legs} ({self.steps_total - done} planned)"
+
     def _columns(self) -> tuple[tuple[str, dict[int, float]], ...]:
         if not self.reward:
             return ()
@@ -118,7 +134,8 @@ class MissionProgress:
             return self._start
         steps = " ".join(str(n) for n in self.steps) or "-"
         held = f"held: {self.held}" if self.held else ""
-        rewards = "".join(f"  {text}" for text in (self._rewards_text, self._quality_text, held) if text)
+        texts = (self._battery_text, self._rewards_text, self._quality_text, held)
+        rewards = "".join(f"  {text}" for text in texts if text)
         return (
             f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
             f"received, {self.lost} lost{rewards}  {self.speed:.0f} x real time"
@@ -133,6 +150,8 @@ class MissionProgress:
             table.add_column(title, justify=align)
         for title, _ in self._columns():
             table.add_column(title, justify="right")
+        if self.battery_legs:
+            table.add_column("legs left by battery", justify="right")
         for vehicle in range(1, self.vehicles + 1):
             done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
             table.add_row(
@@ -140,6 +159,7 @@ class MissionProgress:
                 ProgressBar(total=self.steps_total, completed=done, width=30),
                 f"{done}/{self.steps_total}",
                 *(_gained(values.get(vehicle)) for _, values in self._columns()),
+                *([self._legs_left(vehicle)] if self.battery_legs else []),
             )
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"

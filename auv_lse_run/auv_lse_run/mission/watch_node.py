@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from functools import partial
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.support.ros_logs import init_arguments
 from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.vocabulary.health import LEGS_LEFT
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_msgs.msg import Bound, MapQuality, SimStatus
 from auv_lse_run.mission.display import MissionProgress
@@ -53,6 +55,8 @@ class MissionWatch:
             self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
             topic = f"/auv{vehicle}/map/quality"
             self._node.create_subscription(MapQuality, topic, partial(self._on_quality, vehicle), LATCHED)
+            topic = f"/auv{vehicle}/diagnostics"
+            self._node.create_subscription(DiagnosticArray, topic, partial(self._on_health, vehicle), EVERY)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,3 +98,9 @@ class MissionWatch:
         if self._is_own(message):
             quality = message.found_share, message.undiscovered_m, message.deviation_m
             self._progress.qualities[vehicle] = quality
+
+    def _on_health(self, vehicle: int, message: DiagnosticArray) -> None:
+        values = (value for status in message.status for value in status.values)
+        legs = next((int(value.value) for value in values if value.key == LEGS_LEFT), None)
+        if legs is not None:
+            self._progress.battery_legs[vehicle] = legs

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from auv_lse_common.support.confinement import confine
+from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_common.vocabulary.mission_run import Command, RunState
 from auv_lse_run.remote.orders import ACTED, REFUSED, SILENT, Order
 
@@ -60,6 +61,7 @@ class MissionLink:
         self._graph: Any = None
         self._newest: dict[str, Newest] = {}
         self._health: dict[str, tuple[str, float]] = {}
+        self._legs: dict[str, int] = {}  # by battery and planned, as the nodes' diagnostics name them
         #: A message may have arrived at any time since messages were last taken: it counts as that old.
         self._spun_s = time.monotonic()
 
@@ -92,7 +94,7 @@ class MissionLink:
             if newest.value is not None:
                 found[name] = _READERS[name](newest.value) | {"age_s": newest.age_s(now_s)}
         ill = (f"{name}: {text}" for name, (text, at_s) in self._health.items() if text and now_s - at_s < _HEALTH_S)
-        return found | {"health": sorted(ill)}
+        return found | {"health": sorted(ill), "legs": dict(self._legs)}
 
     def close(self) -> None:
         """Leaves the domain."""
@@ -119,6 +121,7 @@ class MissionLink:
         for status in message.status:
             is_ill = int.from_bytes(status.level, "little") > 0
             self._health[status.name] = (status.message if is_ill else "", time.monotonic())
+            self._legs |= {v.key: int(v.value) for v in status.values if v.key in (LEGS_LEFT, LEGS_PLANNED)}
 
 
 def _mission(message: Any) -> dict[str, Any]:

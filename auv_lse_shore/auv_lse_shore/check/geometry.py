@@ -105,9 +105,15 @@ def _check_recovery(settings: Settings, findings: Findings) -> None:
             continue
         name = f"/auv{number}/safety_node"
         try:
-            Safety.of(parameters_for(settings.to_patterns(), name), f"{settings.where} (auv{number})", number)
+            safety = Safety.of(parameters_for(settings.to_patterns(), name), f"{settings.where} (auv{number})", number)
         except ParameterError as error:
             findings.error(str(error))
+            continue
+        if findings.usable("mission.steps", "motion"):
+            refusal, warning = safety.battery.answer_go(1.0)
+            for text, add in ((refusal, findings.error), (warning, findings.warning)):
+                if text:
+                    add(f"auv{number}: {text}")
 
 
 def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:

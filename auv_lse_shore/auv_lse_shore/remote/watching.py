@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_shore.live.viewers.server import port_or_any, served
 from auv_lse_shore.remote.chart import ChartError, TeamChart
 from auv_lse_shore.remote.checking import utc_s
@@ -186,6 +187,12 @@ def page_picture(found: Watch, now_s: float) -> dict[str, Any]:
     return {"columns": list(COLUMNS), "vehicles": vehicles, "lines": _shown(found, now_s)[1]}
 
 
+def _legs(legs: Mapping[str, int]) -> str:
+    """The legs left by battery beside those planned; "" until they are known."""
+    left = legs.get(LEGS_LEFT)
+    return "" if left is None else f", {left} legs ({legs.get(LEGS_PLANNED, '?')} planned)"
+
+
 def cells(view: VehicleView, now_s: float) -> list[str]:
     """A vehicle's row."""
     position, depth_m = view.position(now_s), view.part("position").get("depth_m")
@@ -198,7 +205,7 @@ def cells(view: VehicleView, now_s: float) -> list[str]:
         view.state,
         "" if position is None else f"{position[0]:.0f}, {position[1]:.0f}{' expected' if position[2] else ''}",
         "" if depth_m is None else f"{depth_m:.1f} m",
-        "" if battery is None else f"{100 * battery:.0f} %",
+        "" if battery is None else f"{100 * battery:.0f} %{_legs(view.part('legs'))}",
         "" if not view.answer else "unknown" if age_s is None else f"{age_s:.0f} s",
         link if view.trouble else "up" if view.answer else "asking",
     ]

@@ -8,6 +8,7 @@ from typing import Any
 
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_record.run_data import RunData
 from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
@@ -23,7 +24,7 @@ from auv_lse_shore.report.progress import Show, show_nothing
 VEHICLE_COLUMNS = (
     "vehicle", "steps", "distance (m)", "soundings", "samples received", "packets sent / received",
     f"{MAP_RISK}, own soundings only", f"{MAP_RISK}, own map", "difference to team map",
-    "F1, own map", "position error, RMS (m)", "sounding error, RMS (m)",
+    "F1, own map", "position error, RMS (m)", "sounding error, RMS (m)", "legs left by battery / planned",
 )  # fmt: skip
 
 
@@ -84,7 +85,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         findings=words.findings(e),
         setting=f"{counted(s.vehicles, 'AUV')}, {steps}, {s.method}, seed {s.seed}",
         quality=words.quality_cards(s),
-        notes=[*words.ended_early(s, planned), *e.run.notes],
+        notes=[*words.ended_early(s, planned), *words.batteries(e.run), *e.run.notes],
         pictures=list(pictures.values()),
         results=words.paragraphs(e),
         paper=words.paper_paragraphs(s),
@@ -112,6 +113,7 @@ def _vehicles(e: Evaluation) -> list[list[str]]:
             f"{sum(p.receiver == vehicle.vehicle for p in e.run.received)}",
             *(number(values[i], 3) for values in each),
             *(number(values[i] if values else None, digits) for values, digits in optional),
+            f"{vehicle.battery[LEGS_LEFT]} / {vehicle.battery.get(LEGS_PLANNED, '–')}" if vehicle.battery else "–",
         ]
         for i, vehicle in enumerate(e.run.vehicles)
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_common.vocabulary.health import BATTERY_LASTS
 from auv_lse_gp.covariance.prior_mean import excluded_level
 from auv_lse_gp.map.certainty import (
     FLAT,
@@ -22,6 +23,7 @@ from auv_lse_gp.map.certainty import (
 )
 from auv_lse_planner.methods.coverage import follows_isobath
 from auv_lse_planner.vehicle.until import plans_to_horizon
+from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.quantity_names import ACTUAL_LOSS, COST_PER_LOCATION, EXPECTED_LOSS, MAP_RISK
@@ -125,6 +127,16 @@ def ended_early(s: Summary, planned_steps: int) -> list[str]:
     return [
         f"The mission ended early, after {s.steps} of {planned_steps} steps. Its results are compared with the "
         "same part of a lawnmower mission."
+    ]
+
+
+def batteries(run: RunData) -> list[str]:
+    """Why vehicles ended early, and a sentence for each whose battery's consumption was learned."""
+    return [f"auv{v.vehicle} ended early: {v.ended_early}." for v in run.vehicles if v.ended_early] + [
+        f"auv{vehicle.vehicle}: a full battery lasts {vehicle.battery[BATTERY_LASTS]}; vehicle.battery_km lets check "
+        "and GO compare the next mission with it."
+        for vehicle in run.vehicles
+        if BATTERY_LASTS in vehicle.battery
     ]
 
 

@@ -120,3 +120,12 @@ def test_a_hold_is_shown_with_its_reason(terminal: bool) -> None:
     held = "auv1 HOLDING (the autopilot is in mode 9, which is not in link.modes)"
     progress = MissionProgress(phase="running", vehicles=1, steps_total=5, steps=[4], held=held)
     assert f"held: {held}" in " ".join(displayed(progress, terminal).split())
+
+
+def test_legs_left_by_battery_stand_beside_those_planned() -> None:
+    progress = MissionProgress(vehicles=2, steps_total=90, phase="running", steps=[45, 40], battery_legs={1: 31})
+    text = displayed(progress, terminal=True)
+    assert "legs left by battery" in text
+    assert "31 (45 planned)" in text
+    assert "legs left by battery 31 -" in progress.line
+    assert "battery" not in MissionProgress(vehicles=2, steps_total=90, phase="running").line

@@ -117,9 +117,18 @@ def test_a_row_has_the_age_and_what_is_expected() -> None:
         "mission": {"state": "RUNNING", "age_s": 1.0},
         "position": position,
         "path": {"north_east_m": [[0.0, 0.0], [50.0, 0.0]]},
+        "autopilot": {"battery": 0.62},
+        "legs": {"legs left by battery": 31, "legs planned": 45},
     }
     view = VehicleView("auv1", {"running": True, "state": state}, 100.0, "out of reach", "one")
-    assert cells(view, 110.0) == ["RUNNING", "10, 0 expected", "5.0 m", "", "11 s", "under water"]
+    assert cells(view, 110.0) == [
+        "RUNNING",
+        "10, 0 expected",
+        "5.0 m",
+        "62 %, 31 legs (45 planned)",
+        "11 s",
+        "under water",
+    ]
     assert cells(VehicleView("auv1"), 0.0) == ["no answer", "", "", "", "", "asking"]
 
 

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from auv_lse_common.vocabulary.health import BATTERY_LASTS, LEGS_LEFT, LEGS_PLANNED
 from auv_lse_planner.methods import coverage
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report.figures import depth_map, risk_maps
@@ -128,6 +129,19 @@ def test_a_promised_bound_is_reported_as_met_or_not(synthetic_run, monkeypatch):
         monkeypatch.setattr(coverage, "OPEN_SHARE", 2.0)
         text = text_of(covering)
         assert ("with lanes that just cover the area was expected to reach" in text) == follows
+
+
+def test_the_report_shows_legs_left_by_battery_beside_those_planned(other, tmp_path):
+    lasts = "2.50 km (standard deviation 0.10 km)"
+    vehicles = list(other.run.vehicles)
+    battery = {LEGS_LEFT: "9", LEGS_PLANNED: "40", BATTERY_LASTS: lasts}
+    vehicles[0] = dataclasses.replace(vehicles[0], battery=battery, ended_early="the battery suffices for the way")
+    run = dataclasses.replace(other.run, vehicles=vehicles)
+    text = shown(dataclasses.replace(other, run=run), tmp_path)
+    assert "9 / 40" in text
+    assert "auv1 ended early: the battery suffices for the way." in text
+    assert f"auv1: a full battery lasts {lasts}; vehicle.battery_km lets check and GO compare" in text
+    assert "full battery" not in shown(other, tmp_path)
 
 
 def cut(run, step):

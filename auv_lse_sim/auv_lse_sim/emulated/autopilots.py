@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -98,6 +99,7 @@ def _ardupilot(settings: Settings, k: int, origin: Origin | None, body: Body) ->
         origin_height_m=_height_m(settings, k),
         operator_mode=personality.auto if link.mode == "mission" else personality.guided,
         patience=1.0 if settings.sim.lockstep else max(settings.sim.real_time_factor, 1.0),
+        lasts_m=math.inf if vehicle.battery_km is None else 1000.0 * vehicle.battery_km,
     )
     system = link.autopilot_system_id or k
     return ArduPilot(system, _start(settings, k), origin, lambda pilot: body.pilot(k, pilot), setup)

@@ -127,9 +127,14 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle's mission is over: its last leg is travelled and its end reported, or it is aborted."""
+        """Whether every vehicle's mission is over: its last leg is travelled and its end reported, or it is aborted.
+
+        In lockstep one that ends early, as with a battery that suffices for the way home alone, is over at once.
+        """
         return all(
-            run is RunState.ABORTED or (done and (run is not RunState.RUNNING or self._settings.sim.apart))
+            run is RunState.ABORTED
+            or (run is RunState.ENDED and self._lockstep)
+            or (done and (run is not RunState.RUNNING or self._settings.sim.apart))
             for done, run in zip(self._finished, self.runs, strict=True)
         )
 
@@ -166,9 +171,12 @@ class Simulation:
         self._transmit()
         if self.finished:
             aborted = [f"auv{k}" for k in self.vehicles if self.runs[k - 1] is RunState.ABORTED]
+            early = [f"auv{k}: {s.reason}" for k, s in sorted(self._statuses.items()) if s.ended_early]
             self.state, self.message = MissionState.FINISHED, "every vehicle has travelled its last leg"
             if aborted:
                 self.message = f"aborted: {', '.join(aborted)}; the others have travelled their last leg"
+            elif early:
+                self.message = f"ended early: {'; '.join(early)}"
             elif max(self._steps_of(k) for k in self.vehicles) < self.steps_total:
                 self.message = f"the quality asked for was reached: {self._settings.mission.until.text}"
             return {}

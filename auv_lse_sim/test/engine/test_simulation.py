@@ -120,6 +120,18 @@ def test_a_mission_that_ends_early_says_why() -> None:
     assert sim.message == "the quality asked for was reached: 80 % found"
 
 
+def test_a_mission_is_over_when_batteries_end_it_before_the_planners_do() -> None:
+    sim = simulation(vehicles=2)
+    sim.advance()
+    early = RunStatus(state=RunState.ENDED, stop=Stop(action=Action.HOLD), reason="the battery suffices for the way")
+    sim.take_state(1, 1, early)
+    assert not sim.finished, "the other vehicle goes on"
+    sim.take_done(2, "planner", 1, (0, 0), True)
+    sim.take_state(2, 1, RunStatus(state=RunState.ENDED, stop=None, reason="the last leg is complete"))
+    assert sim.advance() == {}
+    assert (sim.state, sim.message) == (MissionState.FINISHED, "ended early: auv1: the battery suffices for the way")
+
+
 def test_an_item_that_cannot_be_sent_is_reported_once() -> None:
     sim = simulation()
     sim.advance()

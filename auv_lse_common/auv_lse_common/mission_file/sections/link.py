@@ -83,6 +83,12 @@ class LinkConfig:
         help="whether the vehicle floats while it is disarmed before the mission: its zero of depth is then corrected "
         "by sensor_depth_m; false: it is on deck",
     )
+    battery_wh: float = parameter(
+        0.0,
+        unit="Wh",
+        low=0.0,
+        help="energy of the battery, full at power-on: BATTERY_STATUS gives the charge; 0: SYS_STATUS does",
+    )
     soundings: bool = parameter(
         True, help="publish `sounding` from odometry and altitude; false if another node does, as sim_node"
     )

@@ -66,6 +66,13 @@ class VehicleConfig:
         unit="deg",
         help="instead of recovery_north_m, recovery_east_m: latitude, longitude of the recovery position",
     )
+    battery_km: float | None = parameter(
+        None,
+        unit="km",
+        above=0.0,
+        help="way that a full battery lasts, as reports of dives show it; left out: learned under way, unknown to "
+        "check and GO",
+    )
     surfacings: int | None = parameter(
         None,
         low=0,

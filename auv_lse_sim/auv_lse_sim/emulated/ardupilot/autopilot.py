@@ -136,6 +136,8 @@ class ArduPilot:
     def report(self, now_s: float, report: Report) -> None:
         """Takes the vehicle's estimate at the end of a tick, and sends the telemetry."""
         self._tick(now_s)
+        moved_m = math.dist((report.north_m, report.east_m), (self._last.north_m, self._last.east_m))
+        self.battery = max(self.battery - moved_m / self.setup.lasts_m, 0.0)
         self._last = report
         self.guidance.correct(now_s, report.north_m, report.east_m, report.depth_m, report.heading_rad)
         self._operate()

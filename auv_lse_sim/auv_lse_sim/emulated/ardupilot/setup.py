@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from auv_lse_mavlink.messages.datum import Origin
@@ -26,6 +27,7 @@ class Setup:
         operator_mode: The mode that a ground station chooses after arming on deck; None: it does neither.
         patience: Factor on the ground station's time limit, for simulations that run faster than real time.
         feeds: Whether another system on the same network feeds the range finder, so that its messages arrive too.
+        lasts_m: Way that its full battery lasts.
     """
 
     personality: Personality
@@ -38,6 +40,7 @@ class Setup:
     operator_mode: int | None = None
     patience: float = 1.0
     feeds: bool = True
+    lasts_m: float = math.inf
 
 
 def as_the_guide_says(personality: Personality, station: int, speed_mps: float = 1.0) -> dict[str, float]:

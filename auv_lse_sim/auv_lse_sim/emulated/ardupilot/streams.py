@@ -15,6 +15,8 @@ from auv_lse_sim.emulated.ardupilot.parameters import Parameters
 from auv_lse_sim.emulated.ardupilot.personality import Personality
 from auv_lse_sim.emulated.autopilot_report import Report
 
+#: Energy of a full battery (Wh), and hJ in one.
+BATTERY_WH, HJ_PER_WH = 266.0, 36.0
 #: RNGFND1_TYPE of a range finder that sends DISTANCE_SENSOR.
 MAVLINK_RANGE_FINDER = 10
 
@@ -112,6 +114,11 @@ class Streams:
         percent = round(100.0 * status.battery)
         return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12600, 0, percent, 0, 0, 0, 0, 0, 0)
 
+    def _battery(self, report: Report, status: Status) -> Message:
+        used_hj = round((1.0 - status.battery) * BATTERY_WH * HJ_PER_WH)
+        voltages = [12600] + [65535] * 9
+        return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, 0, -1, used_hj, -1)
+
     def _mission_current(self, report: Report, status: Status) -> Message:
         return mission_current(status.mission)
 
@@ -178,6 +185,7 @@ GROUPS: dict[str, tuple[tuple[_Maker, int], ...]] = {
     "EXTRA3": (
         (Streams._system_time, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME),
         (Streams._distance, mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR),
+        (Streams._battery, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS),
     ),
     "EXTRA1": ((Streams._attitude, mavlink.MAVLINK_MSG_ID_ATTITUDE),),
     "RAW_SENS": (

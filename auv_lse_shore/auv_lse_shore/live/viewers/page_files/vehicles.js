@@ -6,9 +6,10 @@ import { element, geodetic, number, setText } from "./format.js";
 
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… no data" };
-const FIELDS = ["mission", "step", "N, E", "position ±", "depth", "speed", "decision", "packets"];
+const FIELDS = ["mission", "step", "N, E", "position ±", "depth", "speed", "battery", "decision", "packets"];
 const SHORT = ["mission", "step", "packets"]; // rows shown on the cards of a large team, except on the selected card
-const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received" };
+const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received",
+  battery: "legs that the battery lasts before the way to the recovery position / legs planned" };
 const LARGE_TEAM = 4, HUGE_TEAM = 8;
 
 export class VehicleCards {
@@ -51,7 +52,7 @@ export class VehicleCards {
   updateCard(vehicle, { card, health, note, meter, fields }, t, chosen) {
     const { store } = this, at = (kind) => store.at(kind, vehicle, t);
     const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
-    const { level, notes } = this.health(vehicle, t, pose);
+    const { level, notes, legs } = this.health(vehicle, t, pose);
     for (const limit of at("run")?.limits ?? []) notes.push(`limit tripped: ${limit}`);
     if (slots?.missed) notes.push(`${slots.missed} missed slot${slots.missed > 1 ? "s" : ""}`);
     const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
@@ -70,6 +71,7 @@ export class VehicleCards {
     setText(fields["position ±"], pose ? `${number(pose.std, 1)} m` : "–");
     setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
+    setText(fields.battery, legs === undefined ? "–" : `${legs} legs / ${Math.max(0, facts.steps - steps)} planned`);
     setText(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", deadline" : ""}` : "–");
     setText(fields.packets, `${store.count("sent", vehicle, t)} / ${store.count("received", vehicle, t)}`);
     card.setAttribute("aria-pressed", String(chosen));
@@ -84,12 +86,13 @@ export class VehicleCards {
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
     if (t >= missionEndS(this.store)) nodes.delete(PLANNER);
+    const legs = nodes.get("safety_node")?.values?.["legs left by battery"];
     let level = "ok";
     const notes = [];
     for (const { node, level: own, text } of nodes.values()) {
       if (WORST.indexOf(own) > WORST.indexOf(level)) level = own;
       if (own !== "ok") notes.push(`${node}: ${text}`);
     }
-    return { level, notes };
+    return { level, notes, legs };
   }
 }
