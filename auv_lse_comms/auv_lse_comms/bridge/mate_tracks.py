@@ -4,8 +4,8 @@ Anybody can send in a mate's name. But a vehicle moves steadily, so its packets 
 next it covers no more ground and no more steps than time allows, and its samples lie along its track.
 Packets that follow one another are a *track*. The first track of a sender is trusted at once, another one after
 `AGREEING` slots. Each must have been received in at least half as many slots as any other track since it began. So a
-vehicle that restarts elsewhere is accepted, even if its first packets were forged. Of tracks with packets in the same
-slots, those that lose the comparison (`slot_contest.py`) are not trusted. A forger that follows a mate closely is
+vehicle that restarts elsewhere is accepted, even if its first packets were forged. A track forks at two packets of a
+slot that one vehicle cannot both have sent. Of tracks with packets in the same slots, those that lose the comparison (`slot_contest.py`) are not trusted. A forger that follows a mate closely is
 accepted too.
 """
 
@@ -91,6 +91,8 @@ class Track:
         count: Slots with at least one of its packets.
         odds: Slots in which it has won against other tracks minus those in which it has lost.
         alone: Slots in which it was the only track, since the last one with others.
+        slot_s: Start (s) of the slot of its last packet.
+        in_slot: Number of its packets in that slot.
     """
 
     began_s: float
@@ -99,6 +101,7 @@ class Track:
     odds: int = 0
     alone: int = 0
     slot_s: float = math.nan
+    in_slot: int = 0
     recent: deque[_Sighting] = field(default_factory=lambda: deque(maxlen=RECENT))
     positions: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=MAX_LOCATIONS))
 
@@ -117,6 +120,13 @@ class Track:
         """Whether it has been received in so many slots that a new track cannot displace it."""
         return self.count >= AGREEING
 
+    def before_slot(self) -> Track:
+        """A copy without the packets of its last slot."""
+        recent, positions = list(self.recent)[: -self.in_slot], list(self.positions)[: -self.in_slot]
+        copy = replace(self, count=self.count - 1, slot_s=math.nan, in_slot=0)
+        copy.recent, copy.positions = deque(recent, RECENT), deque(positions, MAX_LOCATIONS)
+        return copy
+
     def add_odds(self, won: int) -> None:
         """Notes that it has won (1) or lost (-1) a slot against other tracks, or neither (0)."""
         self.odds, self.alone = max(-MOST_ODDS, min(MOST_ODDS, self.odds + won)), 0
@@ -129,8 +139,9 @@ class Track:
 
     def add(self, seen: _Sighting, slot_s: float) -> None:
         """Adds a packet of the slot that starts at `slot_s` (s)."""
-        self.count = min(self.count + (slot_s != self.slot_s), MOST_COUNTED)
-        self.slot_s = slot_s
+        if slot_s != self.slot_s:
+            self.count, self.in_slot = min(self.count + 1, MOST_COUNTED), 0
+        self.slot_s, self.in_slot = slot_s, self.in_slot + 1
         self.recent.append(seen)
         self.positions.append((seen.plan_since_s if seen.raw_m is None else seen.now_s, *seen.position_m))
 
@@ -179,6 +190,11 @@ class MateTracks:
         misfits = [self._misfit(track, seen) for track in tracks]
         if math.isfinite(least := min(misfits, default=math.inf)):
             track = tracks[misfits.index(least)]
+            rivals = list(track.recent)[-track.in_slot :] if track.slot_s == slot_s else []
+            if len(rivals) < len(track.recent) and not all(self._follows(rival, seen) for rival in rivals):
+                track = track.before_slot()  # two vehicles: either may be the one seen before
+                del tracks[MAX_TRACKS - 1 :]
+                tracks.append(track)
         else:
             track = Track(now_s, first=not tracks)
             del tracks[MAX_TRACKS - 1 :]

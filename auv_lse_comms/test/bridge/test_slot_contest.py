@@ -98,6 +98,22 @@ def test_a_forger_on_time_brings_no_samples_once_the_mate_was_heard_in_the_same_
     assert water.depths.count(FORGED_M) <= most
 
 
+def leaving(now_s: float) -> bytes:
+    """A forger that begins beside the mate, and leaves its track."""
+    return payload(now_s, 0.7 * now_s, 0.9 * now_s, FORGED_M)
+
+
+def test_a_forger_that_leaves_the_mates_track_has_a_track_of_its_own() -> None:
+    water = Water()
+    for cycle in range(20):
+        water.cycle(cycle, (1.0, 3.0, 5.0), leaving)
+    water.poll(620.0)
+    assert water.accepted[TRUE_M] >= 17
+    assert water.accepted[FORGED_M] <= 20
+    assert water.depths.count(TRUE_M) >= 2 * 16
+    assert water.depths.count(FORGED_M) <= 2 * 2
+
+
 def test_an_early_packet_that_follows_the_mates_track_brings_no_samples() -> None:
     water = Water()
     for cycle in range(20):
