@@ -5,8 +5,8 @@ next it covers no more ground and no more steps than time allows, and its sample
 Packets that follow one another are a *track*. The first track of a sender is trusted at once, another one after
 `AGREEING` slots. Each must have been received in at least half as many slots as any other track since it began. So a
 vehicle that restarts elsewhere is accepted, even if its first packets were forged. A track forks at two packets of a
-slot that one vehicle cannot both have sent. Of tracks with packets in the same slots, those that lose the comparison (`slot_contest.py`) are not trusted. A forger that follows a mate closely is
-accepted too.
+slot that one vehicle cannot both have sent. Of tracks with packets in the same slots, those that lose the comparison
+(`slot_contest.py`) are not trusted. A forger that follows a mate closely is accepted too.
 """
 
 from __future__ import annotations
