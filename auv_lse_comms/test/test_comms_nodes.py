@@ -73,7 +73,7 @@ def test_modem_node_refuses_a_slot_order_with_an_unknown_vehicle_and_goes_on(tmp
             MicromodemNode,
             "/auv2",
             "modem: {kind: micromodem, port: x}",
-            "address 'x' is not an address; write /dev/NAME",
+            "'x' is not an address; write /dev/NAME",
         ),
     ],
 )

@@ -94,7 +94,7 @@ def test_vehicle_link_node_gives_soundings(tmp_path: Path, wanted: bool) -> None
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ("link: {kind: mavlink, endpoint: x}", "address 'x' is not an address; write /dev/NAME"),
+        ("link: {kind: mavlink, endpoint: x}", "'x' is not an address; write /dev/NAME"),
         ("link: {kind: mavlink}\narea: {origin_lat_deg: 46.5}", "so one is missing"),
     ],
 )

@@ -131,7 +131,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     lines.append(
         f"{cores.bridge.counts['received']} packets taken, {cores.bridge.counts['rejected.excess']} refused as excess; "
         f"{counts.kept} soundings and samples kept, {counts.merged + counts.too_close} merged or too close, "
-        f"{counts.outliers} outliers, {counts.full} given up (gp.max_centers = {most})"
+        f"{counts.outliers} outliers, {counts.full} discarded (gp.max_centers = {most})"
     )
     growth_mb = samples[-1].memory_mb - samples[len(samples) // 2].memory_mb
     lines.append(f"memory grew by {growth_mb:.0f} MB over the second half (limit {GROWTH_MB:.0f} MB)")

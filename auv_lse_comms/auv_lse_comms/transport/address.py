@@ -48,6 +48,6 @@ def read_address(text: str, baud: int = 19200) -> Address:
     if match:
         return Address(kind="serial", position=match[1], number=int(match[2] or baud))
     raise AddressError(
-        f"address {text!r} is not an address; write /dev/NAME or serial:///dev/NAME, optionally with :BAUD (3 to "
+        f"{text!r} is not an address; write /dev/NAME or serial:///dev/NAME, optionally with :BAUD (3 to "
         "7 digits), tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
     )
