@@ -50,7 +50,7 @@ def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interfa
 
 @njit(inline="always", fastmath={"contract"})
 def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
-    """exp(x) for x <= 0, and 0 below -700, within 1.5 units in the last location; has no branch, so loops vectorize."""
+    """exp(x) for x <= 0, and 0 below -700, within 1.5 units in the last place; has no branch, so loops vectorize."""
     y = max(x, -700.0)
     t = y * _LOG2E + _MAGIC
     n = t - _MAGIC
