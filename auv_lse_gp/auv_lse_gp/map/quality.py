@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
 
 import numpy as np
@@ -57,6 +58,7 @@ class QualityJudge:
     """
 
     def __init__(self, config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
+        importlib.import_module("scipy.optimize")  # takes 50 ms, which no slice of a judgement has
         self._config, self._levels = config, LevelSet.of(level_set)
         grid = area.grid(config.map_resolution_m, "gp.map_resolution_m")
         cells = int(np.count_nonzero(grid.inside))
