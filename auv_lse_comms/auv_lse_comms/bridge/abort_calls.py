@@ -10,7 +10,8 @@ class AbortCalls:
     """Which calls to abort a vehicle obeys.
 
     A mate calls until its own RESET. Its call is obeyed until this vehicle has aborted, and not again after a RESET of
-    this vehicle: only a packet without the call makes the next one a new call.
+    this vehicle: only a packet without the call makes the next one a new call. A mate's first packet after that RESET
+    may have been sent before the mate was reset, too: a call in it waits for the next packet.
 
     Attributes:
         allowed: Whether the team obeys calls: its packets have a tag, or need none.
@@ -24,6 +25,7 @@ class AbortCalls:
         self._counts, self._changed = counts, changed
         self._calling: set[int] = set()  # mates whose last packet had the call
         self._own = False
+        self._heard: set[int] | None = None  # mates heard since this vehicle's RESET; None without one
 
     @property
     def own(self) -> bool:
@@ -32,12 +34,17 @@ class AbortCalls:
 
     @own.setter
     def own(self, call: bool) -> None:
+        if self._own and not call:
+            self._heard = set()
         self._own = call
         if call:
             self._set_obeyed(self.obeyed | self._calling)
 
     def take(self, mate: int, call: bool) -> bool:
         """Takes a mate's packet, with the call or without; returns whether this vehicle must abort now."""
+        is_first = self._heard is not None and mate not in self._heard
+        if self._heard is not None:
+            self._heard.add(mate)
         if not call:
             self._calling.discard(mate)
             self._set_obeyed(self.obeyed - {mate})
@@ -49,7 +56,7 @@ class AbortCalls:
         self._calling.add(mate)
         if self._own:
             self._set_obeyed(self.obeyed | {mate})
-        return mate not in self.obeyed
+        return mate not in self.obeyed and not is_first
 
     def _set_obeyed(self, mates: set[int]) -> None:
         if mates != self.obeyed:

@@ -566,6 +566,27 @@ def test_a_call_to_abort_is_not_obeyed_again_after_a_reset() -> None:
     assert hears(191.0, own), "a new call"
 
 
+def test_a_call_sent_before_the_mate_was_reset_does_not_abort_again() -> None:
+    own, mate = bridge(1, abort_without_tag=True), bridge(2)
+    mate.set_plan(PLAN)
+    own.abort_calls.own = mate.abort_calls.own = True  # neither has heard the other
+    in_the_water = mate.poll(11.0)
+    own.abort_calls.own = mate.abort_calls.own = False  # RESET to both
+    assert not own.must_abort(own.receive(13.0, 2, in_the_water))
+    assert not own.must_abort(own.receive(43.0, 2, mate.poll(41.0)))
+    mate.abort_calls.own = True
+    assert own.must_abort(own.receive(73.0, 2, mate.poll(71.0))), "a new call"
+
+
+def test_a_mate_that_goes_on_calling_after_the_reset_is_obeyed_from_its_second_packet() -> None:
+    own, mate = bridge(1, abort_without_tag=True), bridge(2)
+    mate.set_plan(PLAN)
+    own.abort_calls.own = mate.abort_calls.own = True
+    own.abort_calls.own = False
+    assert not own.must_abort(own.receive(13.0, 2, mate.poll(11.0)))
+    assert own.must_abort(own.receive(43.0, 2, mate.poll(41.0)))
+
+
 def test_a_vehicle_without_a_plan_can_call_to_abort() -> None:
     listener, waiting = bridge(1, abort_without_tag=True), bridge(2)
     assert waiting.poll(11.0) is None
