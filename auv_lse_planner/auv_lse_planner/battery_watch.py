@@ -83,10 +83,10 @@ class BatteryWatch:
         if legs >= self.legs:
             return "", ""
         home = f" and up to {self.farthest_m:.0f} m to the recovery position" if self.home_m else ""
+        cure = "Charge it, or lower mission.steps" if charge < 1.0 else "Lower mission.steps"
         text = (
             f"the battery ({charge:.0%}) lasts for about {legs} of {self.legs} legs{home} above the reserve of "
-            f"{self.use.reserve:.0%} (vehicle.battery_km = {self.stated_m / 1000.0:g}). Charge it, or lower "
-            "mission.steps"
+            f"{self.use.reserve:.0%} (vehicle.battery_km = {self.stated_m / 1000.0:g}). {cure}"
         )
         return (text, "") if legs < LEAST_SHARE * self.legs else ("", text)
 
@@ -97,7 +97,8 @@ class BatteryWatch:
         if self.home_m is None or not self.use.must_turn(self._to_home(north_m, east_m)):
             return ""
         home_m = math.dist((north_m, east_m), self.home_m)
-        return f"the battery ({charge:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
+        left = self.use.charge  # one reading may jump, or be missing
+        return f"the battery ({left:.0%}) suffices for the {home_m:.0f} m to the recovery position, and not for more"
 
     def values(self, north_m: float, east_m: float) -> dict[str, str]:
         """What diagnostics show: the legs left by battery, and the way that a full battery lasts."""

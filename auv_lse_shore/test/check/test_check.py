@@ -143,6 +143,18 @@ def test_one_mistake_hides_no_other(
         assert any(re.search(word, error) for error in errors), (word, errors)
 
 
+def test_a_mission_is_compared_with_the_battery(tmp_path: Path) -> None:
+    def mission(**vehicle: Any) -> Path:
+        return write(tmp_path, vehicle={"recovery_north_m": 0.0, "recovery_east_m": 0.0, "at_end": "go_to", **vehicle})
+
+    text = "auv1: the battery (100%) lasts for about {} of 100 legs and up to 851 m to the recovery position"
+    assert any(row.startswith(text.format(82)) for row in found(mission(battery_km=3.5), "warning"))
+    assert any(row.startswith(text.format(31)) for row in found(mission(battery_km=2.0), "error"))
+    assert not [
+        row for path in (mission(battery_km=9.0), mission()) for row in found(path, "warning") if "lasts" in row
+    ]
+
+
 def test_a_refused_value_causes_no_further_findings(tmp_path: Path) -> None:
     polygon = [0.0, 0.0, 500.0, 500.0, 500.0, 0.0, 0.0, 500.0]
     path = write(tmp_path, own={"vehicle": {"start_north_m": 9e3}}, area={"polygon_m": polygon})
