@@ -187,7 +187,7 @@ class MateTracks:
         tracks = [t for t in self._tracks.get(source, []) if abs(now_s - t.last_s) < SILENT_S]
         tracks.sort(key=lambda track: (track.count, track.last_s), reverse=True)
         self._tracks[source] = tracks
-        misfits = [self._misfit(track, seen) for track in tracks]
+        misfits = [self._misfit_m(track, seen) for track in tracks]
         if math.isfinite(least := min(misfits, default=math.inf)):
             track = tracks[misfits.index(least)]
             rivals = list(track.recent)[-track.in_slot :] if track.slot_s == slot_s else []
@@ -214,8 +214,8 @@ class MateTracks:
         seen = _Sighting(now_s, step, tuple(start_m), None if raw_m is None else tuple(raw_m), plan_since_s)
         self._add(source, seen, math.nan if slot_s is None else slot_s)
 
-    def _misfit(self, track: Track, seen: _Sighting) -> float:
-        """How far a packet is from where a track leads, as a share of the way possible; infinite if it is too far.
+    def _misfit_m(self, track: Track, seen: _Sighting) -> float:
+        """How far a packet is from where a track leads, and half of the way since (m); infinite if it is too far.
 
         Each recent packet of the track may be the one that it follows, as others may be forged.
         """
@@ -225,11 +225,11 @@ class MateTracks:
                 later_s, north_m, east_m = seen.now_s - last.now_s, *last.position_m
                 before = [other for other in track.recent if last.now_s - other.now_s >= PACE_S]
                 if before:
-                    share = later_s / (last.now_s - before[-1].now_s)
-                    north_m += share * (north_m - before[-1].position_m[0])
-                    east_m += share * (east_m - before[-1].position_m[1])
-                way_m = FASTER * self._pace.speed_mps * abs(later_s) + SPREAD_M
-                found = min(found, math.dist((north_m, east_m), seen.position_m) / way_m)
+                    times = later_s / (last.now_s - before[-1].now_s)
+                    north_m += times * (north_m - before[-1].position_m[0])
+                    east_m += times * (east_m - before[-1].position_m[1])
+                way_m = 0.5 * self._pace.speed_mps * abs(later_s)
+                found = min(found, math.dist((north_m, east_m), seen.position_m) + way_m)
         return found
 
     def _follows(self, last: _Sighting, seen: _Sighting) -> bool:

@@ -18,6 +18,8 @@ from auv_lse_comms.packet.codec import Packet
 
 #: Packets of a slot that are compared at most; a modem receives fewer.
 MAX_CANDIDATES = 16
+#: Odds by which a track must be better to decide.
+CLEAR_ODDS = 2
 #: After a slot with several packets, those of this many slots of the same sender wait for their slot's end.
 WARY_SLOTS = 10
 
@@ -104,12 +106,15 @@ def _ended(slot: _Slot) -> list[Candidate]:
 def fittest(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Those of the packets of a slot that are their sender's; none if that cannot be told.
 
-    A known track counts before a new one, then a packet on time before others, then one that is its track's only one.
+    A known track counts before a new one, then a packet on time before others, then one that is its track's only one,
+    then one whose track has clearly better odds.
     Late packets of a single track are all of that sender: a modem may deliver several at once.
     """
     pool = [c for c in candidates if c.track.is_known] or list(candidates)
     pool = [c for c in pool if c.on_time] or pool
     if len(pool) > 1:
         pool = [c for c in pool if sum(other.track is c.track for other in candidates) == 1] or pool
+    if pool[0].on_time:
+        pool = [c for c in pool if c.track.odds > max(other.track.odds for other in pool) - CLEAR_ODDS]
     late = not pool[0].on_time and all(c.track is pool[0].track for c in pool)
     return pool if len(pool) == 1 or late else []
