@@ -20,15 +20,15 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 def folder():
     """The folder with the recordings; None: there is none."""
     named = os.environ.get("AUV_LSE_RECORDINGS", "")
-    positions = [Path(named)] if named else [parent / "shared/data/autopilot" for parent in CHECKOUT.parents]
-    return next((position for position in positions if position.is_dir()), None)
+    folders = [Path(named)] if named else [parent / "shared/data/autopilot" for parent in CHECKOUT.parents]
+    return next((folder for folder in folders if folder.is_dir()), None)
 
 
 @cache
 def recording(name, direction="from_ap"):
     """The messages of a recording: time (s since its begin), message. Skips the test without it."""
-    position = folder()
-    path = None if position is None else position / f"{name}.{direction}.tlog.gz"
+    recordings = folder()
+    path = None if recordings is None else recordings / f"{name}.{direction}.tlog.gz"
     if path is None or not path.is_file():
         pytest.skip(f"needs the recording {name}.{direction}.tlog.gz (AUV_LSE_RECORDINGS)")
     data = gzip.decompress(path.read_bytes())

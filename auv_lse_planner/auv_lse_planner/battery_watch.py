@@ -30,6 +30,7 @@ class BatteryWatch:
         home_m: The recovery position (north, east); None: the mission ends elsewhere.
         farthest_m: Greatest distance in the area from there.
         warning: What the last GO warned of; "" if nothing.
+        went: Whether a GO was accepted.
     """
 
     use: BatteryUse
@@ -39,6 +40,7 @@ class BatteryWatch:
     home_m: tuple[float, float] | None
     farthest_m: float
     warning: str = ""
+    went: bool = False
 
     @classmethod
     def of(

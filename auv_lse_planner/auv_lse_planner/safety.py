@@ -76,12 +76,14 @@ class Safety:
 
         The first GO is refused if the battery lasts for too little of the mission.
         """
-        if command is Command.GO and self.run.waits_for_go:
-            charge = math.nan if self.watch.way is None else self.watch.way[1]
-            refusal, self.battery.warning = self.battery.answer_go(charge)
+        is_first = not (self.run.has_begun or self.battery.went or self.run.status.state is RunState.RUNNING)
+        if command is Command.GO and is_first:
+            refusal, self.battery.warning = self.battery.answer_go(self.watch.charge)
             if refusal:
                 return f"GO: {refusal}"
-        return self.run.command(command, source, team)
+        refusal = self.run.command(command, source, team)
+        self.battery.went = self.battery.went or (command is Command.GO and not refusal)
+        return refusal
 
     def step(self, now_s: float) -> None:
         """Checks every limit, and what to do after a reboot or while waiting for a GO that cannot arrive."""
@@ -114,8 +116,9 @@ class Safety:
 
     @property
     def warnings(self) -> dict[str, str]:
-        """Exceeded limits that have not tripped, and what the last GO warned of, each with its reason."""
-        return self.watch.warnings | ({"mission": self.battery.warning} if self.battery.warning else {})
+        """Exceeded limits that have not tripped, and what GO warned of, until the battery is known; with reasons."""
+        is_news = self.battery.warning and not self.battery.use.is_known and self.run.status.state is RunState.RUNNING
+        return self.watch.warnings | ({"mission": self.battery.warning} if is_news else {})
 
     def snapshot(self) -> dict[str, Any]:
         """The mission's and the watch's state, for a state file."""

@@ -16,11 +16,11 @@ _DTYPES = {"octet": "uint8", "byte": "uint8", "char": "uint8"}
 def message_folder() -> Path | None:
     """The folder with this project's `.msg` files (source tree or installed workspace); None if missing."""
     installed = (p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p)
-    positions = [
+    folders = [
         Path(__file__).resolve().parents[2] / "auv_lse_msgs",
         *(Path(p) / "share" / "auv_lse_msgs" for p in installed),
     ]
-    return next((position / "msg" for position in positions if (position / "msg" / "Plan.msg").is_file()), None)
+    return next((folder / "msg" for folder in folders if (folder / "msg" / "Plan.msg").is_file()), None)
 
 
 def definitions(folders: Sequence[Path], package: str = "") -> dict[str, str]:

@@ -93,9 +93,8 @@ class VehicleNode(BaseNode):
         self._matched = self._greeted = self._is_ready = False
         self._introduction: Publisher | None = None
         self._introducers: set[str] = set()  # nodes that publish messages of standard types for this one
-        self._phase_ends: dict[
-            str, TopicPublisher
-        ] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
+        # lockstep: where the vehicle's other nodes learn of a phase's end
+        self._phase_ends: dict[str, TopicPublisher] = {}
         if self.lockstep:
             topic = MISSION_TOPICS["/lockstep/done"]
             self._done = self.create_publisher(LockstepDone, topic.name, writer_quality(topic))

@@ -10,12 +10,14 @@ It takes the median reading of each stretch of `STRETCH_M`, or of a stay several
 
 A reading far from the expected charge is ignored, unless `AGAIN` stretches in a row contradict it: then the covariance
 is widened until it fits. So a reading that jumps for a stretch or two changes nothing, and a wrong expectation is
-learned anew.
+learned anew. A charge does not rise under way: after its reboot an autopilot may count from a full battery again. Such
+readings are ignored for good.
 
 The way home is possible while the charge expected there exceeds the reserve by `CAUTION` standard deviations. These
 contain what is not known of a, b, c and g, and the scatter of the way home itself.
 
-The filter begins with the distance that a full battery is stated to last, otherwise after `LEAST` stretches.
+The filter begins after `LEAST` stretches; after fewer if the distance that a full battery lasts is stated, or was
+learned before a restart.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ Array = NDArray[np.float64]
 STRETCH_M = 25.0
 #: Stretches before anything is predicted, with and without a stated distance; one reading in four may jump.
 LEAST_STATED, LEAST = 5, 10
+#: The same after a restart: only the charge is unknown then.
+LEAST_LEARNED = 3
 #: Standard deviations that are kept in reserve.
 CAUTION = 3.0
 #: Charge kept beside these: readings in whole percent are wrong by half of it, and the model by as much.
@@ -53,6 +57,8 @@ READING_STD, FINE_STD, FIRST_STD = 0.0035, 0.001, 0.01
 #: A reading this many standard deviations off is ignored, unless so many in a row are; then the covariance of all but
 #: the charge grows by this factor.
 FAR, AGAIN, WIDER = 4.0, 5, 4.0
+#: A reading is a rise if it is this much above all of so many accepted ones.
+RISE, RECENT = 0.05, 20
 #: A vehicle that takes this many times longer than usual for a stretch uses its battery without travelling.
 LONG = 2.0
 #: A stretch costs at least this much of the charge.
@@ -81,17 +87,17 @@ class BatteryUse:
         self._readings: list[tuple[float, ...]] = []  # charge, time (s), way, north, east (stretches) on this stretch
         self._first: list[tuple[float, ...]] = []  # medians of the first stretches, until the filter begins
         self._state: Array | None = None  # q, a, b, c, g
+        self._learned: tuple[Array, Array] | None = None  # state and covariance before a restart
         self._covariance = np.zeros((5, 5))
         self._at: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # time, way, north, east of the state
         self._now = self._at  # the same of the last reading
         self._number, self._ignored = -1, 0
+        self._accepted: list[float] = []  # the last accepted readings
         self._is_fine = False  # whether readings have fractions of a percent
         self._times: list[float] = []  # of stretches (s)
 
     def take(self, now_s: float, charge: float, way_m: float, north_m: float, east_m: float) -> None:
         """Takes a charge (0 to 1; NaN: unknown) at a time, after a way, at a position."""
-        if not 0.0 <= charge <= 1.0:
-            return
         now = (now_s, way_m / STRETCH_M, north_m / STRETCH_M, east_m / STRETCH_M)
         number = int(now[1])
         if number < self._number or now_s < self._now[0]:  # the way or the clock starts anew
@@ -102,6 +108,8 @@ class BatteryUse:
             self._finish_stretch()
             self._number = number
         self._now = now
+        if not 0.0 <= charge <= 1.0:  # the vehicle goes on, and that costs what is expected
+            return
         self._is_fine = self._is_fine or abs(charge * 100.0 - round(charge * 100.0)) > FINE
         self._readings.append((charge, *now))
         del self._readings[:-MOST]
@@ -155,15 +163,13 @@ class BatteryUse:
 
     def snapshot(self) -> dict[str, Any]:
         """What is learned, for a state file."""
-        if self._state is None:
-            return {}
-        return {"state": self._state.tolist(), "covariance": self._covariance.tolist()}
+        learned = self._learned if self._state is None else (self._state, self._covariance)
+        return {} if learned is None else {"state": learned[0].tolist(), "covariance": learned[1].tolist()}
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Continues from a `snapshot`, with a charge that is not known."""
         if values:
-            self._state, self._covariance = np.array(values["state"]), np.array(values["covariance"])
-            self._covariance[0, 0] += 1.0
+            self._learned = np.array(values["state"]), np.array(values["covariance"])
 
     @property
     def _usual_s(self) -> float:
@@ -184,14 +190,20 @@ class BatteryUse:
     def _begin(self, point: tuple[float, ...]) -> None:
         """Begins the filter, if enough is known, and takes the first stretches."""
         self._first.append(point)
-        if len(self._first) < (LEAST_STATED if self._stated else LEAST):
+        if len(self._first) < (LEAST_LEARNED if self._learned else LEAST_STATED if self._stated else LEAST):
             return
-        cost, share = (self._stated, STATED_STD) if self._stated else (_slope(self._first), LEARNED_STD)
+        if self._learned:
+            self._state, self._covariance = (values.copy() for values in self._learned)
+            cost = float(self._state[1])
+            self._covariance[0], self._covariance[:, 0] = 0.0, 0.0
+            self._covariance[0, 0] = FIRST_STD**2
+        else:
+            cost, share = (self._stated, STATED_STD) if self._stated else (_slope(self._first), LEARNED_STD)
+            self._state = np.array([0.0, cost / (1.0 + 0.5 * AGEING), 0.0, 0.0, AGEING])
+            stds = (FIRST_STD, share * cost, CURRENT_STD * cost, CURRENT_STD * cost, AGEING_STD)
+            self._covariance = np.diag(np.square(stds))
         began = self._first[0][2]
-        charge = median(point[0] + cost * (point[2] - began) for point in self._first)
-        self._state = np.array([charge, cost / (1.0 + 0.5 * AGEING), 0.0, 0.0, AGEING])
-        stds = (FIRST_STD, share * cost, CURRENT_STD * cost, CURRENT_STD * cost, AGEING_STD)
-        self._covariance = np.diag(np.square(stds))
+        self._state[0] = median(point[0] + cost * (point[2] - began) for point in self._first)
         self._at = self._first[0][1:]
         for taken in self._first:
             self._update(taken)
@@ -211,9 +223,11 @@ class BatteryUse:
         noise = (FINE_STD if self._is_fine else READING_STD) ** 2
         off, variance = charge - state[0], covariance[0, 0] + noise
         is_far = off * off > FAR**2 * variance
-        if is_far and self._ignored < AGAIN:
-            self._ignored += 1
+        rises = bool(self._accepted) and charge > max(self._accepted) + RISE
+        if rises or (is_far and self._ignored < AGAIN):
+            self._ignored += not rises
         else:
+            self._accepted = [*self._accepted, charge][-RECENT:]
             if is_far:
                 covariance *= min(off * off / variance, WIDER)
                 covariance[0, 0] = max(covariance[0, 0], off * off)

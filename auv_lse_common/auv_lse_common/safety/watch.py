@@ -210,8 +210,12 @@ class SafetyWatch:
         """Way travelled (m), charge (NaN unknown), and the last north and east (m); None without a position."""
         if self._position is None:
             return None
-        charge = math.nan if self._autopilot is None else self._autopilot.battery
-        return self._way_m, charge, *self._position[:2]
+        return self._way_m, self.charge, *self._position[:2]
+
+    @property
+    def charge(self) -> float:
+        """Charge that the autopilot reports, 0 to 1; NaN unknown."""
+        return math.nan if self._autopilot is None else self._autopilot.battery
 
     @property
     def autopilot_known(self) -> bool:

@@ -270,6 +270,11 @@ class MissionRun:
             self._travelled = True
 
     @property
+    def has_begun(self) -> bool:
+        """Whether the vehicle has begun to travel."""
+        return self._travelled
+
+    @property
     def waits_for_go(self) -> bool:
         """Whether the mission needs a GO to begin."""
         return self._state is RunState.WAITING

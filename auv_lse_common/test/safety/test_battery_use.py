@@ -97,10 +97,34 @@ def test_what_is_learned_survives_a_restart():
     use = travelled(40, steady)
     again = BatteryUse(0.2)
     again.restore(json.loads(json.dumps(use.snapshot())))
-    travelled(3, lambda way: steady(40.0 + way), use=again)
-    assert again.charge == pytest.approx(use.charge - 3 * COST, abs=0.02)
-    assert again.left_m(home(4)) == pytest.approx(use.left_m(home(4)) - 3 * STRETCH_M, abs=6.0 * STRETCH_M)
+    travelled(4, lambda way: steady(40.0 + way), use=again)
+    assert again.charge == pytest.approx(use.charge - 4 * COST, abs=0.02)
+    assert again.left_m(home(4)) == pytest.approx(use.left_m(home(4)) - 4 * STRETCH_M, abs=6.0 * STRETCH_M)
     BatteryUse(0.2).restore({})
+
+
+def test_after_a_restart_nothing_is_concluded_before_the_charge_is_known():
+    again = BatteryUse(0.2)
+    again.restore(json.loads(json.dumps(travelled(40, steady).snapshot())))
+    again.take(0.0, steady(40.0), 40.0 * STRETCH_M, *position(40.0))
+    assert not again.must_turn(home(4))
+    assert again.snapshot(), "what was learned outlives a second restart"
+
+
+def test_the_way_goes_on_without_readings():
+    use = travelled(30, steady)
+    for way in range(31, 200):
+        use.take(way * STRETCH_S, math.nan, way * STRETCH_M, *position(way))
+        if use.must_turn(home(4)):
+            break
+    assert use.charge == pytest.approx(steady(float(way)), abs=0.03)
+    assert 0.2 < use.charge < 0.5
+
+
+def test_a_charge_that_rises_under_way_is_ignored():
+    use = travelled(40, steady)
+    travelled(30, lambda way: 1.0, use=use)  # the autopilot rebooted, and counts from a full battery
+    assert use.charge < steady(40.0)
 
 
 @pytest.mark.parametrize("charge", [math.nan, -1.0, 2.0])

@@ -71,12 +71,14 @@ class Received:
         stamp_s: When it was received (s).
         packet: The sender's plan, and its samples, shape (n, 3).
         navigation: The sender's navigation, with the packet's travel time; None if the packet has none.
+        again: Whether it was returned before, without its samples.
     """
 
     source: int
     stamp_s: float
     packet: Packet
     navigation: MateNavigation | None = None
+    again: bool = False
 
 
 @dataclass(slots=True)
@@ -294,7 +296,8 @@ class ModemBridge:
                 packet = dataclasses.replace(self._possible(candidate), abort=False)
                 self.counts["samples.received"] += len(packet.samples)
                 stamp_s, navigation = candidate.stamp_s, candidate.navigation
-                found.append(Received(source=source, stamp_s=stamp_s, packet=packet, navigation=navigation))
+                again = Received(source=source, stamp_s=stamp_s, packet=packet, navigation=navigation, again=True)
+                found.append(again)
         return found
 
     def _note_heard(self, source: int, samples: int) -> None:
@@ -305,7 +308,7 @@ class ModemBridge:
 
     def must_abort(self, received: Received) -> bool:
         """Takes note of an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""
-        return self.abort_calls.take(received.source, received.packet.abort)
+        return not received.again and self.abort_calls.take(received.source, received.packet.abort)
 
     def poll(self, now_s: float) -> bytes | None:
         """The packet to send now, at most one in each own slot.

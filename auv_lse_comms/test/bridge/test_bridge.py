@@ -587,6 +587,18 @@ def test_a_mate_that_goes_on_calling_after_the_reset_is_obeyed_from_its_second_p
     assert own.must_abort(own.receive(43.0, 2, mate.poll(41.0)))
 
 
+def test_a_packet_that_comes_again_with_its_samples_ends_no_call() -> None:
+    own, mate = bridge(1, abort_without_tag=True), bridge(2)
+    mate.set_plan(PLAN)
+    mate.abort_calls.own = True
+    received = own.receive(13.0, 2, mate.poll(11.0))
+    assert own.must_abort(received)
+    own.abort_calls.own = True
+    again = dataclasses.replace(received, packet=dataclasses.replace(received.packet, abort=False), again=True)
+    assert not own.must_abort(again)
+    assert own.abort_calls.obeyed == {2}
+
+
 def test_a_vehicle_without_a_plan_can_call_to_abort() -> None:
     listener, waiting = bridge(1, abort_without_tag=True), bridge(2)
     assert waiting.poll(11.0) is None

@@ -101,7 +101,7 @@ GOLDEN_TOURS = {
 GOLDEN_QUALITY = {
     # 14 + 3 + 1 + 1 + 19 * 12 = 247 bytes, 5 spare
     "three actions": (START + "00050a" + "ea" + "f2" + SAMPLE_A * 19 + "ff" * 5, (0, 5, 10), None, 0xF2, 19),
-    # the byte takes the position of a sample: 14 + 9 + 1 + 1 + 18 * 12 = 241, 11 spare
+    # the byte takes the place of a sample: 14 + 9 + 1 + 1 + 18 * 12 = 241, 11 spare
     "nine actions": (
         START + "090807060504030201" + "ea" + "ff" + SAMPLE_A * 18 + "ff" * 11,
         (9, 8, 7, 6, 5, 4, 3, 2, 1), None, 0xFF, 18,

@@ -43,7 +43,7 @@ CLOSE_SHARE = 0.25
 PLANNED_TILES = 2
 #: Operations of finding a tile's data, in functions (`inference/work.py`), however few they are.
 DATA = 8000.0
-#: A tile is recomputed if the location effect of a center near it has changed by this share of the largest.
+#: A tile is recomputed if the position effect of a center near it has changed by this share of the largest.
 EFFECT_SHARE = 0.02
 
 
@@ -55,7 +55,7 @@ class _Data:
         centers: Hash of the centers.
         count: Number of them.
         close: Number of those within `CLOSE_SHARE` of the margin.
-        effect_m: Size of their location effects (n,); None if positions are assumed exact.
+        effect_m: Size of their position effects (n,); None if positions are assumed exact.
     """
 
     centers: int
@@ -434,7 +434,7 @@ class TiledMoments:
         for first in range(0, len(own), rows):
             part = slice(first, min(first + rows, len(own)))
             position_variance[part] = local.position_variance(local.kernel.scale(own[part]))
-            if is_new:  # else only location effects have changed
+            if is_new:  # else only position effects have changed
                 mean[part], total = local.moments(own[part])
                 variance[part] = np.maximum(total - position_variance[part], 0.0)
                 steep[part] = steepness(local, own[part], variance[part])

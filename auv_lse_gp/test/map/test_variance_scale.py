@@ -32,7 +32,7 @@ def drawn(config: GpConfig, std_m: float, rng: np.random.Generator, effect_m: np
 
 @pytest.mark.parametrize("modes", [0, 3])
 def test_variance_scale_agrees_with_the_dense_solve(modes: int) -> None:
-    """(100 + r' S^-1 r) / (100 + n), S with the location effects."""
+    """(100 + r' S^-1 r) / (100 + n), S with the position effects."""
     rng = np.random.default_rng(modes)
     config = GpConfig()
     effect = rng.standard_normal((len(LOCATIONS_M), modes)) if modes else None

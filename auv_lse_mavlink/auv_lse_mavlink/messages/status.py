@@ -10,7 +10,7 @@ from auv_lse_mavlink.messages.wire import Message, mavlink
 #: safety watch keeps the limit tripped until RESET.
 LEAK_REPORTED_S = 50.0
 #: A charge that was reported this long ago (s) is unknown.
-CHARGE_S = 30.0
+CHARGE_S = 5.0
 #: MAVLink counts energy in hJ.
 HJ_PER_WH = 36.0
 #: Texts that ArduPilot sends as warnings in normal operation: after each upload while it flies a mission.

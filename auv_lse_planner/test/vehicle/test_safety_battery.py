@@ -117,3 +117,29 @@ def test_go_resumes_a_hold_whatever_the_battery() -> None:
     one.watch.autopilot(report(0.4, 1.0))
     one.step(1.0)
     assert not one.command(Command.GO, "test")
+
+
+def test_a_hold_before_the_first_go_changes_no_answer() -> None:
+    one = safety(battery_km=5.0)
+    one.watch.autopilot(report(0.4, 0.0))  # before the first position
+    one.step(0.0)
+    assert one.command(Command.GO, "test").startswith("GO: the battery (40%)")
+    one.command(Command.HOLD, "test")
+    assert one.command(Command.GO, "test").startswith("GO: the battery (40%)")
+
+
+def test_a_restarted_node_goes_on_with_the_mission() -> None:
+    one, second = safety(), 0
+    one.command(Command.GO, "test")
+    for second in range(600):
+        one.watch.autopilot(report(0.9 - 0.0002 * second, float(second)))
+        one.watch.odometry(float(second), 0.0, float(second % 380), 30.0, 4.0, 1.0)
+        one.step(float(second))
+    assert one.run.status.state is RunState.RUNNING
+    again = safety()
+    again.recover(one.snapshot(), "", rebooted=False)
+    for later in range(second, second + 40):
+        again.watch.autopilot(report(0.9 - 0.0002 * later, float(later)))
+        again.watch.odometry(float(later), 0.0, float(later % 380), 30.0, 4.0, 1.0)
+        again.step(float(later))
+        assert again.run.status.state is RunState.RUNNING, again.run.status.reason

@@ -284,9 +284,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"error: --out {out}: cannot be created: {error.strerror or error}", file=sys.stderr)
         return 2
     with stack:
-        follows = (
-            f", following the simulator{' in lockstep' if processes.lockstep else ''}" if processes.simulated else ""
-        )
+        lockstep = " in lockstep" if processes.lockstep else ""
+        follows = f", following the simulator{lockstep}" if processes.simulated else ""
         dive = f"dive {variables[DIVE_VARIABLE]}{'' if record.continued is None else ', continued'}"
         doubt = record.doubt and f"holds until RESET: {record.doubt}"
         for text in filter(None, (doubt, record.copies_problem, loopback_problem())):

@@ -104,7 +104,7 @@ def _check(options: argparse.Namespace) -> None:
     if not 0 <= options.port <= _LAST_PORT:
         raise LiveError(f"--port must be 0 to {_LAST_PORT}, not {options.port}. Use 0 for any free port")
     if options.control and options.run is not None:
-        raise LiveError(f"--control needs a running mission, but {options.run} is a recording. Leave it out")
+        raise LiveError(f"--control needs a running mission, but {options.run} is a recording. Leave out RUN")
 
 
 def _only_domain() -> int | None:
@@ -174,9 +174,8 @@ async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, c
     thread = threading.Thread(target=work, args=(stop,), daemon=True)
     thread.start()
     print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)
-    if (
-        open_browser and has_screen() and commands is None
-    ):  # other users see a browser's command line, and a token in it
+    # other users see a browser's command line, and a token in it
+    if open_browser and has_screen() and commands is None:
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()
     print("live view ended", flush=True)

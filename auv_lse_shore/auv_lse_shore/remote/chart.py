@@ -8,6 +8,7 @@ be a hundred times larger than the soundings that it is made of.
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 import threading
 import time
@@ -40,8 +41,12 @@ _LOOK_S, _MAPS_S, _MAP_SHARE = 0.5, 30.0, 0.1
 _MOST_BYTES = 50_000_000
 
 
+#: Beginnings of the two kinds of trouble.
+_READING, _MAPPING = "its recording cannot be shown", "its map cannot be computed"
+
+
 class ChartError(ValueError):
-    """What a vehicle sent is no excerpt."""
+    """What a vehicle sent is not an excerpt."""
 
 
 @dataclass(slots=True)
@@ -98,7 +103,7 @@ class TeamChart:
         """Takes a vehicle's answer; returns whether there is more.
 
         Raises:
-            ChartError: if it is no excerpt.
+            ChartError: if it is not an excerpt.
         """
         track, cursor = self._tracks[name], answer.get("cursor")
         try:
@@ -119,8 +124,7 @@ class TeamChart:
                 track.paths.append(path)
                 track.files.append(RecordingFile(path))
             if data:
-                with track.paths[-1].open("ab") as file:
-                    file.write(data)
+                _append(track.paths[-1], data)
             track.cursor = cursor
         return bool(answer.get("more"))
 
@@ -136,20 +140,27 @@ class TeamChart:
             for name, found in files.items():
                 try:
                     self._read(name, found)
+                    self._clear(name, _READING)
                 except Exception as error:  # whatever one vehicle sent: the others are shown
-                    self.trouble[name] = f"its recording cannot be shown: {brief(error)}"
+                    self.trouble[name] = f"{_READING}: {brief(error)}"
             self._add_maps()
+
+    def _clear(self, name: str, kind: str) -> None:
+        if self.trouble.get(name, "").startswith(kind):
+            del self.trouble[name]
 
     def _read(self, name: str, files: Sequence[RecordingFile]) -> None:
         topics = frozenset(self.request(name)["topics"])
         for file in files:
-            events = []
-            for topic, message in file.messages(topics):
-                if topic == MISSION_FILE:
-                    self._begin(str(message.data))
-                elif self._events is not None:
-                    events += self._events.take(topic, message)
-            self.timeline.add(events)
+            events: list[Any] = []
+            try:
+                for topic, message in file.messages(topics):
+                    if topic == MISSION_FILE:
+                        self._begin(str(message.data))
+                    elif self._events is not None:
+                        events += self._events.take(topic, message)
+            finally:  # what came before damage is shown
+                self.timeline.add(events)
 
     def _begin(self, text: str) -> None:
         """Begins the timeline with the first vehicle's mission file; that of the others is the same."""
@@ -163,8 +174,28 @@ class TeamChart:
         """Adds the newest maps, if they are due: they take time here, and memory in the browser."""
         for vehicle, due_s in self._map_due_s.items():
             began_s = time.monotonic()
-            if self._events is None or began_s < due_s or not (event := self._events.newest_map(vehicle)):
+            if self._events is None or began_s < due_s:
                 continue
+            try:
+                event = self._events.newest_map(vehicle)
+            except Exception as error:  # the other maps, and all tracks, are shown
+                self.trouble[f"auv{vehicle}"] = f"{_MAPPING}: {brief(error)}"
+                self._map_due_s[vehicle] = began_s + _MAPS_S
+                continue
+            if not event:
+                continue
+            self._clear(f"auv{vehicle}", _MAPPING)
             self.timeline.add(event)
             took_s = time.monotonic() - began_s
             self._map_due_s[vehicle] = began_s + max(_MAPS_S, took_s / _MAP_SHARE)
+
+
+def _append(path: Path, data: bytes) -> None:
+    """Adds bytes to a file, all of them or none."""
+    size = path.stat().st_size
+    try:
+        with path.open("ab") as file:
+            file.write(data)
+    except OSError:
+        os.truncate(path, size)
+        raise

@@ -12,6 +12,7 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
+from auv_lse_common.support.user_error import brief
 from auv_lse_shore.remote.ledger import Ledger, LedgerError
 
 
@@ -58,8 +59,9 @@ class LedgerFile:
         except FileNotFoundError:
             return Ledger(secrets.token_hex(8))
         except (ValueError, AttributeError) as error:
+            what = str(error) if isinstance(error, LedgerError) else f"is damaged ({brief(error)})"
             raise LedgerError(
-                f"{self.path} {error}. Move it away; what was pending is then unknown, and vehicles want --take-over."
+                f"{self.path} {what}. Move it away; what was pending is then unknown, and vehicles want --take-over."
             ) from error
 
     def _write(self, ledger: Ledger) -> None:

@@ -16,7 +16,7 @@ from auv_lse_shore.remote.checking import check, utc_s
 from auv_lse_shore.remote.contacts import with_each
 from auv_lse_shore.remote.delivery import Ledgers, deliver
 from auv_lse_shore.remote.fleet_file import FleetFile, RemoteVehicle
-from auv_lse_shore.remote.ledger import DROPPED, EXPIRED, PENDING, UNKNOWN, Given, Ledger
+from auv_lse_shore.remote.ledger import DROPPED, EXPIRED, PENDING, UNKNOWN, Given, Ledger, LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile, laptop_name
 from auv_lse_shore.remote.ssh import LinkError, VehicleError, session
 
@@ -68,7 +68,7 @@ def ordered(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], wish: Wish) -> 
         return 1
     try:
         given = _given(ledgers, vehicles, wish)
-    except OSError as error:
+    except (OSError, LedgerError) as error:
         if wish.verb != "abort":
             raise
         print(f"warning: {error_text(error)}; the abort is sent, and not remembered", file=sys.stderr)
@@ -228,7 +228,7 @@ def _report_acoustic(found: Mapping[str, Given], is_for_team: bool) -> None:
     acted = ", ".join(name for name, order in found.items() if order.status == ACTED)
     away = ", ".join(name for name, order in found.items() if order.is_open)
     if away and is_for_team and acted:
-        print(f"{acted} passes the abort on to {away} by acoustic packet, if packets have a tag (packet.tag).")
+        print(f"Passed on to {away} by acoustic packet: the abort of {acted}, if packets have a tag (packet.tag).")
     elif away and not is_for_team:
         print(f"To reach {away} by acoustic packet, abort all: the vehicles in reach pass it on, and abort, too.")
 

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.support.user_error import error_text
 from auv_lse_common.vocabulary.health import LEGS_LEFT, LEGS_PLANNED
 from auv_lse_shore.live.viewers.server import port_or_any, served
 from auv_lse_shore.remote.chart import ChartError, TeamChart
@@ -96,8 +97,8 @@ class Watch:
                 if time.monotonic() >= until_s or self._over.is_set():
                     break
             self._chart_trouble.pop(name, None)
-        except (ChartError, VehicleError) as error:
-            self._chart_trouble[name] = str(error)
+        except (ChartError, VehicleError, OSError) as error:  # a full disk of the laptop ends no watch
+            self._chart_trouble[name] = error_text(error)
 
     def chart_trouble(self, name: str) -> str:
         """Why the chart of a vehicle is incomplete; "" if it is not."""
@@ -200,12 +201,13 @@ def cells(view: VehicleView, now_s: float) -> list[str]:
     age_s = view.age_s("mission", now_s) if view.answer.get("running") else None
     if view.answer and not view.answer.get("running"):
         age_s = now_s - view.asked_s
+    legs = _legs(view.part("legs")) if view.state == "RUNNING" else ""
     link = "under water" if view.trouble and view.answer and view.is_under_water() else "out of reach"
     return [
         view.state,
         "" if position is None else f"{position[0]:.0f}, {position[1]:.0f}{' expected' if position[2] else ''}",
         "" if depth_m is None else f"{depth_m:.1f} m",
-        "" if battery is None else f"{100 * battery:.0f} %{_legs(view.part('legs'))}",
+        "" if battery is None else f"{100 * battery:.0f} %{legs}",
         "" if not view.answer else "unknown" if age_s is None else f"{age_s:.0f} s",
         link if view.trouble else "up" if view.answer else "asking",
     ]

@@ -72,7 +72,7 @@ def headlines(s: Summary, planned_steps: int) -> list[str]:
 
 
 def opening(s: Summary) -> list[str]:
-    """What was found, how exactly, and what may be missing, beside the truth if it is known: one line each."""
+    """What was found, with what accuracy, and what may be missing, beside the truth if it is known: one line each."""
     found, exactly, missing = opening_lines(
         {FOUND: s.isobath_found_m, LIKELY: s.isobath_likely_m, GUESSED: s.isobath_guessed_m},
         s.isobath_found_within_m,

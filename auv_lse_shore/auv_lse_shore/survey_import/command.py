@@ -178,15 +178,15 @@ def _clock_facts(options: argparse.Namespace) -> ClockFacts:
 
 def _progress() -> Callable[[Path, float], None]:
     """Draws a bar of the share of a log that has been read, if it takes long."""
-    shown_s, is_terminal = time.monotonic(), sys.stdout.isatty()
+    out = sys.stdout  # readers of logs redirect sys.stdout
+    shown_s, is_terminal = time.monotonic(), out.isatty()
 
     def show(path: Path, share: float) -> None:
         nonlocal shown_s
         if time.monotonic() - shown_s >= (_REWRITE_S if is_terminal else _LINE_S):
             shown_s = time.monotonic()
             bar = f"[{'#' * round(_BAR * share):<{_BAR}}]"
-            print(
-                f"reading {path.name} {bar} {100.0 * share:.0f} %", end="\x1b[K\r" if is_terminal else "\n", flush=True
-            )
+            end = "\x1b[K\r" if is_terminal else "\n"
+            print(f"reading {path.name} {bar} {100.0 * share:.0f} %", end=end, flush=True, file=out)
 
     return show

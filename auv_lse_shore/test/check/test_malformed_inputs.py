@@ -312,12 +312,12 @@ def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     "command",
     [
-        lambda position: replay([str(position / "run"), "--recompute", "planner", "--csv", str(position / "to")]),
-        lambda position: replay([str(position / "run"), "--report", "--out", str(position / "to")]),
-        lambda position: live([str(position / "run"), "--write", str(position / "to")]),
-        lambda position: mission(["--steps", "2", "--out", str(position / "to")]),
-        lambda position: mission(["--set", "modem.port=/dev/ttyUSB0", "--for-vehicles", str(position / "to")]),
-        lambda position: sim(["--steps", "2", "--apart", "--domain", "77", "--out", str(position / "to")]),
+        lambda folder: replay([str(folder / "run"), "--recompute", "planner", "--csv", str(folder / "to")]),
+        lambda folder: replay([str(folder / "run"), "--report", "--out", str(folder / "to")]),
+        lambda folder: live([str(folder / "run"), "--write", str(folder / "to")]),
+        lambda folder: mission(["--steps", "2", "--out", str(folder / "to")]),
+        lambda folder: mission(["--set", "modem.port=/dev/ttyUSB0", "--for-vehicles", str(folder / "to")]),
+        lambda folder: sim(["--steps", "2", "--apart", "--domain", "77", "--out", str(folder / "to")]),
     ],
     ids=["replay --csv", "replay --report", "live --write", "mission --out", "mission --for-vehicles", "sim --out"],
 )
@@ -338,20 +338,18 @@ def test_on_a_full_disk_nothing_half_written_stays(
 @pytest.mark.parametrize(
     "command",
     [
-        lambda position: campaign([str(position / "c.yaml"), "--out", str(position / "file" / "out")]),
-        lambda position: export([str(position / "run"), "--out", str(position / "file" / "to")]),
-        lambda position: check([str(position / "file" / "m.yaml")]),
-        lambda position: mission(["--out", str(position / "file" / "run")]),
-        lambda position: mission(["--out", str(position / "file" / ("x" * 300))]),
-        lambda position: mission(["--set", "modem.port=x", "--for-vehicles", str(position / "file" / "v.yaml")]),
-        lambda position: replay([str(position / "run"), "--report", "--out", str(position / "file")]),
-        lambda position: replay(
-            [str(position / "run"), "--recompute", "planner", "--csv", str(position / "file" / "x.csv")]
-        ),
-        lambda position: replay([str(position / "file"), "--report"]),
-        lambda position: live([str(position / "run"), "--write", str(position / "file" / "x.html")]),
-        lambda position: live([str(position / "file" / ("x" * 300)), "--write", str(position / "x.html")]),
-        lambda position: live([str(position / "file")]),
+        lambda folder: campaign([str(folder / "c.yaml"), "--out", str(folder / "file" / "out")]),
+        lambda folder: export([str(folder / "run"), "--out", str(folder / "file" / "to")]),
+        lambda folder: check([str(folder / "file" / "m.yaml")]),
+        lambda folder: mission(["--out", str(folder / "file" / "run")]),
+        lambda folder: mission(["--out", str(folder / "file" / ("x" * 300))]),
+        lambda folder: mission(["--set", "modem.port=x", "--for-vehicles", str(folder / "file" / "v.yaml")]),
+        lambda folder: replay([str(folder / "run"), "--report", "--out", str(folder / "file")]),
+        lambda folder: replay([str(folder / "run"), "--recompute", "planner", "--csv", str(folder / "file" / "x.csv")]),
+        lambda folder: replay([str(folder / "file"), "--report"]),
+        lambda folder: live([str(folder / "run"), "--write", str(folder / "file" / "x.html")]),
+        lambda folder: live([str(folder / "file" / ("x" * 300)), "--write", str(folder / "x.html")]),
+        lambda folder: live([str(folder / "file")]),
     ],
 )
 def test_a_position_that_cannot_be_written_is_told(

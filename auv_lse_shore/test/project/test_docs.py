@@ -323,8 +323,8 @@ def test_files_that_are_named_exist(page):
             if "*" not in name:
                 path = name.rstrip("/.")
                 package = path.split("/")[0]
-                positions = [ROOT / path, ROOT / package / path]
-                assert any(position.exists() for position in positions), f"{page.name}: `{span}`"
+                candidates = [ROOT / path, ROOT / package / path]
+                assert any(candidate.exists() for candidate in candidates), f"{page.name}: `{span}`"
 
 
 @pages(SETTLED)

@@ -16,6 +16,7 @@ from auv_lse_shore.remote import fetching, ordering
 from auv_lse_shore.remote.checking import utc_s
 from auv_lse_shore.remote.fleet_file import FleetFile, read_fleet
 from auv_lse_shore.remote.judge import Problem, Report
+from auv_lse_shore.remote.ledger import LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile
 
 
@@ -88,8 +89,29 @@ def test_an_abort_tells_how_a_vehicle_that_is_out_of_reach_hears_it(
 
     monkeypatch.setattr(ordering, "delivered", reach_the_first)
     assert ordering.ordered(fleet, fleet.vehicles, ordering.Wish(verb="abort", team=True)) == 1
-    assert "auv1 passes the abort on to auv2 by acoustic packet" in capsys.readouterr().out
+    assert "Passed on to auv2 by acoustic packet: the abort of auv1" in capsys.readouterr().out
     assert ordering.ordered(fleet, fleet.vehicles[1:], ordering.Wish(verb="abort")) == 1
     assert "To reach auv2 by acoustic packet, abort all" in capsys.readouterr().out
     ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="abort"))
     assert "acoustic" not in capsys.readouterr().out
+
+
+def test_an_abort_is_sent_although_the_ledger_is_damaged(
+    fleet: FleetFile, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given: list[str] = []
+
+    def deliver(fleet: FleetFile, vehicles: Any, ledgers: Any, wait_s: float) -> dict[str, str]:
+        with ledgers.changed() as ledger:
+            given.extend(vehicle.name for vehicle in vehicles if ledger.last(vehicle.name))
+        return {}
+
+    monkeypatch.setattr(ordering, "delivered", deliver)
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="hold"))
+    path = LedgerFile(fleet.path).path
+    path.write_text(path.read_text()[:-20])
+    ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="abort"))
+    assert given == ["auv1", "auv1"]
+    assert "is damaged" in capsys.readouterr().err
+    with pytest.raises(LedgerError, match="is damaged"):
+        ordering.ordered(fleet, fleet.vehicles[:1], ordering.Wish(verb="go", anyway=True))

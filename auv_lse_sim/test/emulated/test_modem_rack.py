@@ -129,7 +129,7 @@ def test_a_pty_is_a_serial_device_and_its_link_goes_with_it(tmp_path):
     shell = PtyPort(link)
     assert stat.S_ISCHR(os.stat(shell.port).st_mode)
     assert shell.port == str(link)
-    other = PtyPort(link)  # takes the position of the first
+    other = PtyPort(link)  # takes the place of the first
     shell.close()
     assert link.exists()
     other.close()
