@@ -1,6 +1,6 @@
 """The Wi-Fi between laptop and vehicles, packet by packet: loses, delays and interrupts what goes through TUN devices.
 
-`python -m benchmarks.field.air SEED NEAR FAR [NEAR FAR ...]` takes the descriptors of pairs of devices, and orders on
+As a process, with SEED NEAR FAR [NEAR FAR ...], it takes the descriptors of pairs of devices, and orders on
 standard input, a JSON object a line: {"link": 0, "loss": 0.3, "delay_s": 0.15, "up": true}. It ends with its input.
 """
 

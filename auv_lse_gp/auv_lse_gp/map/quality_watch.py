@@ -27,9 +27,9 @@ from auv_lse_gp.map.quality import QualityJudge
 PERIOD_S, CLOSE_PERIOD_S = 75.0, 30.0
 #: A map that has this share of the quality is close to it.
 CLOSE_SHARE = 0.8
-#: Operations of a slice, 20 to 45 ms on a core of 2024, and the time (s) for which one slice is done. The last part of
-#: a slice may exceed it: at 12,000 centers the longest slice takes 50 to 65 ms (`auv_lse bench gp`).
-SLICE, SLICE_S = 4e8, 0.1
+#: Operations of a slice, 30 to 60 ms on a core of 2024: the longest takes 57 ms at 12,000 centers (`auv_lse bench gp`).
+#: And the time (s) that one takes of a tick in lockstep; a vehicle does one in each step of `gp_node`.
+SLICE, SLICE_S = 6e8, 0.05
 
 
 class QualityWatch:

@@ -195,5 +195,5 @@ def test_a_watch_started_again_knows_the_last_quality_and_repeats_a_judgement() 
 
 def test_nobody_asks_so_nothing_is_judged() -> None:
     assert QualityWatch.of(CONFIG, LEVELS, AREA, UntilConfig()) is None
-    assert quality_watch.slices(1.0) == 10
+    assert quality_watch.slices(1.0) == 20
     assert quality_watch.slices(0.05) == 1

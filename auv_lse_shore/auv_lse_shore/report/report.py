@@ -20,11 +20,11 @@ from auv_lse_shore.report import report_figures, words
 from auv_lse_shore.report.page import embed, number, render
 from auv_lse_shore.report.progress import Show, show_nothing
 
-#: Columns of the table of vehicles.
+#: Columns of the table of vehicles; the last, by battery, only if one has reported its charge.
 VEHICLE_COLUMNS = (
     "vehicle", "steps", "distance (m)", "soundings", "samples received", "packets sent / received",
     f"{MAP_RISK}, own soundings only", f"{MAP_RISK}, own map", "difference to team map",
-    "F1, own map", "position error, RMS (m)", "sounding error, RMS (m)", "legs left by battery / planned",
+    "F1, own map", "position error, RMS (m)", "sounding error, RMS (m)", "legs left / planned",
 )  # fmt: skip
 
 
@@ -76,6 +76,7 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     steps = counted(s.steps, "step") if s.steps >= planned else f"{s.steps} of {counted(planned, 'step')}"
     pictures = {name: embed(folder / name, caption) for name, caption in drawn}
     paper = pictures.pop(report_figures.PAPER, None)
+    shown = len(VEHICLE_COLUMNS) - (not any(vehicle.battery for vehicle in e.run.vehicles))
     return render(
         "report.html",
         title=f"{e.settings[0].level_set.level_m:g} m isobath",
@@ -90,8 +91,8 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
         results=words.paragraphs(e),
         paper=words.paper_paragraphs(s),
         paper_pictures=[paper] if paper else [],
-        vehicle_header=VEHICLE_COLUMNS,
-        vehicles=_vehicles(e),
+        vehicle_header=VEHICLE_COLUMNS[:shown],
+        vehicles=[row[:shown] for row in _vehicles(e)],
         summary=[(key, number(getattr(s, key)), unit, meaning) for key, unit, meaning in summary.table()],
         parameters=list(_parameters(e.run.parameters)),
     )

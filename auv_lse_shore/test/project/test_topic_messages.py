@@ -269,11 +269,11 @@ def test_a_path_lies_at_the_vehicles_depth(make: Any) -> None:
 def test_ragged_messages_are_refused(make: Any) -> None:
     message = make(TOPICS["kernel_centers"], VALUES["kernel_centers"])
     message.depth_m = [1.0]
-    with pytest.raises(ValueError, match=r"have \[2, 2, 1, 2\] values"):
+    with pytest.raises(ValueError, match=r"differ in length: \[2, 2, 1, 2\]"):
         TOPICS["kernel_centers"].decode(message)
     message = make(TOPICS["team/samples"], VALUES["team/samples"])
     message.east_m = [1.0]
-    with pytest.raises(ValueError, match=r"have \[2, 1, 2\] values"):
+    with pytest.raises(ValueError, match=r"differ in length: \[2, 1, 2\]"):
         TOPICS["team/samples"].decode(message)
 
 

@@ -283,7 +283,9 @@ def test_fitting_again_changes_little():
 def test_a_prior_that_nearly_excludes_the_isobath_is_reported(gp, level_m, nearest):
     overrides = {f"gp.{name}": value for name, value in gp.items()}
     texts = prior_warnings(Settings.load(None, {**overrides, "level_set.level_m": level_m}))
-    assert [f"nearest prior mean, {nearest};" in text for text in texts] == ([] if nearest is None else [True])
+    assert [f"nearest prior mean, {nearest}, more than" in text for text in texts] == (
+        [] if nearest is None else [True]
+    )
     proposed = abs(level_m - gp["mean_depth_m"]) / 2.0
     assert all(f"Set gp.signal_std_m to {proposed:.1f} or more" in text for text in texts)
     wider = {**overrides, "gp.signal_std_m": round(proposed, 1)}
