@@ -118,6 +118,7 @@ class TeamChart:
         with self._lock:
             if cursor.get("dive") != track.cursor.get("dive") and track.paths:
                 track.paths, track.files, self._renewed = [], [], True
+                self._clear(name, _READING)
             if (cursor.get("dive"), cursor.get("file")) != (track.cursor.get("dive"), track.cursor.get("file")):
                 path = Path(self._folder.name) / f"{name}-{time.monotonic_ns()}.mcap"
                 path.write_bytes(MAGIC)
@@ -140,7 +141,6 @@ class TeamChart:
             for name, found in files.items():
                 try:
                     self._read(name, found)
-                    self._clear(name, _READING)
                 except Exception as error:  # whatever one vehicle sent: the others are shown
                     self.trouble[name] = f"{_READING}: {brief(error)}"
             self._add_maps()
