@@ -201,14 +201,15 @@ class Recording:
                 raise self._broken(error) from error
             yield topic, stamp_ns, message
 
-    def values(self, topics: Collection[str]) -> Iterator[RecordedValue]:
+    def values(self, topics: Collection[str], optional: Collection[str] = ()) -> Iterator[RecordedValue]:
         """The decoded messages of some of the stack's topics, in the order of their stamps.
 
         Args:
             topics: Names in the table of topics ("plan", "truth/odometry"), for all recorded vehicles.
+            optional: Those whose messages are left out where they cannot be decoded.
 
         Raises:
-            RecordingError: where the recording is damaged, or a message cannot be decoded.
+            RecordingError: where the recording is damaged, or another message cannot be decoded.
         """
         found = {name: row for name in self.topics if (row := find_topic(name)) and row.topic.name in topics}
         for name, log_ns, message in self.messages(found):
@@ -216,7 +217,9 @@ class Recording:
             assert topic.decode is not None, f"{name}: the table of topics does not decode it"
             try:
                 value = topic.decode(message)
-            except ValueError as error:
+            except (ValueError, AttributeError) as error:  # of another version, or damaged
+                if topic.name in optional:
+                    continue
                 raise RecordingError(f"{self.path}: {name}: {error}") from error
             yield RecordedValue(topic, vehicle, log_ns, seconds(message.header.stamp), value)
 

@@ -48,6 +48,8 @@ _TOPICS = {
     "diagnostics",
     "mission/state",
 }
+#: Those of them that only bring notes.
+_NOTES = {"diagnostics", "mission/state"}
 #: Values of a decision in its bound report.
 _VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
 
@@ -131,7 +133,7 @@ def _run_in(
     notes, parameters = notes_on_retired(parameters), without_retired(parameters)
     logs: dict[int, dict[str, list[Any]]] = {}
     last_s = 0.0
-    for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS):
+    for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS, optional=_NOTES):
         logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
         last_s = max(last_s, stamp_s)
     if not logs:

@@ -16,7 +16,8 @@ from auv_lse_common.topics.table import find_topic
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import run_writer
-from auv_lse_record.message_types import definitions, make_message, message_folder, types_of
+from auv_lse_record.bag_writer import BagWriter
+from auv_lse_record.message_types import definitions, make_message, message_folder, project_types, types_of
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_record.run_reader import read_bag, read_run, recorded_parameters
 from auv_lse_record.run_writer import write_run
@@ -268,3 +269,16 @@ def test_messages_of_a_track_are_those_that_encoders_make(tmp_path, synthetic_ru
         with Recording(recording_in(tmp_path)) as recording:
             found = [data for _, _, data in recording.raw({name})]
         assert found[5] == bytes(store.serialize_cdr(message, topic.kind))
+
+
+def test_a_state_of_another_version_leaves_out_a_note_and_not_the_run(tmp_path):
+    topic, store = find_topic("/auv1/mission/state").topic, project_types()
+    bag = BagWriter(tmp_path / "bag", store, {})
+    bag.add_topic("/auv1/mission/state", topic.kind)
+    message = make_message(store, topic.kind, {"state": 250})
+    bag.write("/auv1/mission/state", 0, bytes(store.serialize_cdr(message, topic.kind)))
+    bag.close()
+    with Recording(recording_in(tmp_path)) as recording:
+        with pytest.raises(RecordingError, match="mission/state"):
+            list(recording.values({"mission/state"}))
+        assert list(recording.values({"mission/state"}, optional={"mission/state"})) == []

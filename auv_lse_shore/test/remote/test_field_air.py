@@ -1,4 +1,4 @@
-"""The emulated Wi-Fi of `auv_lse faults field --packets` loses, delays and stops packets as it is told."""
+"""The emulated Wi-Fi of `auv_lse faults field --packets` loses, delays and stops packets as ordered."""
 
 from __future__ import annotations
 
