@@ -289,7 +289,7 @@ class AutopilotCheck:
             return [*found, Finding(ok=None if self.link.status.armed else False, text=problem)]
         sensor_m = self._config.sensor_depth_m if self._config.zero_afloat else 0.0
         zero = Zeroed(pressure_pa=gauge.zero_pa, sensor_depth_m=sensor_m)
-        agrees = f"the autopilot's own depth is {gauge.offset_m:+.2f} m off pressure depth; targets are shifted by it"
+        agrees = f"the autopilot's own depth is {gauge.offset_m:+z.2f} m off pressure depth; targets are shifted by it"
         return [*found, Finding(ok=True if sensor_m else None, text=zero.text), Finding(ok=True, text=agrees)]
 
     def _states(self) -> list[Finding]:

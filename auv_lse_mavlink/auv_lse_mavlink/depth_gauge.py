@@ -219,7 +219,7 @@ class DepthGauge:
             return ""
         return (
             f"pressure depth {self._depth_m:.1f} m and the autopilot's own depth have diverged by "
-            f"{change_m:+.1f} m, more than {self._limit_m:g} m (link.depth_difference_m). Check the sensor and "
+            f"{change_m:+z.1f} m, more than {self._limit_m:g} m (link.depth_difference_m). Check the sensor and "
             "both densities"
         )
 

@@ -162,7 +162,7 @@ class VehicleLinkNode(DriverNode):
                 self.journal.write("zero", event.pressure_pa)
                 log.info(event.text)
             case events.Surfaced():
-                log.info(f"at the surface the depth gauge shows {event.drift_m:+.2f} m")
+                log.info(f"at the surface the depth gauge shows {event.drift_m:+z.2f} m")
             case events.Problem():
                 log.warning(event.text)
 

@@ -63,7 +63,7 @@ def pairs(groups: Groups) -> list[str]:
         cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
         more = [value(groups[own][s], FOUND) - value(groups[label][s], FOUND) for s in both]
         found = interval(more)
-        cells.append(f"{found.mean:+.2f} ({found.low:+.2f}..{found.high:+.2f}; lower on {sum(m < 0.0 for m in more)})")
+        cells.append(f"{found.mean:+z.2f} ({found.low:+z.2f}..{found.high:+z.2f}; lower on {sum(m < 0.0 for m in more)})")
         lines.append(f"| {own} against {label.split(':')[-1].strip()} | {len(both)} | " + " | ".join(cells) + " |")
     return lines
 
@@ -80,7 +80,7 @@ def _compared(changes: Sequence[float]) -> str:
     if not known:
         return "–"
     lower = sum(c < 0.0 for c in known)
-    return f"{found.mean:+.0f} % ({found.low:+.0f}..{found.high:+.0f}; worst {max(known):+.0f}; lower on {lower})"
+    return f"{found.mean:+z.0f} % ({found.low:+z.0f}..{found.high:+z.0f}; worst {max(known):+z.0f}; lower on {lower})"
 
 
 def main(arguments: Arguments = None) -> int:

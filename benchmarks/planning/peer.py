@@ -170,7 +170,7 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
                 cells.append("")
                 continue
             found = interval(ratios)
-            cells.append(f"{found.mean:+.0f} % ({found.low:+.0f} to {found.high:+.0f}; worst {max(ratios):+.0f})")
+            cells.append(f"{found.mean:+z.0f} % ({found.low:+z.0f} to {found.high:+z.0f}; worst {max(ratios):+z.0f})")
         text.append("| " + " | ".join(cells) + " |")
     return "\n".join(text)
 

@@ -127,7 +127,7 @@ class ClockCheck:
         if (self.right and not unset) or not config.set_clock or self._tries > CLOCK_TRIES:
             if not self.right:
                 session.counts["clock_off"] += 1
-                session.report(Problem(text=f"the modem's clock is {offset_s:+.1f} s off the host's"))
+                session.report(Problem(text=f"the modem's clock is {offset_s:+z.1f} s off the host's"))
             self.end()
         else:
             self.step = ClockStep.WAITING

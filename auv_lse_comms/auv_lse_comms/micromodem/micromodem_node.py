@@ -81,7 +81,7 @@ class MicromodemNode(DriverNode):
                 log.warning(f"modem lost: {event.reason}")
                 self.diagnose()
             case events.ClockChecked() if not event.within_tolerance:
-                log.warning(f"modem clock {event.offset_s:+.1f} s off (source {event.source}, PPS {event.pps})")
+                log.warning(f"modem clock {event.offset_s:+z.1f} s off (source {event.source}, PPS {event.pps})")
             case events.ReceptionFailed():
                 log.info(f"reception failed: {event.reason}")
             case events.Problem():

@@ -104,6 +104,13 @@ def test_its_clock_is_compared_with_the_hosts():
     assert "Set it, or modem.set_clock: true" in late.text
 
 
+def test_a_clock_that_is_a_little_late_is_not_said_to_be_off_by_minus_zero():
+    check = ModemCheck(config(), 2)
+    check.receive(NOW_S, Sentence("CATMQ", (iso_time(NOW_S - 1.0), "RTC", "RTC")).encode())
+    check.receive(NOW_S + 0.03, Sentence("CATMQ", (iso_time(NOW_S - 1.0), "RTC", "RTC")).encode())
+    assert "clock: +0.0 s from this computer's" in " ".join(finding.text for finding in check.findings())
+
+
 def test_synchronous_transmissions_need_a_pulse_per_second():
     settings = config(synchronous=True)
     for pps, ok in (("EXT", True), ("EXT_SYNC", True), ("RTC", False)):

@@ -84,7 +84,7 @@ def adjusted(
     shifted, offsets = on_one_clock(recorded)
     for path, offset in zip(paths, offsets, strict=True):
         if offset:
-            yield f"{path}: its clock is {offset:+.1f} s off that of {paths[0]}; its times are shifted"
+            yield f"{path}: its clock is {offset:+z.1f} s off that of {paths[0]}; its times are shifted"
     runs = [survey.reduce(run) for run in shifted]
     names = [path.resolve().name for path in paths]
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]

@@ -61,7 +61,7 @@ def _unknowns(correction: Correction, key: int) -> list[str]:
     stds = np.sqrt(np.diag(correction.covariance)[block][:STATIC])
     deg = math.degrees(1.0)
     units = (1.0, 1.0, deg, deg, deg, 100.0)
-    return [f"{u * v:+.2f} ± {u * s:.2f}" for u, v, s in zip(units, values, stds, strict=True)]
+    return [f"{u * v:+z.2f} ± {u * s:.2f}" for u, v, s in zip(units, values, stds, strict=True)]
 
 
 def write_before_and_after(path: Path, adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> int:

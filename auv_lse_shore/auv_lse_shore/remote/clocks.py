@@ -23,7 +23,7 @@ class ClockOffset:
     @property
     def text(self) -> str:
         """As people read it: "+0.02 s, known to 0.01 s"."""
-        return f"{self.offset_s:+.2f} s ± {max(self.error_s, 0.005):.2f}"
+        return f"{self.offset_s:+z.2f} s ± {max(self.error_s, 0.005):.2f}"
 
 
 def clock_offset(sent_s: float, vehicle_s: float, received_s: float) -> ClockOffset:
@@ -69,15 +69,15 @@ def wrong_clocks(offsets: Mapping[str, ClockOffset], guard_s: float) -> dict[str
         is_wrong = abs(off_s) > guard_s
         level = "error" if is_wrong and name != "laptop" else "warning"
         if is_wrong and name == "laptop":
-            text = f"the laptop's clock is {off_s:+.1f} s off the vehicles', which agree. Set the laptop's clock."
+            text = f"the laptop's clock is {off_s:+z.1f} s off the vehicles', which agree. Set the laptop's clock."
         elif is_wrong:
             text = (
-                f"its clock is {off_s:+.2f} s (± {doubt_s:.2f}) off {who}; slots tolerate {guard_s:g} s. "
+                f"its clock is {off_s:+z.2f} s (± {doubt_s:.2f}) off {who}; slots tolerate {guard_s:g} s. "
                 "Set it from GPS or NTP: sudo chronyc makestep"
             )
         else:
             text = (
-                f"its clock may be off by more than {guard_s:g} s: the link is too slow to tell ({off_s:+.2f} s ± "
+                f"its clock may be off by more than {guard_s:g} s: the link is too slow to tell ({off_s:+z.2f} s ± "
                 f"{doubt_s:.2f}). Check again closer to it."
             )
         found[name] = (level, text)

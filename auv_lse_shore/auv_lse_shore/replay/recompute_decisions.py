@@ -62,7 +62,7 @@ class DecisionStep:
     @property
     def cells(self) -> tuple[str, ...]:
         """One row of the table."""
-        turns, values = (f"{v:+.0f}" for v in self.turns_deg), (f"{v:.6g}" for v in self.values)
+        turns, values = (f"{v:+z.0f}" for v in self.turns_deg), (f"{v:.6g}" for v in self.values)
         plan, now = self.plans
         by = f"{self.values[1] - self.values[0]:+.3g}"
         head = (f"auv{self.vehicle}", str(self.step), f"{self.now_s:.1f}")

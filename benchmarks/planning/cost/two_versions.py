@@ -105,7 +105,7 @@ def table(before: Path, now: Path) -> str:
             change, ratio = interval((b - a).tolist()), interval(np.log(b / a).tolist())
             half, (mean, low, high) = change.high - change.mean, np.exp([ratio.mean, ratio.low, ratio.high])
             text.append(
-                f"| {name} | {a.mean():.3f} | {b.mean():.3f} | {change.mean:+.3f} +- {half:.3f} "
+                f"| {name} | {a.mean():.3f} | {b.mean():.3f} | {change.mean:+z.3f} +- {half:.3f} "
                 f"| {mean:.2f} ({low:.2f} to {high:.2f}) |"
             )
     return "\n".join(text[1:])
