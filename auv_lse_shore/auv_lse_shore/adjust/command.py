@@ -117,6 +117,6 @@ def _report(team: TeamMap, folder: Path) -> Iterator[str]:
     from auv_lse_shore.report.report import write_outputs  # slow to import
     from auv_lse_shore.report.words import headlines
 
-    evaluation = evaluate(team.run, team=team)
+    evaluation = evaluate(team.run, team=team, on_two_cores=True)
     yield from headlines(write_outputs(evaluation, folder), evaluation.planned_steps)
     yield f"written: {folder / 'report.html'}"

@@ -39,8 +39,6 @@ Mask = NDArray[np.bool_]
 
 #: Number of locations over which map risk is averaged at the steps before the end (at the end: over all).
 RISK_LOCATIONS = 1500
-#: A map of more cells is evaluated in two processes.
-CELLS_OF_TWO_PROCESSES = 50_000
 
 
 @dataclass(slots=True, kw_only=True)
@@ -107,7 +105,9 @@ def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
     return GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
 
 
-def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Evaluation:
+def evaluate(
+    run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_two_cores: bool = False
+) -> Evaluation:
     """Evaluates a mission.
 
     Args:
@@ -115,6 +115,7 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
         bounds: Number of steps at which the bounds of the paper's reward are recomputed for its methods, at least 2;
             for other methods these are the first and the last.
         team: The map, if it is made already; its run is then evaluated.
+        on_two_cores: Whether half of the work is done in a second process, for a user who waits.
 
     Raises:
         ValueError: if there is no vehicle, or the true ground is not on the map's grid.
@@ -134,11 +135,10 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None) -> Eva
             )
         scored &= np.isfinite(run.ground.depth_m)
     some = _thinned(grid, scored)
-    others = partial(_other_maps, run, settings, area, some)
-    other_maps = run_in_background(others) if np.count_nonzero(scored) > CELLS_OF_TWO_PROCESSES else others
+    replayed = partial(_replayed, run, settings, area, some, bounds if first.planner.entry.of_paper else 2)
+    beside = run_in_background(replayed) if on_two_cores else replayed
     final = make_map()
-    curves = reward_curves(run, settings, area, bounds if first.planner.entry.of_paper else 2, some)
-    local, ideal, alone_risk = other_maps()
+    curves, local, ideal, alone_risk = beside()
     return Evaluation(
         run=run,
         settings=settings,
@@ -159,13 +159,18 @@ def _thinned(grid: Grid, scored: Mask) -> Array:
     return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
 
 
-def _other_maps(
-    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array
-) -> tuple[list[DepthField], DepthField | None, tuple[float, ...]]:
-    """Each vehicle's own map, the map at true positions, and each vehicle's risk at locations `some` (P, 2) alone."""
+def _replayed(
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array, bounds: int
+) -> tuple[Curves, list[DepthField], DepthField | None, tuple[float, ...]]:
+    """What does not need the team's map.
+
+    These are the curves, each vehicle's own map, the map at true positions, and each vehicle's risk at locations
+    `some` (P, 2) alone.
+    """
+    curves = reward_curves(run, settings, area, bounds, some)
     own = list(zip(run.vehicles, settings, strict=True))
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in own]
-    return local, _ideal(run, settings[0], area), tuple(_risk_alone(v, s, some) for v, s in own)
+    return curves, local, _ideal(run, settings[0], area), tuple(_risk_alone(v, s, some) for v, s in own)
 
 
 def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:

@@ -249,7 +249,7 @@ def conclude(
     if report:
         summary = write_report(run, folder, show_step)
     else:
-        evaluation = evaluate(run)
+        evaluation = evaluate(run, on_two_cores=True)
         summary = evaluation.summary
         summary.write(folder / "summary.json")
         write_isobath(evaluation.team_map, folder / "isobath.geojson", run.origin, evaluation.truth)

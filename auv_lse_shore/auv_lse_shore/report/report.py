@@ -45,7 +45,7 @@ def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summa
         OSError: if the files cannot be written; the folder then has none of them.
     """
     show(f"computing maps and bounds from {counted(sum(len(v.soundings) for v in run.vehicles), 'sounding')}")
-    evaluation = evaluate(run)
+    evaluation = evaluate(run, on_two_cores=True)
     show("drawing figures")
     summary = write_outputs(evaluation, folder)
     show("")

@@ -189,11 +189,9 @@ def test_a_large_local_map_takes_the_rest_together(synthetic_run, monkeypatch):
     assert np.nanmean(together.field().risk) == pytest.approx(np.nanmean(by_tick.field().risk), rel=0.02)
 
 
-def test_a_large_map_is_evaluated_in_two_processes_with_the_same_results(synthetic_run, monkeypatch):
+def test_two_processes_find_the_same_results(synthetic_run):
     run = synthetic_run(steps=6)
-    alone = evaluate(run, bounds=2)
-    monkeypatch.setattr("auv_lse_shore.judge.evaluation.CELLS_OF_TWO_PROCESSES", 0)
-    assert evaluate(run, bounds=2).summary == alone.summary
+    assert evaluate(run, bounds=2, on_two_cores=True).summary == evaluate(run, bounds=2).summary
 
 
 def test_ground_on_another_grid_is_refused(synthetic_run):
