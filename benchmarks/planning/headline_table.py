@@ -63,7 +63,9 @@ def pairs(groups: Groups) -> list[str]:
         cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
         more = [value(groups[own][s], FOUND) - value(groups[label][s], FOUND) for s in both]
         found = interval(more)
-        cells.append(f"{found.mean:+z.2f} ({found.low:+z.2f}..{found.high:+z.2f}; lower on {sum(m < 0.0 for m in more)})")
+        cells.append(
+            f"{found.mean:+z.2f} ({found.low:+z.2f}..{found.high:+z.2f}; lower on {sum(m < 0.0 for m in more)})"
+        )
         lines.append(f"| {own} against {label.split(':')[-1].strip()} | {len(both)} | " + " | ".join(cells) + " |")
     return lines
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import takewhile
 
 import numpy as np
 
@@ -80,9 +79,7 @@ class AltitudeKeeper:
         """Takes the altitude (m) at the last position; one that is not positive and finite is ignored."""
         if not (math.isfinite(altitude_m) and altitude_m > 0.0) or not self._depths:
             return
-        from_s = self._depths[-1][0] - LAG_S
-        depth_m = min(depth for _, depth in takewhile(lambda row: row[0] >= from_s, reversed(self._depths)))
-        ground_m = depth_m + altitude_m
+        ground_m = self._least_depth_m() + altitude_m
         is_recent = bool(self._ground) and self._now_s - self._ping_s <= SILENT_S
         if is_recent and not self._agrees(ground_m, self._ground[-1][1], self._way_m - self._ground[-1][0]):
             doubted_m, self._doubted_m = self._doubted_m, ground_m
@@ -94,6 +91,16 @@ class AltitudeKeeper:
         while self._ground[0][0] < self._way_m - WINDOW_M:
             self._ground.popleft()
         self._rise = None
+
+    def _least_depth_m(self) -> float:
+        """Smallest depth (m) of the vehicle within the last `LAG_S`."""
+        from_s, least_m = self._depths[-1][0] - LAG_S, math.inf
+        for stamp_s, depth_m in reversed(self._depths):
+            if stamp_s < from_s:
+                break
+            if depth_m < least_m:
+                least_m = depth_m
+        return least_m
 
     @staticmethod
     def _agrees(ground_m: float, other_m: float, way_m: float) -> bool:

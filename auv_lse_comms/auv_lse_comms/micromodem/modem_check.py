@@ -169,7 +169,9 @@ class ModemCheck:
         message, offset_s = self._clock
         config = self._config
         right = abs(offset_s) <= config.clock_tolerance_s
-        text = f"clock: {offset_s:+z.1f} s from this computer's, set from {message.source}, disciplined by {message.pps}"
+        text = (
+            f"clock: {offset_s:+z.1f} s from this computer's, set from {message.source}, disciplined by {message.pps}"
+        )
         if not right:
             text += f", more than {config.clock_tolerance_s:g} s"
             text += ": the driver sets it" if config.set_clock else ". Set it, or modem.set_clock: true"

@@ -105,9 +105,7 @@ def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
     return GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
 
 
-def evaluate(
-    run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_two_cores: bool = False
-) -> Evaluation:
+def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_two_cores: bool = False) -> Evaluation:
     """Evaluates a mission.
 
     Args:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
+from auv_lse_sim.vehicle.records import Results
 
 Array = NDArray[np.float64]
 
@@ -43,18 +43,18 @@ class EchoSounder:
         self.pressure_depth_m = 0.0
         self.groundings = 0
 
-    def sound(self, stamps_s: Array, rows: Any, water_m: Array) -> Array:
+    def sound(self, stamps_s: Array, results: Results, water_m: Array) -> Array:
         """Measures along one tick.
 
         Args:
             stamps_s: End of each sub-step (n,).
-            rows: Records `RESULT` (n,) of the motion model.
+            results: Of the motion model.
             water_m: True depth of water (n,) there.
 
         Returns:
             Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
         """
-        n, depth = len(rows), rows.depth
+        n, depth = len(stamps_s), results.depth
         normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
         if n == 0:
             return np.empty((0, 6))
@@ -63,16 +63,16 @@ class EchoSounder:
         aground = ~(altitude > 0.0)
         self.groundings += int(aground.any() and not np.isnan(water_m).all())
         in_reach = self._reached(altitude)
-        echo = np.where(rows.ping > 0.0, altitude, np.nan)
+        echo = np.where(results.ping > 0.0, altitude, np.nan)
         echo = np.where(in_reach, self._altimeter(echo, normals[:, 0], uniforms), np.nan)
         own = self._pressure(depth, normals[:, 1])
         self.in_reach = bool(in_reach[-1])
         self.altitude_m, self.echoes_m = float(echo[-1]), echo
         self.pressure_depth_m = float(own[-1])
         pings = np.empty((n, 6))
-        pings[:, 0], pings[:, 1], pings[:, 2] = stamps_s, rows.est_north, rows.est_east
+        pings[:, 0], pings[:, 1], pings[:, 2] = stamps_s, results.est_north, results.est_east
         pings[:, 3] = own + echo
-        pings[:, 4], pings[:, 5] = rows.raw_north, rows.raw_east
+        pings[:, 4], pings[:, 5] = results.raw_north, results.raw_east
         return self._soundings(pings[np.isfinite(echo)], float(stamps_s[-1]))
 
     def _reached(self, altitude_m: Array) -> NDArray[np.bool_]:

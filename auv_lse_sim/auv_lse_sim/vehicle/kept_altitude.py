@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.safety.altitude_keeper import AltitudeKeeper
+from auv_lse_sim.vehicle.records import Results
 
 Array = NDArray[np.float64]
 
@@ -23,22 +23,22 @@ class KeptAltitude:
         """Keeps `least_m` (m) above the ground; 0: does nothing."""
         self._keeper, self._depth_m = AltitudeKeeper(least_m), math.inf
 
-    def take(self, stamps_s: Array, rows: Any, echoes_m: Array, wanted_m: float) -> float:
+    def take(self, stamps_s: Array, results: Results, echoes_m: Array, wanted_m: float) -> float:
         """Takes the sub-steps of a tick; returns the depth (m) to keep, infinite if nothing limits it.
 
         Args:
             stamps_s: Their ends (n,).
-            rows: Records `RESULT` (n,) of the motion model.
+            results: Of the motion model.
             echoes_m: Altitudes (n,), NaN without an echo.
             wanted_m: Depth at which the vehicle travels if the ground allows it.
         """
         keeper = self._keeper
         if keeper.least_m <= 0.0:
             return math.inf
-        columns = (rows.est_north, rows.est_east, rows.depth, rows.est_speed)
-        for stamp_s, echo_m, *state in zip(stamps_s, echoes_m, *columns, strict=True):
-            keeper.move(float(stamp_s), *map(float, state))
-            keeper.ping(float(echo_m))
+        columns = (stamps_s, results.est_north, results.est_east, results.depth, results.est_speed, echoes_m)
+        for *state, echo_m in np.column_stack(columns).tolist():
+            keeper.move(*state)
+            keeper.ping(echo_m)
         depth_m = keeper.limited_m(wanted_m)
         if not -RAISED_M <= depth_m - self._depth_m <= LOWERED_M or depth_m == wanted_m:
             self._depth_m = depth_m

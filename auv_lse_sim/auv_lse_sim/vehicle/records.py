@@ -86,12 +86,31 @@ NORMALS = _record(
 #: Uniform numbers in [0, 1) of one sub-step.
 UNIFORMS = _record("dropout", "dropout_length", "lock_loss", "lock_loss_length", "outlier")
 
-#: Result of one sub-step: truth, estimate, and the estimate without fixes under way ("raw"); `ping` is 1 if the DVL can
-#: ping.
-RESULT = _record(
-    "north", "east", "heading", "depth", "est_north", "est_east", "est_heading", "est_speed", "ping", "travelled",
-    "along", "raw_north", "raw_east", "raw_heading",
-)  # fmt: skip
+
+class Results(NamedTuple):
+    """Results of sub-steps by column, an array (n,) each: truth, estimate, and the estimate without fixes ("raw").
+
+    `ping` is 1 where the DVL can ping.
+    """
+
+    north: Array
+    east: Array
+    heading: Array
+    depth: Array
+    est_north: Array
+    est_east: Array
+    est_heading: Array
+    est_speed: Array
+    ping: Array
+    travelled: Array
+    along: Array
+    raw_north: Array
+    raw_east: Array
+    raw_heading: Array
+
+
+#: Result of one sub-step.
+RESULT = _record(*Results._fields)
 
 
 class Filter(NamedTuple):
@@ -139,6 +158,11 @@ def new_record(kind: np.dtype[Any], *values: float) -> Any:
     for name, value in zip(kind.names or (), values, strict=False):
         record[name] = value
     return record
+
+
+def columns(rows: Any) -> Results:
+    """Records `RESULT` (n,) as plain columns: attributes of NumPy's record arrays are slow."""
+    return Results(*rows.view(np.float64).view(np.ndarray).reshape(len(rows), len(Results._fields)).T)
 
 
 def as_records(numbers: Array, kind: np.dtype[Any]) -> Any:

@@ -30,7 +30,16 @@ from auv_lse_sim.vehicle.navigation import (
     wrap,
 )
 from auv_lse_sim.vehicle.piloted import Pilot, advance_piloted
-from auv_lse_sim.vehicle.records import LEG, NORMALS, RESULT, UNIFORMS, Draws, as_records, new_record
+from auv_lse_sim.vehicle.records import (
+    LEG,
+    NORMALS,
+    RESULT,
+    UNIFORMS,
+    Draws,
+    as_records,
+    columns,
+    new_record,
+)
 from auv_lse_sim.vehicle.target_leg import leg_to
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 
@@ -124,7 +133,7 @@ class SimVehicle:
         self._loitering = False
         self._surface_after = False
         self._pilot: Pilot | None = None
-        self._rows = as_records(np.empty((0, len(RESULT.names or ()))), RESULT)
+        self._results = columns(np.empty(0, RESULT))
         self._stamps = np.empty(0)
         #: Fixes completed in the last `move`.
         self.fixes: list[Fix] = []
@@ -186,7 +195,7 @@ class SimVehicle:
     @property
     def track(self) -> Array:
         """True north, east, depth (m) of the sub-steps of the last `move`, shape (n, 3)."""
-        return np.column_stack([self._rows.north, self._rows.east, self._rows.depth])
+        return np.column_stack([self._results.north, self._results.east, self._results.depth])
 
     def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
         """Takes the next leg.
@@ -384,10 +393,10 @@ class SimVehicle:
                     m.along = over
                 else:
                     self._end(over)
-        self._rows = rows
+        self._results = columns(rows)
         self._stamps = stamps_s
         self.fixes = self._completed()
-        return rows.north, rows.east
+        return self._results.north, self._results.east
 
     @property
     def gps_m(self) -> tuple[float, float] | None:
@@ -403,7 +412,7 @@ class SimVehicle:
         if m.fix_step == 0.0:
             return []
         i, information = int(m.fix_step) - 1, float(m.fix_information)
-        raw_north_m, raw_east_m = float(self._rows[i].raw_north), float(self._rows[i].raw_east)
+        raw_north_m, raw_east_m = float(self._results.raw_north[i]), float(self._results.raw_east[i])
         fix = Fix(
             stamp_s=float(self._stamps[i]),
             north_m=raw_north_m + float(m.fix_north) / information,
@@ -424,8 +433,8 @@ class SimVehicle:
         Returns:
             Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
         """
-        soundings = self._sounder.sound(self._stamps, self._rows, water_m)
-        kept_m = self._altitude.take(self._stamps, self._rows, self._sounder.echoes_m, self._travel_m)
+        soundings = self._sounder.sound(self._stamps, self._results, water_m)
+        kept_m = self._altitude.take(self._stamps, self._results, self._sounder.echoes_m, self._travel_m)
         if kept_m != self._kept_m:
             self._kept_m = kept_m
             if self._params.depth > 0.0:

@@ -17,6 +17,7 @@ from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.vehicle import motion_model as mm
+from auv_lse_sim.vehicle.records import RESULT
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.water.current import Current
 
@@ -54,7 +55,7 @@ class Dive:
         start, self.now_s = self.now_s, self.now_s + 1.0
         stamps = start + np.arange(1, 11) / 10.0
         north, _ = self.vehicle.move(stamps, self.current.advance(start, stamps))
-        self.rows.append(self.vehicle._rows)
+        self.rows.append(self.vehicle._results)
         self.soundings.append(self.vehicle.sense(np.full(len(north), self.water_m)))
 
     def fly(self, actions) -> None:
@@ -72,7 +73,7 @@ class Dive:
 
 def results(dive: Dive):
     """What the motion model left of every sub-step, as records."""
-    return np.concatenate(dive.rows).view(np.recarray)
+    return np.rec.fromarrays([np.concatenate(column) for column in zip(*dive.rows, strict=True)], dtype=RESULT)
 
 
 def numbers(dive: Dive):
