@@ -173,6 +173,22 @@ def test_numbers_that_json_lacks_become_null(settings):
     json.dumps(event, allow_nan=False)
 
 
+@pytest.mark.parametrize(("variance_m2", "shown_m"), [(0.0, None), (8.0, 4.0)])
+def test_an_unknown_position_error_is_not_shown_as_none(settings, variance_m2, shown_m):
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = covariance[1, 1] = variance_m2
+    place = ns(position=ns(x=1.0, y=2.0, z=-3.0), orientation=ns(x=0.0, y=0.0, z=0.0, w=1.0))
+    speed = ns(linear=ns(x=1.0, y=0.0, z=0.0), angular=ns(x=0.0, y=0.0, z=0.0))
+    message = ns(
+        header=header(4.0),
+        child_frame_id="auv1/base_link",
+        pose=ns(pose=place, covariance=covariance.ravel()),
+        twist=ns(twist=speed, covariance=np.zeros(36)),
+    )
+    events = MissionEvents(settings, maps_on_request=True).take("/auv1/odometry", message)
+    assert [event["std"] for event in events if event["kind"] == "pose"] == [shown_m]
+
+
 def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
     timeline = Timeline()
     follower = RecordingFollower(recording_in(run_folder), timeline)

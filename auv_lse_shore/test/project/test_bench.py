@@ -19,7 +19,7 @@ from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import mission_parts, vehicle
 from benchmarks.command import end_with
-from benchmarks.planning import peer
+from benchmarks.planning import areas, peer
 from benchmarks.rows import KEYS
 
 main = verb_main("bench")
@@ -146,11 +146,6 @@ def test_the_figure_of_the_channel_is_drawn(tmp_path):
     assert (tmp_path / "channel.png").stat().st_size > 10_000
 
 
-def test_the_navigation_consistency_is_measured(capsys):
-    assert importlib.import_module("benchmarks.navigation.navigation_consistency").main(["2", "60"]) == 0
-    assert capsys.readouterr().out.count("drift at the end") == 3
-
-
 def test_methods_are_held_against_hindsight(capsys):
     hindsight = importlib.import_module("benchmarks.planning.hindsight")
     assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
@@ -159,19 +154,6 @@ def test_methods_are_held_against_hindsight(capsys):
     assert "| hindsight on the isobath |" in out
     assert "| random |" in out
     assert out.count("100% |") == 2  # each aim by its own paths
-
-
-def test_settings_of_a_campaign_are_compared_with_their_first():
-    from benchmarks.navigation.positions_table import table
-
-    names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
-    groups = {
-        group: {seed: dict.fromkeys(names, value + seed) | {"position_error_m": [3.0, 4.0]} for seed in (1, 2)}
-        for group, value in (("x1, as before", 2.0), ("x1, corrected", 1.0))
-    }
-    lines = table(groups)
-    assert "| -1 |" in lines[3]
-    assert "3.536" in lines[2]
 
 
 def test_methods_are_compared_scene_by_scene():
@@ -189,44 +171,33 @@ def test_methods_are_compared_scene_by_scene():
 
 
 def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, capsys):
-    from benchmarks.navigation import positions_table
     from benchmarks.planning import headline_table
 
     (tmp_path / "rows").mkdir()
     labels = ("two: tour", "two: lanes", "one: tour")
     listed = [{"label": label} for label in labels]
     (tmp_path / "campaign.yaml").write_text(yaml.safe_dump({"mission": "../missions/default.yaml", "list": listed}))
-    names = {*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk", "isobath_error_true_positions_m"}
+    names = {*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk"}
     for number, label in enumerate(sorted(labels)):
         row = dict.fromkeys(sorted(names), 1.0 + number) | {"group": label, "seed": 1, "status": "ok"}
+        row["position_error_m"] = [3.0, 4.0]  # of each vehicle
         parquet.write_table(Table.from_pylist([row]), tmp_path / "rows" / f"{number}.parquet")
-    assert list(positions_table.rows_of([tmp_path])) == list(labels)
+    assert list(headline_table.rows_of([tmp_path])) == list(labels)
     assert headline_table.main([str(tmp_path)]) == 0
-    assert "| two: tour against lanes | 1 | +50 %" in capsys.readouterr().out
-    assert positions_table.main([str(tmp_path)]) == 0
-    assert positions_table.main([str(tmp_path / "none")]) == 2
-
-
-def test_methods_are_flown_over_lakes(tmp_path, capsys):
-    methods = importlib.import_module("benchmarks.planning.planner_methods")
-    lines = tmp_path / "new" / "methods.jsonl"
-    options = ["--out", str(lines), "--methods", "lawnmower", "random", "--vehicles", "1", "--lakes", "1"]
-    methods.main([*options, "--steps", "2", "--processes", "1"])
-    methods.main([*options, "--steps", "2", "--processes", "1"])  # nothing is flown twice
-    assert len(lines.read_text().splitlines()) == 2
-    assert "0 missions to fly, 2 in" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert "| two: tour against lanes | 1 | +50 %" in table
+    assert table.count("| 3.5 |") == 3, "the root mean square"
+    assert headline_table.main([str(tmp_path / "none")]) == 2
 
 
 def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
-    methods = importlib.import_module("benchmarks.planning.planner_methods")
     lake = SyntheticLake(LakeConfig(seed=5001, height_m=500.0, width_m=600.0, north_m=200.0, east_m=250.0, islands=0))
     north_m, east_m = np.arange(-40.0, 441.0, 10.0), np.arange(-40.0, 541.0, 10.0)
     depth_m = lake.depth_m(*np.meshgrid(north_m, east_m, indexing="ij"))
     np.savez(tmp_path / "grid.npz", north_m=north_m, east_m=east_m, depth_m=depth_m)
-    name = next(methods.windows(tmp_path / "grid.npz", "small"))[0]
-    row = methods.mission("lawnmower", 1, "small", name, 0.0, str(tmp_path / "grid.npz"), 2)
-    assert row["lake"] == name
-    assert math.isfinite(row["risk_end"])
+    (name,) = areas.spread_windows(tmp_path / "grid.npz", "small", 1)
+    window = areas.lake(name, "small", tmp_path / "grid.npz")
+    assert np.isfinite(window.depth_m(*np.meshgrid([0.0, 360.0], [0.0, 460.0]))).all()
     whole = importlib.import_module("benchmarks.planning.real_lake")
     assert whole.main([str(tmp_path / "grid.npz"), "--windows", "1", "--vehicles", "1", "--steps", "2"]) == 0
     table = capsys.readouterr().out
@@ -361,16 +332,3 @@ def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):
     with pytest.raises(SystemExit, match="no-such-package could not be installed into"):
         peer.environment(tmp_path / "env")
     assert not (tmp_path / "env" / "peer-installed").exists()
-
-
-def test_two_versions_are_compared_on_the_lakes_that_both_have(tmp_path):
-    two_versions = importlib.import_module("benchmarks.planning.cost.two_versions")
-    line = two_versions.flown(1, 3, **{"mission.steps": 4})
-    assert (line["vehicles"], line["seed"]) == (1, 3)
-    assert 0.0 < line["first_s"] < line["mission_s"]
-    files = tmp_path / "before.jsonl", tmp_path / "now.jsonl"
-    for file, risks in zip(files, ([1.0, 2.0, 9.0], [1.5, 2.5]), strict=True):
-        file.write_text("".join(json.dumps({**line, "seed": i, "risk": r}) + "\n" for i, r in enumerate(risks)))
-    table = two_versions.table(*files)
-    assert table.startswith("| vehicles: 1, lakes: 2 |")
-    assert "| risk at the end | 1.500 | 2.000 | +0.500 +- 0.000 | 1.37 (" in table

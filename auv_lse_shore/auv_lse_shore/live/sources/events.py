@@ -120,7 +120,7 @@ class MissionEvents:
         if not self._is_due(f"pose {vehicle}", stamp_s, _TRACK_S):
             return maps
         self._event_s[f"pose {vehicle}"] = stamp_s
-        north_std_m, east_std_m = odometry.position_std_m
+        std_m = math.hypot(*odometry.position_std_m)
         event = {
             "kind": "pose",
             "vehicle": vehicle,
@@ -130,7 +130,7 @@ class MissionEvents:
             "heading": round(odometry.heading_rad, 3),
             "depth": round(odometry.depth_m, 2),
             "speed": round(odometry.speed_mps, 2),
-            "std": round(math.hypot(north_std_m, east_std_m), 2),
+            "std": round(std_m, 2) if std_m > 0.0 else None,  # nav_msgs has no other mark of an unknown error
         }
         return [event, *maps]
 

@@ -68,7 +68,7 @@ export class VehicleCards {
     setText(fields.step, `${steps} of ${facts.steps}`);
     setText(fields["N, E"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
     fields["N, E"].title = pose && facts.origin_deg ? geodetic(pose.north, pose.east, facts.origin_deg) : "";
-    setText(fields["position ±"], pose ? `${number(pose.std, 1)} m` : "–");
+    setText(fields["position ±"], pose && pose.std !== null ? `${number(pose.std, 1)} m` : "–");
     setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     setText(fields.battery, legs === undefined ? "–" : `${legs} legs / ${Math.max(0, facts.steps - steps)} planned`);
