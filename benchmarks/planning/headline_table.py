@@ -9,11 +9,17 @@ Settings whose labels match up to the colon form one scene. Its first setting is
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pyarrow import parquet
 
 from auv_lse_shore.campaign.statistics import Interval, interval
-from benchmarks.command import end_with
-from benchmarks.navigation.positions_table import Arguments, Row, print_rows, value
+from benchmarks.command import end_with, parser_of
 
 #: Columns of the means: of a row, heading, and decimal places.
 COLUMNS = (
@@ -31,7 +37,30 @@ COLUMNS = (
 PAIRED = COLUMNS[:4]
 FOUND = "isobath_found"
 
+Row = dict[str, Any]
 Groups = Mapping[str, Mapping[int, Row]]
+
+
+def value(row: Row, name: str) -> float:
+    """A figure of a row; of one for each vehicle the root mean square. NaN: not known, or not to the software then."""
+    found = row.get(name)
+    return math.nan if found is None else float(np.sqrt(np.mean(np.square(found))))
+
+
+def rows_of(folders: Sequence[Path]) -> dict[str, dict[int, Row]]:
+    """Rows of the finished missions in campaigns' folders, by setting, in the campaign's order, and seed."""
+    groups: dict[str, dict[int, Row]] = {}
+    for folder in folders:
+        rows = [row for path in folder.glob("rows/*.parquet") for row in parquet.read_table(path).to_pylist()]
+        # not as a CampaignSpec: its mission file is named as seen from where the campaign's file was
+        listed = []
+        if rows:
+            listed = [setting["label"] for setting in yaml.safe_load((folder / "campaign.yaml").read_text())["list"]]
+        for label in (*listed, *sorted({row["group"] for row in rows} - set(listed))):
+            found = {row["seed"]: row for row in rows if row["group"] == label and row["status"] == "ok"}
+            if found:
+                groups.setdefault(label, {}).update(found)
+    return groups
 
 
 def _mean(rows: Mapping[int, Row], name: str) -> float:
@@ -85,9 +114,17 @@ def _compared(changes: Sequence[float]) -> str:
     return f"{found.mean:+z.0f} % ({found.low:+z.0f}..{found.high:+z.0f}; worst {max(known):+z.0f}; lower on {lower})"
 
 
-def main(arguments: Arguments = None) -> int:
-    """Prints both tables."""
-    return print_rows("benchmarks.planning.headline_table", __doc__, lambda g: [*means(g), "", *pairs(g)], arguments)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints both tables. Returns 0, or 2 if there are no rows."""
+    parser = parser_of("benchmarks.planning.headline_table", __doc__)
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
+    folders = parser.parse_args(arguments).folders
+    groups = rows_of(folders)
+    if not groups:
+        print(f"error: {', '.join(map(str, folders))}: no rows; name the folder of a campaign", file=sys.stderr)
+        return 2
+    print("\n".join([*means(groups), "", *pairs(groups)]))
+    return 0
 
 
 if __name__ == "__main__":

@@ -41,8 +41,8 @@ from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_shore.judge.isobath import compare, trace
 from benchmarks.command import end_with, parser_of
+from benchmarks.planning.areas import AREAS, area, lake
 from benchmarks.planning.planner_loop import light_mission, settings_for
-from benchmarks.planning.planner_methods import AREAS, area, lake
 
 Array = NDArray[np.float64]
 

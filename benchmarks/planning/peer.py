@@ -31,9 +31,9 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with, existing_file, parser_of
+from benchmarks.planning.areas import AREAS, area, spread_windows
 from benchmarks.planning.hindsight import Sea
 from benchmarks.planning.planner_loop import judged_map, light_mission, settings_for
-from benchmarks.planning.planner_methods import AREAS, area, spread_windows
 from benchmarks.planning.undiscovered_flights import ground_of
 from benchmarks.results_file import FOLDER, fly, read
 

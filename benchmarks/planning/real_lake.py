@@ -28,9 +28,8 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.command import end_with, existing_file, parser_of
-from benchmarks.navigation.positions_table import Row
-from benchmarks.planning.headline_table import means, pairs
-from benchmarks.planning.planner_methods import area, spread_windows
+from benchmarks.planning.areas import area, spread_windows
+from benchmarks.planning.headline_table import Row, means, pairs
 
 #: Settings by name; the first is compared with the others.
 SETTINGS: dict[str, dict[str, Any]] = {

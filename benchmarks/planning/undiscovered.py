@@ -32,7 +32,7 @@ from auv_lse_gp.map.undiscovered import coarse_grid, undiscovered
 from auv_lse_shore.campaign.statistics import proportion
 from auv_lse_shore.judge import isobath
 from benchmarks.command import end_with, existing_file, parser_of
-from benchmarks.planning.planner_methods import spread_windows
+from benchmarks.planning.areas import spread_windows
 from benchmarks.planning.undiscovered_flights import ground_of, mission, settings, where_of
 from benchmarks.results_file import FOLDER, fly, read
 

@@ -19,8 +19,8 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_sim.ground.lake import SyntheticLake
+from benchmarks.planning.areas import area, lake
 from benchmarks.planning.planner_loop import light_mission, settings_for
-from benchmarks.planning.planner_methods import area, lake
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Shoals:
     """A lake of the simulator with six shoals and two holes of 12 to 35 m in it."""
 
     def __init__(self, seed: int, ground: Any, span: tuple[float, float, float]) -> None:
-        """Draws the shoals over the area of `span` (`planner_methods.AREAS`)."""
+        """Draws the shoals over the area of `span` (`areas.AREAS`)."""
         rng = stream(seed, "shoals")
         height, width, margin = span
         self._ground = ground

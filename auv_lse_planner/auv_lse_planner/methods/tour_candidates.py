@@ -44,8 +44,7 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Share by which a team's tour may be behind the best naive path before more iterations
-#: (`python -m benchmarks.planning.first_decision`).
+#: Share by which a team's tour may be behind the best naive path and still get more iterations.
 FAR_BEHIND = 0.003
 #: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with as many
 #: locations per leg as its value.

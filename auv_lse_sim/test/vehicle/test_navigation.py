@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from navigation_dives import measure
 
-from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.world import DvlConfig
 from auv_lse_common.support.compiled import USE_NUMBA, cache_folder, plain
 from auv_lse_sim.vehicle import motion_model as mm
 from auv_lse_sim.vehicle import navigation as nav
-from benchmarks.navigation.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])
 
@@ -169,13 +168,19 @@ def test_plain_functions_give_the_same_numbers():
 
 def test_filter_is_consistent():
     """30 dives with every instrument error on: the mean NEES stays within 99 % bounds (120 dives: 95 %)."""
-    result = measure(SimConfig(), 30, duration_s=400.0, every_s=200.0, first_seed=1000)
+    result = measure(30, duration_s=400.0, every_s=200.0, first_seed=1000)
     for states, nees in ((3, result.nees), (2, result.nees_position)):
         low, high = result.bounds(states, 0.99)
         assert low < nees.mean(axis=0).min()
         assert nees.mean(axis=0).max() < high
     # Dead reckoning that drifts, but by no more than a good INS: 0.1 to 2 % of the distance gone.
     assert 0.001 < result.drift < 0.02
+
+
+def test_a_filter_without_the_compass_harmonics_is_overconfident():
+    """The check of consistency detects a filter that leaves out a part of the error."""
+    result = measure(10, duration_s=400.0, every_s=200.0, first_seed=1000, harmonics=False)
+    assert result.nees_position[:, -1].mean() > result.bounds(2, 0.99)[1]
 
 
 @pytest.mark.skipif(not USE_NUMBA, reason="numba is not installed")

@@ -1,1 +1,0 @@
-"""Processor time and memory of whole missions."""
