@@ -149,7 +149,7 @@ def steered(waypoints_m: Array, ground: Any, seed: int) -> dict[str, float]:
                     rows.append((float(now), north, east, max(depth + 0.2 * float(noise.normal()), 0.1)))
             along += speed
         along -= leg.length_m
-    return judged_map(settings, ground, rows, STEPS / 3.0 * motion.leg_length_m / speed)[0]
+    return judged_map(settings, ground, rows, STEPS / 3.0 * motion.leg_length_m / speed)
 
 
 def table(lines: Sequence[dict[str, Any]]) -> str:

@@ -6,8 +6,7 @@ The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,7 +41,6 @@ class _Boat:
     soundings: list[tuple[float, float, float, float]] = field(default_factory=list)
     unsent: list[tuple[float, float, float]] = field(default_factory=list)
     visited: list[tuple[float, float]] = field(default_factory=list)
-    wall_s: list[float] = field(default_factory=list)
     watch: QualityWatch | None = None
 
     def judge(self, now_s: float) -> None:
@@ -63,12 +61,6 @@ class Outcome:
     true_loss: float
     f1: float
     isobath_m: float
-    team_reward: float
-    wall_ms: float
-    wall_max_ms: float
-    travelled_m: float
-    kept_share: float
-    records: list[list[Any]]
     boats: list[Any]
 
 
@@ -94,13 +86,7 @@ def settings_for(
 
 
 def light_mission(
-    settings: PlannerSettings,
-    ground: Any,
-    seed: int,
-    loss: float = 0.0,
-    sounding_std_m: float = 0.2,
-    late_s: Mapping[int, float] | None = None,
-    silent_s: Mapping[int, float] | None = None,
+    settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, sounding_std_m: float = 0.2
 ) -> Outcome:
     """Flies one mission; all random draws derive from `seed`.
 
@@ -110,10 +96,7 @@ def light_mission(
         seed: Seed of all random draws.
         loss: Share of packets lost.
         sounding_std_m: Noise of a sounding.
-        late_s: Time at which a vehicle (its number from 1) sets out, where that is not at once.
-        silent_s: Time (s) after which a vehicle sends nothing.
     """
-    late_s, silent_s = late_s or {}, silent_s or {}
     vehicles = settings.mission.vehicles
     noise, channel = stream(seed, "soundings"), stream(seed, "channel")
     v, area = settings.vehicle, OperatingArea(settings.area)
@@ -132,23 +115,19 @@ def light_mission(
     for boat in boats:
         boat.planner.odometry(0.0, boat.heading, boat.north, boat.east)
     limit = int(3.0 * settings.mission.steps * boats[0].planner.motion.leg_length_m / v.speed_mps) + 100
-    while not all(b.planner.finished for b in boats) and now < limit + max(late_s.values(), default=0.0):
-        for number, boat in enumerate(boats, 1):
-            if now < late_s.get(number, 0.0):
-                continue
+    while not all(b.planner.finished for b in boats) and now < limit:
+        for boat in boats:
             if boat.leg is None:  # at the start until then
                 boat.planner.odometry(float(now), boat.heading, boat.north, boat.east)
             if boat.planner.due(float(now)):
-                begin = time.perf_counter()
                 boat.planner.set_centers(boat.gp.centers, float(now))
                 decision = boat.planner.decide(float(now))
-                boat.wall_s.append(time.perf_counter() - begin)
                 boat.plan = decision.plan
                 if boat.leg is None:
                     boat.leg = decision.leg
                 else:
                     boat.queue.append(decision.leg)
-        if now % SLOT_S == 0 and now < silent_s.get(1 + (now // SLOT_S) % vehicles, np.inf):
+        if now % SLOT_S == 0:
             _send(boats, (now // SLOT_S) % vehicles, float(now), loss, channel)
         now += 1
         for boat in boats:
@@ -190,8 +169,8 @@ def _send(boats: list[_Boat], index: int, now_s: float, loss: float, channel: np
 
 def judged_map(
     settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, float, float, float]], third_s: float
-) -> tuple[dict[str, float], OnlineGp]:
-    """Figures of the map of all soundings, on a 5 m grid: those of `Outcome` that concern it; and the map.
+) -> dict[str, float]:
+    """Figures of the map of all soundings, on a 5 m grid, as `Outcome` has them.
 
     Args:
         settings: Of the mission.
@@ -220,34 +199,17 @@ def judged_map(
     estimate = trace(grid.north_m, grid.east_m, grid.fill(mean), level.level_m)
     exact = trace(grid.north_m, grid.east_m, grid.fill(truth), level.level_m)
     wrong = np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe)
-    figures = {
+    return {
         "risk_third": risks[0],
         "risk_end": risks[1],
         "true_loss": float(np.mean(wrong)),
         "f1": 2 * hits / both if both else float("nan"),
         "isobath_m": compare(estimate, exact).mean_m,
     }
-    return figures, gp
 
 
 def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Outcome:
     leg_m = boats[0].planner.motion.leg_length_m
     rows = sorted(row for boat in boats for row in boat.soundings)
     third_s = settings.mission.steps / 3.0 * leg_m / settings.vehicle.speed_mps
-    figures, gp = judged_map(settings, ground, rows, third_s)
-    level = LevelSet.of(settings.level_set)
-    visited = np.array([p for boat in boats for p in boat.visited]).reshape(-1, 2)
-    m, s = gp.predict(visited)
-    prior = OnlineGp(settings.gp).predict(visited)
-    wall = np.array([w for boat in boats for w in boat.wall_s])
-    records = [boat.planner.records for boat in boats]
-    return Outcome(
-        **figures,
-        team_reward=float((level.risk(*prior) - level.risk(m, s)).sum()),
-        wall_ms=1e3 * float(np.mean(wall[1:])),
-        wall_max_ms=1e3 * float(np.max(wall[1:])),
-        travelled_m=sum(len(r) for r in records) * leg_m,
-        kept_share=float(np.mean([r.incumbent_kept for rs in records for r in rs])),
-        records=records,
-        boats=boats,
-    )
+    return Outcome(**judged_map(settings, ground, rows, third_s), boats=boats)
