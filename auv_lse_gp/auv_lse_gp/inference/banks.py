@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 #: Distance (m) from the shore at which the depth has covered 63 % of the way from the shore's to that of open ground.
 BANK_M = 25.0
-#: Standard deviation of the logarithm of a bank's width about `BANK_M` (docs/evidence/planner.md#a-known-shore).
+#: Standard deviation of the logarithm of a bank's width about `BANK_M`.
 WIDTH_STD = 0.5
 #: Least factor s, so that depths on the shore itself stay finite.
 LEAST = 0.05

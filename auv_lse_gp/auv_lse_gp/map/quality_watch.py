@@ -22,8 +22,7 @@ from auv_lse_gp.inference.work import Job
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_gp.map.quality import QualityJudge
 
-#: Time (s) from one judgement to the next, and close to the quality asked for: five and two usual legs
-#: (docs/evidence/gp.md).
+#: Time (s) from one judgement to the next, and close to the quality asked for: five and two usual legs.
 PERIOD_S, CLOSE_PERIOD_S = 75.0, 30.0
 #: A map that has this share of the quality is close to it.
 CLOSE_SHARE = 0.8

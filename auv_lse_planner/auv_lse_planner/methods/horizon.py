@@ -5,8 +5,7 @@ late. So it plans for the *horizon*, the step at which the share asked for is ex
 
 - At the start, the legs with which parallel lanes over the whole area are expected to find it (`lanes_share`).
 - In the last `LATE_SHARE` of the horizon, a map that lacks the quality moves it on. The share found is expected to grow
-  in proportion to the legs. Extended earlier, a tour visits the best ground later
-  (docs/evidence/gp.md).
+  in proportion to the legs. Extended earlier, a tour visits the best ground later.
 - The horizon never lies behind the mission's last step.
 
 A vehicle judges its own map, so horizons differ within a team. Every plan states its legs, so no receiver needs them.

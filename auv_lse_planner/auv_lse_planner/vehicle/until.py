@@ -21,7 +21,7 @@ from auv_lse_common.vocabulary.map_quality import UNKNOWN, Quality
 from auv_lse_planner.methods.horizon import Horizon
 from auv_lse_planner.methods.stages import is_staged
 
-#: Judgements in a row that must find the quality (docs/evidence/gp.md).
+#: Judgements in a row that must find the quality.
 IN_A_ROW = 2
 
 
@@ -114,8 +114,7 @@ class Until:
 def plans_to_horizon(settings: PlannerSettings) -> bool:
     """Whether a mission is planned for a share found (`methods/horizon.py`).
 
-    Only a team's tours are, if they are optimized again and not in stages. A single vehicle gains nothing by it
-    (docs/evidence/gp.md).
+    Only a team's tours are, if they are optimized again and not in stages. A single vehicle gains nothing by it.
     """
     planner, mission = settings.planner.complete(), settings.mission
     is_tour = mission.until.found is not None and planner.family_name == "tour" and bool(planner.tour_interval)
