@@ -13,6 +13,7 @@ from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_sim.vehicle.navigation import COMPASS_SIN
 from auv_lse_sim.vehicle.vehicle import SimVehicle
 from auv_lse_sim.water.current import Current
 
@@ -62,7 +63,7 @@ def measure(dives: int, duration_s: float, every_s: float, first_seed: int, *, h
         seed = first_seed + dive
         vehicle = SimVehicle(1, VehicleConfig(start_delay_s=30.0), sim, stream(seed, "sensors", 1))
         if not harmonics:
-            vehicle.ignore_harmonics()
+            vehicle._p[COMPASS_SIN:, :] = vehicle._p[:, COMPASS_SIN:] = 0.0
         current = Current(sim.current, stream(seed, "current"))
         rng = stream(seed, "path")
         state, step = np.zeros(3), 0

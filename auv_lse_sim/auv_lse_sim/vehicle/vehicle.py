@@ -20,7 +20,6 @@ from auv_lse_sim.vehicle.echo_sounder import EchoSounder
 from auv_lse_sim.vehicle.kept_altitude import KeptAltitude
 from auv_lse_sim.vehicle.motion_parameters import DEG, initial_model, speed_share
 from auv_lse_sim.vehicle.navigation import (
-    COMPASS_SIN,
     DVL_SCALE,
     EAST,
     HEADING,
@@ -186,11 +185,6 @@ class SimVehicle:
         error: Array = self._x - truth
         error[HEADING] = wrap(error[HEADING])
         return error
-
-    def ignore_harmonics(self) -> None:
-        """Removes the heading-dependent compass error from the filter, for comparison."""
-        self._p[COMPASS_SIN:, :] = 0.0
-        self._p[:, COMPASS_SIN:] = 0.0
 
     @property
     def track(self) -> Array:
