@@ -207,3 +207,34 @@ def test_a_quote_over_two_lines_stays_one_cell(tmp_path):
 def test_a_column_without_a_number_is_part_of_no_proposal(tmp_path):
     with pytest.raises(LogError, match="Name them with --columns"):
         gathered(tmp_path, "a,b,c\n2026-06-14,,1.0\nx,1e999,2.0\n" * 3)
+
+
+def with_frequency(frequency, deeper_m=lambda i: 0.0):
+    """Rows of a table with a column of frequencies, given by the row's number, as are errors of depths."""
+    return [
+        f"{utc(t)}Z,{a:.8f},{o:.8f},{d + deeper_m(i):.3f},{frequency(i)}" for i, (t, a, o, d) in enumerate(ROWS)
+    ]  # fmt: skip
+
+
+def of_frequencies(rows):
+    return "\n".join(["time_utc,lat,lon,depth,Frequency (MHz)", *rows]) + "\n"
+
+
+def test_a_sounder_that_changes_its_frequency_now_and_then_is_one_sounder(tmp_path):
+    found = gathered(tmp_path, of_frequencies(with_frequency(lambda i: "3MHz" if 30 <= i < 90 else "1MHz")))
+    checked(found)
+    assert "one sounder that changes its frequency: Frequency (MHz) 1MHz, 3MHz" in " ".join(found.lines)
+
+
+SIDE_BY_SIDE = {
+    "every other ping": with_frequency(lambda i: "200" if i % 2 else "50"),
+    "both at once, one after the other in the file": with_frequency(lambda i: "50") + with_frequency(lambda i: "200"),
+    "one enters the mud": with_frequency(lambda i: "50" if i > 60 else "200", lambda i: 0.8 if i > 60 else 0.0),
+}
+
+
+@pytest.mark.parametrize("name", SIDE_BY_SIDE)
+def test_two_frequencies_side_by_side_are_two_sounders(tmp_path, name):
+    found = gathered(tmp_path, of_frequencies(SIDE_BY_SIDE[name]))
+    assert "takes them instead" in " ".join(found.lines)
+    assert sum(len(log.soundings) for log in found.placed) < len(SIDE_BY_SIDE[name])
