@@ -10,6 +10,7 @@ import numpy as np
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.leg import arc_stray_m, corner_stray_m
 from auv_lse_planner.paths.motion import MotionTable
@@ -19,9 +20,6 @@ from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import can_turn, expectations, fit_to_ground
 from auv_lse_sim.ground.reach import clip_to_reachable
-
-#: Vehicles need at least this depth difference (m), for the errors of depth sensors and control.
-_LEAST_SEPARATION_M = 0.5
 
 #: Parameters of the operating area in local coordinates.
 _SHAPE = ("area.polygon_m", "area.no_go", "area.margin_m", "area.raster_m")
@@ -173,10 +171,10 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
     for (i, one), (k, other) in itertools.combinations(numbered, 2):
         if not all(findings.usable("vehicle.depth_m", vehicle=number) for number in (i, k)):
             continue
-        if abs(one.depth_m - other.depth_m) < _LEAST_SEPARATION_M:
+        if abs(one.depth_m - other.depth_m) < LEAST_SEPARATION_M - 1e-6:
             findings.warning(
                 f"auv{i}, auv{k}: vehicle.depth_m: {one.depth_m:g} and {other.depth_m:g} m are too close, "
-                f"because only depth keeps vehicles apart; use a difference of at least {_LEAST_SEPARATION_M:g} m"
+                f"because only depth keeps vehicles apart; use a difference of at least {LEAST_SEPARATION_M:g} m"
             )
     level = settings.level_set.level_m
     for number, vehicle in numbered:

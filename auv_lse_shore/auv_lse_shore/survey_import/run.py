@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
@@ -160,11 +161,12 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
         "gp": {**prior, "mean_depth_m": own["gp"]["mean_depth_m"], "mean": "survey", "survey_file": str(soundings)},
     }
     points = run.vehicles[0].soundings.points_m
-    shallow_m = float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0))
+    shallow_m = round(float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0)), 1)
+    apart_m = max(0.5 * shallow_m, LEAST_SEPARATION_M)
     parameters: dict[str, dict[str, Any]] = {"/**": shared}
     for number, (north_m, east_m) in enumerate(area.starts(points[0, :2], 2), 1):
         start = {"start_north_m": round(north_m, 1), "start_east_m": round(east_m, 1)}
-        parameters[f"/auv{number}/**"] = {"vehicle": {**start, "depth_m": round(shallow_m * (1 + number) / 2.0, 1)}}
+        parameters[f"/auv{number}/**"] = {"vehicle": {**start, "depth_m": round(shallow_m + (number - 1) * apart_m, 1)}}
     return parameters
 
 

@@ -13,8 +13,11 @@ from adjust.survey_logs import ORIGIN, START_S, Dataflash, dataflash, depth_m, l
 from verb_main import verb_main
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_record.run_reader import read_run
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.export.export import export
 from auv_lse_shore.judge.team_map import team_map
 
@@ -100,6 +103,20 @@ def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
     assert fit([str(run), "--points", "100", "--restarts", "1", "--out", str(tmp_path / "gp.yaml")]) == 0
     gp = read_parameter_file(tmp_path / "gp.yaml")["/**"]["gp"]
     assert 8.0 < gp["mean_depth_m"] < 16.0
+
+
+@pytest.mark.parametrize("water_m", [0.2, 0.6, 1.0])
+def test_the_proposed_dive_keeps_its_vehicles_apart_in_depth(tmp_path, water_m):
+    """Also in shallow water, and where floating-point numbers are 0.5 m apart by a hair less."""
+    rows = [(t, a, o, d * water_m) for t, a, o, d in survey()]
+    run = tmp_path / "run"
+    assert main([str(written(tmp_path, "a.nmea", rows)), "--out", str(run), *DRAUGHT]) == 0
+    settings = Settings.load(run / "dive.yaml")
+    found = Findings()
+    check_geometry(settings, found)
+    assert not [text for _, text in found.rows if "too close" in text]
+    depths_m = [own.vehicle.depth_m for own in settings.vehicles]
+    assert depths_m[1] - depths_m[0] >= 0.5 - 1e-9
 
 
 def test_what_cannot_be_used_is_left_out_and_counted(tmp_path, capsys):

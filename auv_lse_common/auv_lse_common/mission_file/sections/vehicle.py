@@ -14,6 +14,8 @@ from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 MAX_SURFACINGS = 2
 #: A vehicle that climbs over rising ground climbs to this depth (m) at most.
 SHALLOWEST_M = 1.0
+#: Vehicles need at least this depth difference (m), for the errors of depth sensors and control.
+LEAST_SEPARATION_M = 0.5
 #: Default depths (m), assigned to the vehicles cyclically (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 

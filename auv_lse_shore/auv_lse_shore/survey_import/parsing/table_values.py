@@ -189,11 +189,11 @@ def _sounders(table: Table, time_s: Array, depth_m: Array, content: LogContent) 
         known = known[np.argsort(time_s[known], kind="stable")]
         changes = names[known[1:]] != names[known[:-1]]
         steps_m = np.abs(np.diff(depth_m[known]))
-        if changes.any() and changes.mean() <= _RARE_CHANGES:
-            if np.median(steps_m[changes]) <= 3.0 * np.median(steps_m[~changes]) + _SAME_GROUND_M:
-                numbers = ", ".join(str(name).removeprefix(f"{column.name} ") for name in several)
-                content.notes.append(f"one sounder that changes its frequency: {column.name} {numbers}")
-                return one
+        is_rare = changes.any() and changes.mean() <= _RARE_CHANGES
+        if is_rare and np.median(steps_m[changes]) <= 3.0 * np.median(steps_m[~changes]) + _SAME_GROUND_M:
+            numbers = ", ".join(str(name).removeprefix(f"{column.name} ") for name in several)
+            content.notes.append(f"one sounder that changes its frequency: {column.name} {numbers}")
+            return one
     return names
 
 
