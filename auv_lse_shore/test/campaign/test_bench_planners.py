@@ -108,3 +108,13 @@ def test_the_command_names_an_unknown_ground() -> None:
     options = bench.parser().parse_args(["planners", "--only", "nowhere", "--planners", "line"])
     with pytest.raises(ValueError, match="has no reporting ground nowhere"):
         bench.run(options)
+
+
+def test_a_ground_whose_file_is_missing_is_left_out_with_a_sentence_unless_it_is_named(tmp_path: Path) -> None:
+    left_out: list[str] = []
+    found = grounds.read(Path("config/planner_grounds.yaml"), tmp_path, "reporting", leave_out=left_out.append)
+    assert len(found) == 6
+    assert len(left_out) == 2
+    assert "Lake Caputh: there is no file" in left_out[0]
+    with pytest.raises(ValueError, match="Lake Caputh: there is no file"):
+        grounds.read(Path("config/planner_grounds.yaml"), tmp_path, "reporting", ["Lake Caputh"], left_out.append)

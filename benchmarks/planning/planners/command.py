@@ -25,12 +25,7 @@ def run(options: argparse.Namespace) -> int:
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
             loaded(name)
-    grounds = read(options.grounds, options.data, options.role)
-    if options.only:
-        unknown = sorted(set(options.only) - {ground.name for ground in grounds})
-        if unknown:
-            raise ValueError(f"{options.grounds} has no {options.role} ground {', '.join(unknown)}.")
-        grounds = [ground for ground in grounds if ground.name in options.only]
+    grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
     asked = [
         _line(ground, planner, vehicles, seed, options.legs)
         for ground, vehicles, seed, planner in itertools.product(
@@ -39,9 +34,9 @@ def run(options: argparse.Namespace) -> int:
     ]
     done = {_id(line) for line in read_lines(options.out)}
     jobs = [(line, ground_of(grounds, line).parameters) for line in asked if _id(line) not in done]
-    print(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}", file=sys.stderr, flush=True)
+    _say(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}")
     for line in fly(flown, jobs, options.out, options.processes):
-        print(line["ground"], line["vehicles"], line["planner"], f"found {line['found'][-1]:.2f}", file=sys.stderr)
+        _say(f"{line['ground']} {line['vehicles']} {line['planner']} found {line['found'][-1]:.2f}")
     wanted = {_id(line) for line in asked}
     text = page([line for line in read_lines(options.out) if _id(line) in wanted], options.against)
     if options.page:
@@ -49,6 +44,10 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(text, end="")
     return 0
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,23 +52,50 @@ class Ground:
         return {"sim.bathymetry.file": str(self.file), **self.mission}
 
 
-def read(manifest: Path, data: Path | None = None, role: str | None = None) -> list[Ground]:
+class MissingFileError(ValueError):
+    """A ground's file is not there."""
+
+
+def read(
+    manifest: Path,
+    data: Path | None = None,
+    role: str | None = None,
+    only: Collection[str] = (),
+    leave_out: Callable[[str], None] | None = None,
+) -> list[Ground]:
     """The grounds of a manifest.
 
     Args:
         manifest: A YAML file.
         data: Folder of the files; None: that of the manifest.
-        role: Only grounds of this role, whose files must be there; None: all.
+        role: Only grounds of this role; None: all.
+        only: Only these, by name; empty: all.
+        leave_out: Takes a sentence about each ground whose file is missing, and that is not among `only`; None: such a
+            ground is an error, too.
 
     Raises:
-        ValueError: naming what is wrong in the manifest, or a file that is missing or not the one listed.
+        ValueError: naming what is wrong in the manifest, a ground that it does not have, or a file that is missing or
+            not the one listed.
     """
     try:
         listed = yaml.safe_load(manifest.read_text())["grounds"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
         raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
     wanted = [entry for entry in listed if role is None or entry.get("role") == role]
-    return [_ground(entry, manifest, data or manifest.parent) for entry in wanted]
+    unknown = sorted(set(only) - {str(entry.get("name")) for entry in wanted})
+    if unknown:
+        raise ValueError(f"{manifest} has no {f'{role} ' if role else ''}ground {', '.join(unknown)}.")
+    found = []
+    for entry in wanted:
+        if only and str(entry.get("name")) not in only:
+            continue
+        try:
+            found.append(_ground(entry, manifest, data or manifest.parent))
+        except MissingFileError as error:
+            if only or leave_out is None:
+                raise
+            leave_out(f"not flown: {error}")
+    return found
 
 
 def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
@@ -86,7 +113,9 @@ def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
         raise ValueError(f"{where}: a ground with a file also has {', '.join(missing)}.")
     file = folder / str(entry["file"])
     if not file.is_file():
-        raise ValueError(f"{where}: there is no file {file}. Download it from {entry['source']}, or name its folder.")
+        raise MissingFileError(
+            f"{where}: there is no file {file}. Download it from {entry['source']}, or name its folder (--data)."
+        )
     found = hashlib.sha256(file.read_bytes()).hexdigest()
     if found != entry["sha256"]:
         raise ValueError(f"{where}: {file} has the SHA-256 {found}, not the one listed. Download it again.")
