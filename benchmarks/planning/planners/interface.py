@@ -35,6 +35,7 @@ from auv_lse_planner.reward.anytime import Value
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import Proposal
 from auv_lse_planner.search.uct import SearchResult
+from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
 
 Array = NDArray[np.float64]
 
@@ -164,5 +165,6 @@ def loaded(name: str) -> Callable[[], Planner]:
         return make  # type: ignore[no-any-return]
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name not in points:
-        raise ValueError(f"There is no planner {name}; known ones are {', '.join(sorted(points)) or 'none'}.")
+        known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT, *sorted(points)])
+        raise ValueError(f"There is no planner {name}. Use one of {known}, or a Python file.")
     return points[name].load()  # type: ignore[no-any-return]
