@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.water import depth_of
+from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
 
@@ -64,6 +65,8 @@ def chosen_logs(contents: Sequence[LogContent], choice: Choice, all_named: bool)
     """
     pings: Counter[str] = Counter()
     for content in contents:
+        if not choice.sounder:
+            join_frequencies(content)
         for name, sounder in content.sounders.items():
             rows = sounder.rows
             good = _is_good(rows, sounder.quality_scale, choice.least_quality)

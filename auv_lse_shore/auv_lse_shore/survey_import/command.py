@@ -16,11 +16,11 @@ from auv_lse_shore.survey_import.formats import formats
 from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.columns import UNITS
-from auv_lse_shore.survey_import.run import check_free, survey_run, survey_table, write_survey
+from auv_lse_shore.survey_import.run import check_free, dive_parameters, survey_run, survey_table, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import vehicles_of
 from auv_lse_shore.survey_import.track import Placement
-from auv_lse_shore.survey_import.words import next_lines, survey_lines
+from auv_lse_shore.survey_import.words import SOUNDINGS, next_lines, survey_lines
 
 #: Seconds between two lines of progress.
 _REWRITE_S, _LINE_S = 0.3, 5.0
@@ -128,8 +128,9 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         yield "dry run: nothing is written"
         return
     table, note = survey_table(run)
-    after = next_lines(folder, float(run.parameters["/**"]["level_set"]["level_m"]), note)
-    write_survey(run, area, table, folder, [*found.lines, *lines, *after])
+    dive = dive_parameters(run, area, folder.resolve() / SOUNDINGS)
+    after = next_lines(folder, dive["/**"], note)
+    write_survey(run, area, table, dive, folder, [*found.lines, *lines, *after])
     yield from after
 
 

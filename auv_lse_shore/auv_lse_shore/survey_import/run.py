@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M
+from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, VehicleConfig
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
@@ -35,6 +35,10 @@ FITTED, STARTS = 300, 3
 MAX_CELLS, MAX_CENTERS = 100_000, 1_500
 #: Least standard deviation of a sounding (m): the resolution of sounders, and waves.
 LEAST_NOISE_M = 0.05
+#: Lanes of a proposed dive are at least this far (m) apart, a little more than a turning circle.
+LANE_M = 32.0
+#: Water (m) that a proposed dive keeps below a vehicle at least, and has to spare where it crosses the isobath.
+LEAST_WATER_M, ROOM_M = 0.5, 0.2
 #: Fewest soundings of a map.
 LEAST_SOUNDINGS = 10
 #: Positions come from GPS or an estimator: they have neither a heading's nor a log's errors.
@@ -115,13 +119,21 @@ def check_free(folder: Path) -> None:
             raise LogError(f"--out {folder} has a {name} already. Choose another name.")
 
 
-def write_survey(run: RunData, area: SurveyedArea, table: Array, folder: Path, summary: Sequence[str]) -> None:
+def write_survey(
+    run: RunData,
+    area: SurveyedArea,
+    table: Array,
+    dive: dict[str, dict[str, Any]],
+    folder: Path,
+    summary: Sequence[str],
+) -> None:
     """Writes mission files, recording, soundings, picture and `import.md`; all of them or nothing.
 
     Args:
         run: The survey.
         area: Its area.
         table: The rows of `survey_table`.
+        dive: The result of `dive_parameters`.
         folder: The run folder.
         summary: The lines of `import.md`.
 
@@ -135,7 +147,7 @@ def write_survey(run: RunData, area: SurveyedArea, table: Array, folder: Path, s
             write_run(run, part)
             (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
             _write_soundings(table, run.origin, part / SOUNDINGS)
-            write_mission_file(part / DIVE, dive_parameters(run, area, folder.resolve() / SOUNDINGS))
+            write_mission_file(part / DIVE, dive)
             draw_survey(run, area, part / PICTURE)
     except BaseException:
         if is_new and folder.is_dir() and not any(folder.iterdir()):
@@ -152,7 +164,8 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
         soundings: The table of its soundings.
     """
     own = run.parameters["/**"]
-    steps = int(np.clip(round(4.0 * math.sqrt(area.area_m2) / LEG_M), 10, 200))
+    steps = min(4.0 * math.sqrt(area.area_m2), area.area_m2 / (2.0 * LANE_M)) / LEG_M
+    steps = int(np.clip(round(steps), 10, 200))
     prior = {name: own["gp"][name] for name in ("kernel", "signal_std_m", "length_scale_m", "noise_std_m")}
     shared = {
         "mission": {"vehicles": 2, "steps": steps},
@@ -163,6 +176,9 @@ def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[s
     points = run.vehicles[0].soundings.points_m
     shallow_m = round(float(np.clip(0.3 * np.quantile(points[:, 2], 0.05), 0.5, 3.0)), 1)
     apart_m = max(0.5 * shallow_m, LEAST_SEPARATION_M)
+    water_m = own["level_set"]["level_m"] - (shallow_m + apart_m) - ROOM_M  # below the deeper vehicle on the isobath
+    if water_m < VehicleConfig().min_water_m:
+        shared["vehicle"] = {"min_water_m": round(max(water_m, LEAST_WATER_M), 1)}
     parameters: dict[str, dict[str, Any]] = {"/**": shared}
     for number, (north_m, east_m) in enumerate(area.starts(points[0, :2], 2), 1):
         start = {"start_north_m": round(north_m, 1), "start_east_m": round(east_m, 1)}

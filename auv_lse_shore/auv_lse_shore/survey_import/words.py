@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,18 +73,26 @@ def survey_lines(run: RunData, area: SurveyedArea) -> list[str]:
     return lines
 
 
-def next_lines(folder: Path, level_m: float, note: str) -> Sequence[str]:
-    """What was written, with a note on the table, and the commands from here to a mission with paths filled in."""
-    at, dive, soundings = (shlex.quote(str(path)) for path in (folder, folder / DIVE, folder / SOUNDINGS))
+def next_lines(folder: Path, dive: Mapping[str, Any], note: str) -> Sequence[str]:
+    """What was written, with a note on the table, and the commands from here to a mission with paths filled in.
+
+    Args:
+        folder: The run folder.
+        dive: Parameters of the proposed dive, those of all vehicles.
+        note: A sentence about the table; "" without.
+    """
+    level_m, least_m = dive["level_set"]["level_m"], dive.get("vehicle", {}).get("min_water_m")
+    at, file, soundings = (shlex.quote(str(path)) for path in (folder, folder / DIVE, folder / SOUNDINGS))
     lake = shlex.quote(f"{folder}-dive")
     return [
         f"written: {folder} (import.md repeats this; {PICTURE} shows tracks, depths and area)",
         *([note] if note else []),
         "next:",
         f"  auv_lse fit {soundings} --level {level_m:g} --out {shlex.quote(str(folder / 'gp.yaml'))}",
-        f"  auv_lse check {dive} --map {shlex.quote(str(folder / 'dive-map.png'))}",
-        f"  auv_lse mission {dive} --bathymetry {soundings} --out {lake}",
+        f"  auv_lse check {file} --map {shlex.quote(str(folder / 'dive-map.png'))}",
+        f"  auv_lse mission {file} --bathymetry {soundings} --out {lake}",
         f"  auv_lse export {at}",
         f"prior for the dive: {DIVE} has gp.mean: survey and gp.survey_file: {SOUNDINGS}; change area, vehicles "
         "and steps there",
+        *([] if least_m is None else [f"shallow water: in {DIVE}, vehicle.min_water_m is {least_m:g} m"]),
     ]

@@ -106,15 +106,16 @@ def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
 
 
 @pytest.mark.parametrize("water_m", [0.2, 0.6, 1.0])
-def test_the_proposed_dive_keeps_its_vehicles_apart_in_depth(tmp_path, water_m):
-    """Also in shallow water, and where floating-point numbers are 0.5 m apart by a hair less."""
+def test_the_proposed_dive_suits_shallow_water(tmp_path, capsys, water_m):
+    """Vehicles cross the isobath, apart in depth, also by floating-point numbers that differ by a hair less."""
     rows = [(t, a, o, d * water_m) for t, a, o, d in survey()]
     run = tmp_path / "run"
     assert main([str(written(tmp_path, "a.nmea", rows)), "--out", str(run), *DRAUGHT]) == 0
     settings = Settings.load(run / "dive.yaml")
     found = Findings()
     check_geometry(settings, found)
-    assert not [text for _, text in found.rows if "too close" in text]
+    assert not [text for _, text in found.rows if "too close" in text or "to cross the isobath" in text]
+    assert ("shallow water: in dive.yaml" in capsys.readouterr().out) == (water_m < 0.5)
     depths_m = [own.vehicle.depth_m for own in settings.vehicles]
     assert depths_m[1] - depths_m[0] >= 0.5 - 1e-9
 

@@ -223,7 +223,17 @@ def of_frequencies(rows):
 def test_a_sounder_that_changes_its_frequency_now_and_then_is_one_sounder(tmp_path):
     found = gathered(tmp_path, of_frequencies(with_frequency(lambda i: "3MHz" if 30 <= i < 90 else "1MHz")))
     checked(found)
-    assert "one sounder that changes its frequency: Frequency (MHz) 1MHz, 3MHz" in " ".join(found.lines)
+    said = " ".join(found.lines)
+    assert 'one sounder that changes its frequency: "Frequency (MHz) 1MHz", "Frequency (MHz) 3MHz"' in said
+
+
+def test_one_of_a_sounders_frequencies_can_be_asked_for(tmp_path):
+    data = of_frequencies(with_frequency(lambda i: "3MHz" if 30 <= i < 90 else "1MHz"))
+    checked(gathered(tmp_path, data, "--sounder", "frequency (mhz) 3mhz"), 60, None)
+
+
+def test_rows_without_a_frequency_belong_to_the_sounder_beside_them(tmp_path):
+    checked(gathered(tmp_path, of_frequencies(with_frequency(lambda i: "" if 40 <= i < 50 else "200"))))
 
 
 SIDE_BY_SIDE = {

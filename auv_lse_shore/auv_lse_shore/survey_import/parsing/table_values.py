@@ -36,8 +36,6 @@ _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?
                     r"(?:(\d+(?:\.\d*)?)[\"″ s]*)?\s*([NSEWO])?\s*$", re.IGNORECASE)  # fmt: skip
 #: More names than these in a column of vehicles, or of sounders, number something else.
 _MOST_VEHICLES, _MOST_SOUNDERS = 20, 50
-#: A sounder changes its frequency at no more than this share of its pings, and its depths then by this much (m) more.
-_RARE_CHANGES, _SAME_GROUND_M = 0.05, 0.1
 #: Metres of a degree.
 _DEGREE_M = 111_000.0
 #: Metres farther from 0 than this (m) are no local coordinates.
@@ -149,7 +147,11 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
         depth_m = np.where(is_position, depth_m, np.nan)
     quality = table.values.get("quality", np.full(table.count, np.nan))
     tvu = table.values.get("tvu")
-    sounders = _sounders(table, time_s, depth_m, content)
+    sounders = table.values.get("sounder", np.full(table.count, "depth"))
+    column = table.columns.get("sounder")
+    if column is not None:
+        few = len(np.unique(sounders)) <= _MOST_SOUNDERS
+        sounders = np.char.strip(np.char.add(f"{column.name} ", sounders)) if few else np.full(table.count, "depth")
     depth_std_m = 0.0 if tvu is None else float(np.nan_to_num(tvu).max(initial=0.0)) / SIGMAS_95
     if _stated_std(table) is not None:
         content.notes.append("positions as estimated before, with their standard deviations (north_std_m, east_std_m)")
@@ -169,32 +171,6 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
         depth_std_m=depth_std_m,
         position_std_m=_stated_std(table),
     )
-
-
-def _sounders(table: Table, time_s: Array, depth_m: Array, content: LogContent) -> NDArray[np.str_]:
-    """Name of the sounder of each row (n,): "depth" where the table has one.
-
-    Frequencies may be those of two sounders, or of one that changes its frequency with the depth. The latter changes it
-    seldom, and finds the same ground.
-    """
-    values, column, one = table.values.get("sounder"), table.columns.get("sounder"), np.full(table.count, "depth")
-    if values is None or column is None:
-        return one
-    names = np.char.add(f"{column.name} ", np.char.strip(values))
-    several = np.unique(names)
-    if len(several) > _MOST_SOUNDERS:
-        return one
-    if len(several) > 1 and "frequency" in column.name.lower() and content.clock is not Clock.NONE:
-        known = np.flatnonzero(np.isfinite(time_s) & np.isfinite(depth_m))
-        known = known[np.argsort(time_s[known], kind="stable")]
-        changes = names[known[1:]] != names[known[:-1]]
-        steps_m = np.abs(np.diff(depth_m[known]))
-        is_rare = changes.any() and changes.mean() <= _RARE_CHANGES
-        if is_rare and np.median(steps_m[changes]) <= 3.0 * np.median(steps_m[~changes]) + _SAME_GROUND_M:
-            numbers = ", ".join(str(name).removeprefix(f"{column.name} ") for name in several)
-            content.notes.append(f"one sounder that changes its frequency: {column.name} {numbers}")
-            return one
-    return names
 
 
 def vehicles_of(table: Table) -> list[tuple[str, Mask]]:
