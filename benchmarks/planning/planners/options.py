@@ -20,7 +20,7 @@ RIVAL_NAMES = ("straddle", "randomized_straddle", "level_set_ucb", "truvar")
 HINDSIGHT = "hindsight"
 #: What a ground may be used for. A figure that is reported comes from grounds that nothing was tuned or chosen on.
 ROLES = ("tuning", "choosing", "reporting")
-#: Grounds without real data.
+#: The grounds; data of real lakes are not part of the project.
 MANIFEST = Path("config/planner_grounds.yaml")
 
 
