@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,17 +85,17 @@ class Baseline:
         path.write_text(json.dumps({**values, "units": units}, indent=1) + "\n")
 
 
-def compared(baseline: Baseline, seconds: Mapping[str, float], loops: Mapping[str, float]) -> list[Row]:
+def compared(baseline: Baseline, seconds: Mapping[str, float], units: Mapping[str, float]) -> list[Row]:
     """A row for each part, and one for the whole mission.
 
     Args:
         baseline: What the parts took before.
         seconds: Processor time (s) of each of `PARTS` now.
-        loops: That of the calibration loops.
+        units: The same in units of the calibration loops.
     """
-    units, rows = in_units(seconds, loops), []
+    rows = []
     for name, before in baseline.units.items():
-        ratio, spare = units[name] / before, NOISE_S / loops[PARTS[name]] / before
+        ratio, spare = units[name] / before, NOISE_S * units[name] / max(seconds[name], 1e-9) / before
         goal, holds = f"<= {MOST_GROWTH:g}", ratio <= MOST_GROWTH + spare
         rows.append(row(f"mission: {name}", seconds[name], "cpu s", "baseline", ratio, goal=goal, holds=holds))
     ratio, goal = sum(units.values()) / baseline.best_total, f"<= {MOST_TOTAL:g}"
@@ -231,6 +231,21 @@ def parts_s(*arguments: str) -> dict[str, float]:
     }
 
 
+def median_of(
+    flights: Sequence[tuple[Mapping[str, float], Mapping[str, float]]],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Seconds and units of each part, from the flight in which it took the median number of units.
+
+    Args:
+        flights: Processor times (s) of the parts, and of the calibration loops beside them.
+    """
+    seconds, units = {}, {}
+    for name in PARTS:
+        each = sorted((in_units(own, loops)[name], own[name]) for own, loops in flights)
+        units[name], seconds[name] = each[len(each) // 2]
+    return seconds, units
+
+
 def _calibrated_flight(*arguments: str) -> tuple[dict[str, float], dict[str, float]]:
     """Processor time (s) of the parts of a mission, and that of the calibration loops in the same minute."""
     before = calibrated()
@@ -242,16 +257,13 @@ def _calibrated_flight(*arguments: str) -> tuple[dict[str, float], dict[str, flo
 def run(*, smoke: bool = False, new_baseline: str = "") -> list[Row]:
     """Measures and compares; writes a new baseline first if a reason for one is given.
 
-    Each part counts as in the flight in which it took the fewest units, with the calibration before and after that
-    flight: load on the machine only adds, and a virtual machine's speed changes from minute to minute. A smoke run
-    flies one vehicle for two steps and compares with nothing.
+    Each part counts as in the flight with the median number of units, by the calibration before and after that
+    flight: a virtual machine's speed changes from minute to minute. A smoke run flies one vehicle for two steps and
+    compares with nothing.
     """
     arguments = ["--vehicles", "1", "--steps", "2"] if smoke else []
     flights = [_calibrated_flight(*arguments) for _ in range(1 if smoke else FLIGHTS)]
-    loops = {name: min(own[name] for _, own in flights) for name in LOOPS}
-    each = [in_units(seconds, own) for seconds, own in flights]
-    units = {name: min(own[name] for own in each) for name in PARTS}
-    seconds = {name: loops[loop] * units[name] for name, loop in PARTS.items()}
+    seconds, units = median_of(flights)
     if smoke:
         return [row(f"mission: {name}", seconds[name], "cpu s") for name in PARTS]
     if new_baseline:
@@ -259,4 +271,4 @@ def run(*, smoke: bool = False, new_baseline: str = "") -> list[Row]:
         made_with = f"{version()}, Python {platform.python_version()}"
         best = min(best, sum(units.values()))
         Baseline(reason=new_baseline, made_with=made_with, units=units, best_total=best).write()
-    return compared(Baseline.read(), seconds, loops)
+    return compared(Baseline.read(), seconds, units)

@@ -82,7 +82,8 @@ def test_the_part_of_a_mission_that_grew_is_named(tmp_path):
     baseline = mission_parts.Baseline.read(tmp_path / "baseline.json")
 
     def found(changed, loops=loops):
-        rows = mission_parts.compared(baseline, {**seconds, **changed}, loops)
+        now = {**seconds, **changed}
+        rows = mission_parts.compared(baseline, now, mission_parts.in_units(now, loops))
         check(rows)
         return mission_parts.complaints(rows)
 
@@ -95,6 +96,16 @@ def test_the_part_of_a_mission_that_grew_is_named(tmp_path):
     assert [text.split()[0] for text in found({"planner": 18.0})] == ["planner", "whole"]
     slower = {name: 2.0 * value for name, value in seconds.items()}
     assert found(slower, {name: 2.0 * value for name, value in loops.items()}) == [], "a slower machine"
+
+
+def test_a_part_counts_as_in_its_median_flight():
+    def flight(seconds, loop):
+        return dict.fromkeys(mission_parts.PARTS, seconds), dict.fromkeys(mission_parts.LOOPS, loop)
+
+    disturbed, slow = flight(9.0, 0.5), flight(12.0, 0.4)  # one calibration, or one flight, beside other work
+    seconds, units = mission_parts.median_of([disturbed, slow, flight(8.0, 0.4)])
+    assert set(seconds.values()) == {8.0}
+    assert set(units.values()) == {20.0}
 
 
 def test_the_committed_baseline_has_each_part_and_a_reason():
