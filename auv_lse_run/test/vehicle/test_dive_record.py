@@ -12,6 +12,7 @@ import pytest
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import DOUBT_VARIABLE, NODES, SECOND_VARIABLE, START_VARIABLE, StateFile, open_state
+from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_run.vehicle import dive_record
 from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
@@ -145,6 +146,8 @@ def test_a_second_copy_remembers_a_dive_whose_folder_was_removed(tmp_path: Path,
     environment = record.begin(folder / "dive", "auv2-1123-184534-3f2a")
     opened(environment, "safety_node").write({"run": {"state": int(RunState.ABORTED)}, "under_water": False})
     assert not DiveRecord(folder, 2, mission, seconds=[copies]).doubt
+    for state in folder.rglob("*.state"):
+        forget_copy(state)  # as a reboot does
     shutil.rmtree(folder)
     again = DiveRecord(folder, 2, mission, seconds=[copies])
     assert "has dive auv2-1123-184534-3f2a" in again.doubt
