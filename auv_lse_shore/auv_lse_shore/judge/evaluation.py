@@ -7,6 +7,7 @@ cells inside, where there is no truth).
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -135,7 +136,13 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_
     some = _thinned(grid, scored)
     replayed = partial(_replayed, run, settings, area, some, bounds if first.planner.entry.of_paper else 2)
     beside = run_in_background(replayed) if on_two_cores else replayed
-    final = make_map()
+    try:
+        final = make_map()
+    except BaseException:
+        if on_two_cores:
+            with contextlib.suppress(Exception):  # the first error is the one to report
+                beside()
+        raise
     curves, local, ideal, alone_risk = beside()
     return Evaluation(
         run=run,

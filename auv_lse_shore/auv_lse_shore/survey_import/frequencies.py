@@ -32,7 +32,7 @@ def join_frequencies(content: LogContent) -> None:
     first = content.sounders[names[0]]
     for name in names:
         del content.sounders[name]
-    content.sounders["depth"] = Sounder(
+    content.sounders["depth" if "depth" not in content.sounders else names[0]] = Sounder(
         reference=first.reference,
         quality_scale=first.quality_scale,
         offset_m=first.offset_m,
