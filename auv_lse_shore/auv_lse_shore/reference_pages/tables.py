@@ -135,7 +135,7 @@ def _limits(allowed: str) -> str:
         return f"{match[1]}..{match[2]}"
     if ", " in allowed:
         return f"of `{allowed.replace(', ', '|')}`"
-    return allowed.replace(">= ", "≥").replace("<= ", "≤").replace("> ", ">")
+    return re.sub(r"(>=|<=|>) ", r"\1", allowed)
 
 
 def parameters() -> str:
