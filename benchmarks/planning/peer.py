@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
-import venv
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -33,13 +31,13 @@ from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with, existing_file, parser_of
 from benchmarks.planning.areas import AREAS, area, spread_windows
 from benchmarks.planning.hindsight import Sea
+from benchmarks.planning.peer_environment import answer, environment
 from benchmarks.planning.planner_loop import judged_map, light_mission, settings_for
 from benchmarks.planning.undiscovered_flights import ground_of
 from benchmarks.results_file import FOLDER, fly, read
 
 Array = NDArray[np.float64]
 
-PEER = "sgptools==2.0.7"
 #: Seeds of the peer, each a path; the number of its waypoints; time of its travelling salesman (s).
 SEEDS, WAYPOINTS, TSP_S = (1, 2), 45, 10
 METHODS = ("lawnmower", "fixed_tour", "tour")
@@ -52,30 +50,6 @@ FIGURES = {
 }
 WHERE, STEPS = "small", 100
 KINDS = ("valley", "rough", "gaussian")
-
-
-def installer(python: Path) -> list[str]:
-    """The command that installs a package into the environment of a Python."""
-    return [str(python), "-m", "pip", "install", "-q"]
-
-
-def environment(folder: Path) -> Path:
-    """The Python of an environment with the peer in it; made first if it is not there.
-
-    Raises:
-        SystemExit: if the peer cannot be installed; the folder and pip's words are named.
-    """
-    python = folder / "bin" / "python"
-    ready = folder / "peer-installed"
-    if ready.exists() and ready.read_text() == PEER:
-        return python
-    print(f"installing {PEER} into {folder} (3 GB, some minutes) ...", file=sys.stderr, flush=True)
-    venv.create(folder, with_pip=True)
-    done = subprocess.run([*installer(python), PEER], check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{PEER} could not be installed into {folder}; pip said:\n{done.stderr.strip()[-2000:]}")
-    ready.write_text(PEER)
-    return python
 
 
 def request(seed: int, where: str = WHERE) -> dict[str, Any]:
@@ -108,11 +82,7 @@ def path(python: Path, folder: Path, seed: int) -> Array:
         if stored["request"] == wanted:
             return np.array(stored["path"])
     print(f"the peer plans its path, seed {seed} ...", file=sys.stderr, flush=True)
-    script = Path(__file__).with_name("peer_path.py")
-    done = subprocess.run([python, script], input=json.dumps(wanted), check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{script.name} failed in {python}:\n{done.stderr.strip()[-2000:]}")
-    found = json.loads(done.stdout)
+    found = answer(python, wanted)[0]
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps({"request": wanted, "path": found}))
     return np.array(found)

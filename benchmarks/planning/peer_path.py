@@ -1,10 +1,11 @@
-"""A public planner's path, or its covering paths; runs in the environment that `benchmarks.planning.peer` makes.
+"""Paths of a public planner; runs in the environment that `benchmarks.planning.peer_environment` makes.
 
-    ENVIRONMENT/bin/python peer_path.py < request.json > path.json
+    ENVIRONMENT/bin/python peer_path.py < request.json > paths.json
 
 sgptools 2.0.7: inducing points joined by a travelling salesman's path, then `ContinuousSGP` with `IPPTransform`, which
-shifts them to explain the area best within the length allowed. A request with variances gets a path of `GCBCover` for
-each: locations chosen greedily until one measurement each brings the variance everywhere to at most that.
+shifts them to explain the area best within the length allowed. A request with a variance gets a path of `GCBCover`:
+locations chosen greedily, by the ground covered for each metre travelled. A location is covered if one measurement
+brings its variance to at most that. The answer has a path for each vehicle.
 """
 
 import contextlib
@@ -15,9 +16,23 @@ import sys
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
-def planned(request):
-    """Waypoints (n, 2), north and east (m), of a request: area, start, kernel, length, number of waypoints, seed."""
+def area(request):
+    """Locations (P, 2) of a request, by default a grid of 20 m, the kernel, and a start (1, 2) for each vehicle."""
     import gpflow
+    import numpy as np
+
+    if "locations_m" in request:
+        locations = np.array(request["locations_m"], dtype=float)
+    else:
+        (south, west), (north, east) = request["low_m"], request["high_m"]
+        grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
+        locations = np.stack(grid, -1).reshape(-1, 2)
+    kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
+    return locations, kernel, np.repeat([request["start_m"]], request.get("vehicles", 1), axis=0)
+
+
+def planned(request):
+    """Waypoints (K, n, 2), north and east (m), of a request: area, start, kernel, length, number of waypoints, seed."""
     import numpy as np
     import tensorflow as tf
     from sgptools.core.transformations import IPPTransform
@@ -28,46 +43,56 @@ def planned(request):
     seed = request["seed"]
     np.random.seed(seed)  # noqa: NPY002 - the peer draws from it
     tf.random.set_seed(seed)
-    (south, west), (north, east) = request["low_m"], request["high_m"]
-    grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
-    locations = np.stack(grid, -1).reshape(-1, 2)
-    kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
-    start = np.array([request["start_m"]])
+    locations, kernel, starts = area(request)
+    vehicles, each = len(starts), request["waypoints"]
+    # a team shares the points, within the length of each, as in the peer's examples
+    team = {"num_vehicles": vehicles, "max_dist": request["length_m"], "resample": each} if vehicles > 1 else {}
     first, _ = run_tsp(
-        get_inducing_pts(locations, request["waypoints"], seed=seed), start_nodes=start, time_limit=request["tsp_s"]
+        get_inducing_pts(locations, each * vehicles, seed=seed), start_nodes=starts, time_limit=request["tsp_s"], **team
     )
-    first = np.asarray(first[0])
+    first = np.asarray(first)
     transform = IPPTransform(
         sampling_rate=9,
         distance_budget=request["length_m"],
-        num_robots=1,
-        Xu_fixed=first[None, :1],
+        num_robots=vehicles,
+        Xu_fixed=first[:, :1],
         aggregate_fov=False,  # the slower and better one
         constraint_weight=100.0,
     )
-    model = ContinuousSGP(len(first), locations, kernel, request["noise_std_m"] ** 2, transform, X_init=first)
-    return np.asarray(model.optimize(max_steps=500))[0].tolist()
+    model = ContinuousSGP(
+        first.shape[1], locations, kernel, request["noise_std_m"] ** 2, transform, vehicles, X_init=first.reshape(-1, 2)
+    )
+    return np.asarray(model.optimize(max_steps=500)).tolist()
 
 
 def covering(request):
-    """Waypoints (n, 2), north and east (m), for each variance of a request: area, start, kernel, variances."""
-    import gpflow
+    """Waypoints (n, 2) of each vehicle, north and east (m), of a request: area, start, kernel, length, variance."""
     import numpy as np
+    import shapely
     from sgptools.methods import GCBCover
+    from sgptools.utils.tsp import run_tsp
 
-    (south, west), (north, east) = request["low_m"], request["high_m"]
-    grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
-    kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
-    locations = np.stack(grid, -1).reshape(-1, 2)
-    start, paths = np.array([request["start_m"]]), []
-    for variance in request["variances_m2"]:
-        model = GCBCover(len(locations), locations, kernel=kernel, noise_variance=request["noise_std_m"] ** 2)
-        paths.append(np.asarray(model.optimize(post_var_threshold=variance, start_nodes=start))[0].tolist())
-    return paths
+    locations, kernel, starts = area(request)
+    vehicles = len(starts)
+    model = GCBCover(len(locations), locations, kernel=kernel, noise_variance=request["noise_std_m"] ** 2)
+    model.pbounds = shapely.MultiPoint(locations).buffer(15.0)  # its argument allows no holes
+    path = np.asarray(
+        model.optimize(
+            post_var_threshold=request["variance_m2"],
+            distance_budget=vehicles * request["length_m"],
+            start_nodes=starts[:1],
+        )
+    )[0]
+    if vehicles == 1:
+        return [path.tolist()]
+    shared, _ = run_tsp(
+        path[1:], vehicles, max_dist=request["length_m"], start_nodes=starts, time_limit=request["tsp_s"]
+    )
+    return [np.asarray(share).tolist() for share in shared]
 
 
 if __name__ == "__main__":
     with contextlib.redirect_stdout(sys.stderr):  # the libraries' own words must not get into the answer
         asked = json.load(sys.stdin)
-        found = covering(asked) if "variances_m2" in asked else planned(asked)
+        found = covering(asked) if "variance_m2" in asked else planned(asked)
     print(json.dumps(found))

@@ -8,12 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.paths.motion import MotionTable
 from benchmarks import bench
-from benchmarks.planning.planners import grounds, page
+from benchmarks.planning.planners import dec_mcts, grounds, page, rivals, sgptools_rivals
 from benchmarks.planning.planners.flight import mission
-from benchmarks.planning.planners.interface import loaded
+from benchmarks.planning.planners.interface import View, loaded
 from benchmarks.planning.planners.judge import Judgement
+from benchmarks.planning.planners.options import PEER_NAMES, RIVAL_NAMES
 
 SMALL = {
     "area.polygon_m": [-40.0, -40.0, 200.0, -40.0, 200.0, 200.0, -40.0, 200.0],
@@ -85,9 +95,138 @@ def test_a_planner_in_a_file_is_flown_by_our_steering_and_judged(tmp_path: Path)
         loaded("nobody")
 
 
-def test_rivals_return_locations_inside_the_area() -> None:
-    for name in ("straddle", "randomized_straddle", "level_set_ucb", "truvar"):
-        assert np.isfinite(mission(name, SMALL, 1, 1, 3)["risk"])
+def view_of(west_m: float = 40.0, mates_m: list[np.ndarray] | None = None, vehicle: int = 1) -> View:
+    """A vehicle in the middle of 400 m x 400 m, 9 soundings on each side: at the level in the east, `west_m` in the
+    west."""
+    prior = GpConfig(mean_depth_m=15.0, signal_std_m=8.0, length_scale_m=85.0, noise_std_m=0.3)
+    area = OperatingArea(AreaConfig(polygon_m=(-200.0, -200.0, 200.0, -200.0, 200.0, 200.0, -200.0, 200.0)))
+    side = np.stack(np.meshgrid([-150.0, 0.0, 150.0], [50.0, 100.0, 150.0], indexing="ij"), -1).reshape(-1, 2)
+    depths = np.repeat([15.0, west_m], len(side))
+    data = Centers(np.concatenate([side, side * [1.0, -1.0]]), depths, np.full(len(depths), 0.3), None)
+    posterior = Posterior(prior)
+    posterior.extend(data)
+    cells = area.grid(20.0).locations_m
+    motion = MotionTable(MotionConfig())
+    return View(
+        locations_m=data.locations_m, depths_m=data.depths_m, noise_std_m=data.noise_std_m, prior=prior,
+        posterior=posterior, level_m=15.0, area=area, cells_m=cells[area.clearance_m(cells) >= area.margin_m],
+        position_m=np.zeros(2), heading_rad=0.0, legs_left=30, leg_m=motion.leg_length_m, motion=motion,
+        vehicle=vehicle, mates_m=mates_m or [], rng=np.random.default_rng(1),
+    )  # fmt: skip
+
+
+def test_rivals_fly_and_prefer_the_ambiguous_side() -> None:
+    for name in RIVAL_NAMES:
+        if name not in PEER_NAMES:
+            assert np.isfinite(mission(name, SMALL, 1, 1, 3)["risk"])
+            view = view_of()
+            path = rivals.RIVALS[name]().path(view)
+            assert (view.area.clearance_m(path) >= view.area.margin_m).all(), name
+            assert path[-1, 1] > 0.0, name
+
+
+def test_planners_get_cells_that_a_vehicle_can_reach_and_their_number_in_the_team(tmp_path: Path) -> None:
+    file = tmp_path / "looks.py"
+    file.write_text(
+        "class Looks:\n    replan_legs = None\n"
+        "    def path(self, view):\n"
+        "        assert (view.area.clearance_m(view.cells_m) >= view.area.margin_m).all()\n"
+        f"        open(r'{tmp_path}/numbers', 'a').write(str(view.vehicle))\n"
+        "        return view.position_m + [[0.0, 60.0]]\n"
+        "def planner():\n    return Looks()\n"
+    )
+    mission(str(file), SMALL, 2, 1, 2)
+    assert set((tmp_path / "numbers").read_text()) == {"1", "2"}
+
+
+def test_a_waypoint_out_of_reach_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "outside.py"
+    file.write_text(
+        "class Outside:\n    replan_legs = None\n"
+        "    def path(self, view):\n"
+        f"        open(r'{tmp_path}/legs', 'a').write(f'{{view.legs_left}} ')\n"
+        "        return view.position_m + [[0.0, 2000.0]]\n"
+        "def planner():\n    return Outside()\n"
+    )
+    mission(str(file), SMALL, 1, 1, 30)
+    legs = [int(left) for left in (tmp_path / "legs").read_text().split()]
+    assert legs[0] == 30
+    assert 30 - legs[1] < 20  # 9 legs to the border, then 6
+
+
+def test_the_look_ahead_is_that_of_a_posterior_with_the_measurement() -> None:
+    view = view_of(mates_m=[np.array([[100.0, 120.0], [120.0, 120.0]])])
+    cells, at, covariance = rivals._joint(view)
+    scores = rivals.GlobalSur()._scores(view, at, covariance)
+    level = LevelSet(level_m=15.0, cost_false_safe=1.0, cost_false_unsafe=1.0)
+    for number in (3, 150):
+        after = view.posterior.with_planned(np.concatenate([*view.mates_m, cells[[number]]])).at(cells)
+        moved = np.sqrt(after.data_var_m2 - after.planned_var_m2)
+        expected = level.expected_risk(after.mean_m, moved, np.sqrt(after.planned_var_m2)).sum()
+        assert -scores[number] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_expected_change_of_volume_agrees_with_a_dense_sum_over_outcomes() -> None:
+    view = view_of()
+    _, at, covariance = rivals._joint(view)
+    scores = rivals.ExpectedAbsoluteVolumeChange()._scores(view, at, covariance)
+    number, z = int(np.argmax(scores)), np.linspace(-6.0, 6.0, 1201)
+    moves = covariance[number] / np.sqrt(covariance[number, number] + 0.3**2)
+    gap = 15.0 - at.mean_m
+    after = ndtr((gap - z[:, None] * moves) / np.sqrt(at.planned_var_m2 - moves**2 + 1e-9)).sum(axis=1)
+    change = np.abs(after - ndtr(gap / np.sqrt(at.planned_var_m2)).sum())
+    dense = float((change * np.exp(-0.5 * z**2)).sum() * (z[1] - z[0]) / np.sqrt(2.0 * np.pi))
+    assert scores[number] == pytest.approx(dense, rel=0.03)  # 16 outcomes; for |z| their mean is 2 % low
+
+
+def test_dec_mcts_avoids_what_a_mate_plans() -> None:
+    for side in (1.0, -1.0):
+        mate = np.stack([np.tile(np.arange(-180.0, 181.0, 20.0), 4), side * np.repeat([30.0, 70.0, 110.0, 150.0], 19)])
+        path = dec_mcts.DecMcts().path(view_of(west_m=15.0, mates_m=[mate.T]))
+        assert side * path[-1, 1] < 0.0
+
+
+def test_the_distribution_of_dec_mcts_follows_the_papers_gradient() -> None:
+    once = dec_mcts.updated(np.array([0.5, 0.5]), np.array([1.0, 0.0]), 1.0)
+    assert once == pytest.approx([0.5025, 0.4975])  # slopes (.5 - 1) and (.5 - 0); the entropy cancels; alpha = .01
+    chances, values = np.full(3, 1.0 / 3.0), np.array([0.2, 1.0, 0.6])
+    for _ in range(5000):
+        chances = dec_mcts.updated(chances, values, 0.5)
+    assert chances == pytest.approx(np.exp(values / 0.5) / np.exp(values / 0.5).sum(), rel=1e-3)  # least free energy
+
+
+def test_rollouts_of_dec_mcts_fade() -> None:
+    node = dec_mcts._Node((), np.zeros(3), [])
+    node.back_up(1, 1.0, (0,))
+    node.back_up(3, 0.0, (1,))
+    assert (node.visits, node.total) == pytest.approx((1.81, 0.81))  # .9 ** 2 each, and 1 more visit
+    assert node.best == (1.0, (0,))
+    assert node.visits_at(4) == pytest.approx(0.9 * 1.81)
+
+
+def test_each_vehicle_travels_its_share_of_the_path_of_sgptools(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def answer(python: Path, wanted: dict[str, object]) -> list[list[list[float]]]:
+        asked.append(wanted)
+        return [[[0.0, 0.0], [vehicle, 1.0], [vehicle, 2.0]] for vehicle in (1.0, 2.0)]
+
+    monkeypatch.setattr(sgptools_rivals, "answer", answer)
+    for make in (sgptools_rivals.ContinuousSgp, sgptools_rivals.GcbCover):
+        for vehicle in (1, 2):
+            planner, view = make(Path("python")), view_of(mates_m=[np.empty((0, 2))], vehicle=vehicle)
+            assert planner.path(view).tolist() == [[vehicle, 1.0], [vehicle, 2.0]]
+            assert planner.path(view).tolist() == [[vehicle, 2.0], [vehicle, 1.0]]
+    assert [wanted.get("variance_m2") for wanted in asked] == [None, pytest.approx(0.7 * 64.0)]  # once for the team
+    assert asked[0]["vehicles"] == 2
+    with pytest.raises(ValueError, match="--environment FOLDER"):
+        mission("gcb_cover", SMALL, 1, 1, 3)
+
+
+def test_the_command_names_the_environment_that_a_planner_needs() -> None:
+    options = bench.parser().parse_args(["planners", "--only", "banks 51", "--planners", "line", "continuous_sgp"])
+    with pytest.raises(ValueError, match=r"^continuous_sgp: sgptools==.*--environment FOLDER"):
+        bench.run(options)
 
 
 def test_the_page_pairs_missions_ground_by_ground() -> None:

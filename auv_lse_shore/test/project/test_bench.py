@@ -19,7 +19,7 @@ from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import mission_parts, vehicle
 from benchmarks.command import end_with
-from benchmarks.planning import areas, peer
+from benchmarks.planning import areas, peer, peer_environment
 from benchmarks.rows import KEYS
 
 main = verb_main("bench")
@@ -337,9 +337,9 @@ def test_the_peers_table_pairs_the_missions_of_a_lake():
 
 
 def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(peer, "PEER", str(tmp_path / "no-such-package"))
-    monkeypatch.setattr(peer.venv, "create", lambda folder, **_: (folder / "bin").mkdir(parents=True))
-    monkeypatch.setattr(peer, "installer", lambda _: [sys.executable, "-m", "pip", "install", "-q"])
+    monkeypatch.setattr(peer_environment, "PEER", str(tmp_path / "no-such-package"))
+    monkeypatch.setattr(peer_environment.venv, "create", lambda folder, **_: (folder / "bin").mkdir(parents=True))
+    monkeypatch.setattr(peer_environment, "installer", lambda _: [sys.executable, "-m", "pip", "install", "-q"])
     with pytest.raises(SystemExit, match="no-such-package could not be installed into"):
-        peer.environment(tmp_path / "env")
+        peer_environment.environment(tmp_path / "env")
     assert not (tmp_path / "env" / "peer-installed").exists()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
+from pathlib import Path
 from typing import Any
 
+from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read
 from benchmarks.planning.planners.interface import loaded
-from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
+from benchmarks.planning.planners.options import HINDSIGHT, OURS, PEER_NAMES, RIVAL_NAMES
 from benchmarks.planning.planners.page import page
 from benchmarks.results_file import fly
 from benchmarks.results_file import read as read_lines
@@ -20,7 +22,9 @@ def run(options: argparse.Namespace) -> int:
     """Flies the missions that the results file lacks, and writes the page.
 
     Raises:
-        ValueError: for an unknown planner or ground, or a file that is not the one listed.
+        ValueError: for an unknown planner or ground, a file that is not the one listed, or a planner without its
+            environment.
+        SystemExit: if that environment cannot be made.
     """
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
@@ -32,8 +36,15 @@ def run(options: argparse.Namespace) -> int:
             grounds, options.vehicles, range(1, options.seeds + 1), options.planners
         )
     ]
+    peers = sorted({*options.planners} & {*PEER_NAMES})
+    if peers and options.environment is None:
+        raise ValueError(
+            f"{', '.join(peers)}: {PEER} runs in an environment of its own. Name a folder for it: --environment FOLDER "
+            "(3 GB, installed once)."
+        )
+    python = environment(options.environment.absolute()) if peers else None
     done = {_id(line) for line in read_lines(options.out)}
-    jobs = [(line, ground_of(grounds, line).parameters) for line in asked if _id(line) not in done]
+    jobs = [(line, ground_of(grounds, line).parameters, python) for line in asked if _id(line) not in done]
     _say(f"{len(jobs)} missions to fly, {len(asked) - len(jobs)} in {options.out}")
     for line in fly(flown, jobs, options.out, options.processes):
         _say(f"{line['ground']} {line['vehicles']} {line['planner']} found {line['found'][-1]:.2f}")
@@ -55,9 +66,9 @@ def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:
     return next(ground for ground in grounds if ground.name == line["ground"])
 
 
-def flown(line: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any]:
+def flown(line: dict[str, Any], parameters: dict[str, Any], python: Path | None) -> dict[str, Any]:
     """A mission's line with its figures."""
-    return {**line, **mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"])}
+    return {**line, **mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python)}
 
 
 def _line(ground: Ground, planner: str, vehicles: int, seed: int, legs: int) -> dict[str, Any]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import time
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +28,7 @@ from benchmarks.planning.planners.interface import Planner, Steered, loaded
 from benchmarks.planning.planners.judge import CELL_M, SHARES, judge
 from benchmarks.planning.planners.options import HINDSIGHT, OURS
 from benchmarks.planning.planners.rivals import RIVALS
+from benchmarks.planning.planners.sgptools_rivals import PEERS
 
 #: Share of packets lost.
 LOSS = 0.07
@@ -33,7 +36,9 @@ LOSS = 0.07
 REPLACED, REPLACED_FAMILY = "myopic", "benefit"
 
 
-def mission(planner: str, parameters: Mapping[str, Any], vehicles: int, seed: int, steps: int) -> dict[str, Any]:
+def mission(
+    planner: str, parameters: Mapping[str, Any], vehicles: int, seed: int, steps: int, python: Path | None = None
+) -> dict[str, Any]:
     """Flies one mission; its figures.
 
     Args:
@@ -42,23 +47,29 @@ def mission(planner: str, parameters: Mapping[str, Any], vehicles: int, seed: in
         vehicles: Size of the team.
         seed: Of all random draws of the mission; that of made-up ground is one of its parameters.
         steps: Legs of each vehicle.
+        python: That of the environment of sgptools; None: its planners cannot be flown.
     """
     overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "vehicle.surfacings": 0}
     ours = planner if planner in OURS else None
     overrides |= OURS[ours] if ours else {"planner.method": REPLACED}
     settings, ground = _fitted(overrides)
-    began = time.process_time()
-    with nullcontext() if ours or planner == HINDSIGHT else _in_place(_maker(planner)):
+    began = _cpu_s()
+    with nullcontext() if ours or planner == HINDSIGHT else _in_place(_maker(planner, python)):
         if planner == HINDSIGHT:
             return _hindsight(settings, ground)
         outcome = light_mission(settings, ground, seed, LOSS)
-    spent = time.process_time() - began
+    spent = _cpu_s() - began
     found = judge(settings, ground, sorted(row for boat in outcome.boats for row in boat.soundings))
     return {
         **dataclasses.asdict(found),
         **{_key(share): found.distance(share) for share in SHARES},
         "cpu_s": spent,
     }
+
+
+def _cpu_s() -> float:
+    """Processor time (s) of this process and of those that it started and that ended."""
+    return sum(os.times()[:4])
 
 
 def _key(share: float) -> str:
@@ -73,7 +84,9 @@ def _fitted(overrides: dict[str, Any]) -> tuple[PlannerSettings, Any]:
     return PlannerSettings.from_parameters(parameters_for(fitted.to_patterns(), "/auv1/settings"), "bench"), ground
 
 
-def _maker(planner: str) -> Callable[[], Planner]:
+def _maker(planner: str, python: Path | None) -> Callable[[], Planner]:
+    if planner in PEERS:
+        return partial(PEERS[planner], python)
     return RIVALS[planner] if planner in RIVALS else loaded(planner)
 
 

@@ -30,6 +30,7 @@ from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.method import Choice, PlanningContext, Situation
 from auv_lse_planner.methods.path_method import PathMethod
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import Value
 from auv_lse_planner.reward.path import PathReward
@@ -39,6 +40,8 @@ from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
 
 Array = NDArray[np.float64]
 
+#: A waypoint that a vehicle has not come closer to for so many legs is left out: it cannot be reached.
+GIVE_UP_LEGS = 6
 #: Entry-point group of planners from other packages.
 GROUP = "auv_lse.planners"
 
@@ -55,11 +58,13 @@ class View:
         posterior: The judge's posterior, for planners without one of their own.
         level_m: Depth of the isobath.
         area: Operating area with no-go areas; vehicles keep `area.margin_m` from its border.
-        cells_m: Centers (P, 2) of cells of the area, 20 m apart.
+        cells_m: Centers (P, 2) of cells of the area, 20 m apart, without those too close to its border for a vehicle.
         position_m: The vehicle's position (2,).
         heading_rad: Its heading.
         legs_left: Legs that it may still travel, of `leg_m` each.
-        mates_m: For each mate with a known plan, the locations (p, 2) that it is about to measure.
+        motion: The legs that the vehicle can travel.
+        vehicle: Its number in the team, from 1.
+        mates_m: For each mate, the locations (p, 2) that it is about to measure; none without a known plan.
         rng: Source of every random number.
     """
 
@@ -75,6 +80,8 @@ class View:
     heading_rad: float
     legs_left: int
     leg_m: float
+    motion: MotionTable
+    vehicle: int
     mates_m: list[Array]
     rng: np.random.Generator
 
@@ -101,6 +108,7 @@ class Steered(PathMethod):
         self._planner, self._steering = planner, Steering(context.space)
         self._line_m = np.empty((0, 2))  # what is left of its path
         self._asked_at = -1
+        self._nearest = (np.inf, 0)  # least distance (m) to its first location, and the step
 
     def keeps(self, incumbent: Value, new: Value) -> bool:
         """Never: the planner decides."""
@@ -112,23 +120,33 @@ class Steered(PathMethod):
         here, leg_m = np.asarray(s.state[1:], dtype=float), context.space.motion.leg_length_m
         if len(self._line_m):  # drop what has been passed
             near = np.hypot(*(self._line_m - here).T) < 0.75 * leg_m
-            self._line_m = self._line_m[int(np.flatnonzero(near)[0]) + 1 :] if near.any() else self._line_m
+            passed = int(np.flatnonzero(near)[0]) + 1 if near.any() else int(self._is_out_of_reach(here, s.step))
+            if passed:
+                self._line_m, self._nearest = self._line_m[passed:], (np.inf, s.step)
         every = self._planner.replan_legs
         if not len(self._line_m) or (every is not None and s.step - self._asked_at >= every):
             self._line_m = np.asarray(self._planner.path(self._view(s)), dtype=float).reshape(-1, 2)
-            self._asked_at = s.step
+            self._asked_at, self._nearest = s.step, (np.inf, s.step)
         line = np.concatenate([here[None], self._line_m, self._line_m[-1:] + 1.0])
         length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
         legs = int(np.clip(np.ceil(length_m / leg_m), 1, min(200, context.rollout.steps - s.step)))
         actions = self._steering.along(s.state, line, leg_m, legs, around_shallows=True)
         return Proposal(SearchResult(tuple(int(a) for a in actions), 0.0), NONE)
 
+    def _is_out_of_reach(self, here_m: Array, step: int) -> bool:
+        """Whether the vehicle has stopped coming closer to its first waypoint."""
+        off_m = float(np.hypot(*(self._line_m[0] - here_m)))
+        if off_m < self._nearest[0]:
+            self._nearest = off_m, step
+        return step - self._nearest[1] >= GIVE_UP_LEGS
+
     def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
         """Nothing to prepare."""
 
     def _view(self, s: Situation) -> View:
         context, settings = self.context, self.context.settings
-        known = context.posterior.centers
+        known, area = context.posterior.centers, OperatingArea(settings.area)
+        cells_m = context.map_grid.locations_m
         return View(
             locations_m=known.locations_m,
             depths_m=known.depths_m,
@@ -136,12 +154,14 @@ class Steered(PathMethod):
             prior=settings.gp,
             posterior=context.posterior,
             level_m=settings.level_set.level_m,
-            area=OperatingArea(settings.area),
-            cells_m=context.map_grid.locations_m,
+            area=area,
+            cells_m=cells_m[area.clearance_m(cells_m) >= area.margin_m],
             position_m=np.asarray(s.state[1:], dtype=float),
             heading_rad=float(s.state[0]),
             legs_left=context.rollout.steps - s.step,
             leg_m=context.space.motion.leg_length_m,
+            motion=context.space.motion,
+            vehicle=len(context.team.before) + 1,
             mates_m=[context.team.locations_ahead(s.now_s, mate) for mate in context.team.others],
             rng=context.rng,
         )

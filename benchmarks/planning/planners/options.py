@@ -16,7 +16,11 @@ OURS: dict[str, dict[str, Any]] = {
     "covering_lanes": {"planner.method": "lawnmower", "planner.naive_paths": [250, 251, 252, 253, 254]},
 }
 #: Names of the rivals in `rivals.py`, and of the row of hindsight.
-RIVAL_NAMES = ("straddle", "randomized_straddle", "level_set_ucb", "truvar")
+#: Those of sgptools need its environment.
+PEER_NAMES = ("continuous_sgp", "gcb_cover")
+RIVAL_NAMES = (
+    "straddle", "randomized_straddle", "level_set_ucb", "truvar", "global_sur", "eavc", "dec_mcts", *PEER_NAMES,
+)  # fmt: skip
 HINDSIGHT = "hindsight"
 #: What a ground may be used for. A figure that is reported comes from grounds that nothing was tuned or chosen on.
 ROLES = ("tuning", "choosing", "reporting")
@@ -34,6 +38,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument("--grounds", type=Path, default=MANIFEST, metavar="FILE", help="manifest (default: %(default)s)")
     group.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the manifest's files (default: its own)")
+    group.add_argument("--environment", type=Path, metavar="FOLDER",
+                       help=f"of sgptools, for {' and '.join(PEER_NAMES)}; made if it is not there (3 GB)")  # fmt: skip
     group.add_argument("--role", choices=ROLES, default="reporting", help="grounds to fly (default: %(default)s)")
     group.add_argument("--only", nargs="+", metavar="GROUND", help="of these, by name")
     group.add_argument("--vehicles", type=int, nargs="+", default=[1], metavar="K", help="sizes of team (default: 1)")

@@ -1,7 +1,8 @@
 """Public planners for level sets, one class each; parameters as their authors recommend.
 
 All choose locations; our steering flies to them, and soundings on the way count. None knows travel costs except
-`TruncatedVarianceReduction`, whose authors divide by a cost.
+`TruncatedVarianceReduction`, whose authors divide by a cost. Planners of paths are in `dec_mcts.py` and
+`sgptools_rivals.py`.
 """
 
 from __future__ import annotations
@@ -11,13 +12,19 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
+from auv_lse_gp.inference.point_posteriors import PointPosteriors
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from benchmarks.planning.planners.dec_mcts import DecMcts
 from benchmarks.planning.planners.interface import Planner, View
 
 Array = NDArray[np.float64]
 
-#: Most cells at which the joint covariance of truncated variance reduction is computed.
+#: Most cells at which a joint covariance is computed.
 MAX_CELLS = 700
+#: Number of outcomes of a measurement over which an expectation is taken.
+OUTCOMES = 16
 
 
 def _moments(view: View) -> tuple[Array, Array]:
@@ -26,6 +33,21 @@ def _moments(view: View) -> tuple[Array, Array]:
     posterior = view.posterior.with_planned(planned) if len(planned) else view.posterior
     mean, variance = posterior.moments(view.cells_m)
     return mean, np.sqrt(variance)
+
+
+def _joint(view: View) -> tuple[Array, PointPosteriors, Array]:
+    """At most `MAX_CELLS` cells (C, 2), their posterior with the mates' plans, and their joint covariance (C, C)."""
+    cells = view.cells_m[:: max(1, math.ceil(len(view.cells_m) / MAX_CELLS))]
+    posterior = view.posterior.with_planned(np.concatenate([np.empty((0, 2)), *view.mates_m]))
+    at = posterior.at(cells)
+    covariance = posterior.covariance(at, at)
+    np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 1e-9))
+    return cells, at, covariance
+
+
+def _moves(view: View, covariance: Array) -> Array:
+    """Standard deviation (C, C) by which a measurement at the first cell moves the mean at the second, signed (m)."""
+    return covariance / np.sqrt(np.diag(covariance) + view.prior.noise_std_m**2)[:, None]
 
 
 class Straddle:
@@ -80,13 +102,8 @@ class TruncatedVarianceReduction:
     def path(self, view: View) -> Array:
         """The location whose sounding reduces the truncated variance of undecided cells most per metre."""
         self._eta_m = self._eta_m or view.prior.signal_std_m
-        every = max(1, math.ceil(len(view.cells_m) / MAX_CELLS))
-        cells = view.cells_m[::every]
-        planned = np.concatenate([np.empty((0, 2)), *view.mates_m])
-        at = view.posterior.with_planned(planned).at(cells)
-        kernel = view.posterior.kernel
-        covariance = kernel.of_scaled(at.scaled, at.scaled) - at.white @ at.white.T
-        variance = np.maximum(np.diag(covariance), 1e-9)
+        cells, at, covariance = _joint(view)
+        variance = np.diag(covariance)
         undecided = np.abs(at.mean_m - view.level_m) <= 3.0 * np.sqrt(variance)
         if not undecided.any():
             undecided[:] = True
@@ -99,10 +116,54 @@ class TruncatedVarianceReduction:
         return cells[[int(np.argmax(gain / cost_m))]]
 
 
+class GlobalSur:
+    """Letham et al. 2022, Look-ahead acquisition functions for Bernoulli level set estimation (AEPsych): global SUR.
+
+    The location whose measurement is expected to reduce the sum of misclassification probabilities over the area most.
+    The authors' outcomes are binary; with a depth the expectation over the outcome has a closed form. The query set are
+    the candidates (theirs: 512 points).
+    """
+
+    replan_legs: int | None = None
+
+    def path(self, view: View) -> Array:
+        """The location with the largest expected reduction."""
+        cells, at, covariance = _joint(view)
+        return cells[[int(np.argmax(self._scores(view, at, covariance)))]]
+
+    def _scores(self, view: View, at: PointPosteriors, covariance: Array) -> Array:
+        """Score (C,) of a measurement at each of the cells: minus the misclassified cells expected after it."""
+        moves = _moves(view, covariance)
+        known = at.data_var_m2 - at.planned_var_m2  # what the mates' soundings move
+        left = np.maximum(at.planned_var_m2 - moves**2, 0.0)
+        level = LevelSet(level_m=view.level_m, cost_false_safe=1.0, cost_false_unsafe=1.0)
+        risk = level.expected_risk(at.mean_m, np.sqrt(known + moves**2), np.sqrt(left))
+        return np.asarray(-risk.sum(axis=1))
+
+
+class ExpectedAbsoluteVolumeChange(GlobalSur):
+    """Letham et al. 2022, as above: the expected absolute volume change (EAVC).
+
+    The location whose measurement is expected to change the expected size of the shallow ground most, up or down. The
+    expectation is the mean over `OUTCOMES` equally probable depths.
+    """
+
+    def _scores(self, view: View, at: PointPosteriors, covariance: Array) -> Array:
+        moves, gap = _moves(view, covariance), view.level_m - at.mean_m
+        left = np.sqrt(np.maximum(at.planned_var_m2 - moves**2, 1e-9))
+        now = ndtr(gap / np.sqrt(at.planned_var_m2)).sum()
+        outcomes = ndtri((np.arange(OUTCOMES) + 0.5) / OUTCOMES)
+        changes = [np.abs(ndtr((gap - moves * z) / left).sum(axis=1) - now) for z in outcomes]
+        return np.asarray(np.mean(changes, axis=0))
+
+
 #: Rivals by name.
 RIVALS: dict[str, Callable[[], Planner]] = {
     "straddle": Straddle,
     "randomized_straddle": RandomizedStraddle,
     "level_set_ucb": LevelSetUcb,
     "truvar": TruncatedVarianceReduction,
+    "global_sur": GlobalSur,
+    "eavc": ExpectedAbsoluteVolumeChange,
+    "dec_mcts": DecMcts,
 }
