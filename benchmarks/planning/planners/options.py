@@ -15,8 +15,7 @@ OURS: dict[str, dict[str, Any]] = {
     "fitted_lanes": {"planner.method": "lawnmower"},
     "covering_lanes": {"planner.method": "lawnmower", "planner.naive_paths": [250, 251, 252, 253, 254]},
 }
-#: Names of the rivals in `rivals.py`, and of the row of hindsight.
-#: Those of sgptools need its environment.
+#: Names of the rivals that need sgptools' environment, of all rivals, and of the row of hindsight.
 PEER_NAMES = ("continuous_sgp", "gcb_cover")
 RIVAL_NAMES = (
     "straddle", "randomized_straddle", "level_set_ucb", "truvar", "global_sur", "eavc", "dec_mcts", *PEER_NAMES,
