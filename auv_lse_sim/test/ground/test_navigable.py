@@ -202,6 +202,19 @@ def test_expectations():
     assert "too small" in coverage(**{"mission.steps": 300})
 
 
+@pytest.mark.parametrize(
+    ("values", "advised"),
+    [
+        ({"mission.steps": 20}, True),  # 1414 m x 85 m / 420000 m2 = .29
+        ({"mission.steps": 30}, False),  # .43
+        ({"mission.steps": 20, "mission.goal": "line"}, False),
+        ({"mission.steps": 20, "planner.method": "plain"}, False),
+    ],
+)
+def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
+    assert ("mission.goal: line" in expectations(Settings.load(None, values))[0]) == advised
+
+
 @pytest.mark.parametrize("name", SURVEY_FILES)
 def test_a_survey(tmp_path, name):
     write_survey(tmp_path)
