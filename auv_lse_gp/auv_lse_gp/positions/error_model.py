@@ -18,6 +18,7 @@ Ranges also depend on the speed of sound and on each clock's offset (m) and rate
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,6 +243,64 @@ class TrackPositions:
             out[:, :, STATIC : STATIC + knots] = -(self._walk_m @ turn.T).transpose(0, 2, 1)
             out[:, 0, STATIC + knots :: 2] = self._ramps
             out[:, 1, STATIC + knots + 1 :: 2] = self._ramps
+        return out
+
+
+class TeamPositions:
+    """Positions of points (n) on the tracks of several vehicles, as `TrackPositions` but all at once.
+
+    A row holds what belongs to its point. Rows of vehicles with fewer knots are padded with zeros; padded unknowns have
+    the number `size`, and the value 0.
+    """
+
+    def __init__(self, parts: Sequence[tuple[NDArray[np.int64], TrackPositions]], size: int) -> None:
+        """Joins positions on single tracks.
+
+        Args:
+            parts: Numbers of the points (m,) on a track, and their positions; together all points.
+            size: Number of the team's unknowns.
+        """
+        count = sum(len(rows) for rows, _ in parts)
+        knots = max((sums._model.knots for _, sums in parts), default=0)
+        self._start_m, self._raw_way_m, self._sin_m, self._cos_m = np.zeros((4, count, 2))
+        self._walk_m, self._ramps = np.zeros((count, knots, 2)), np.zeros((count, knots))
+        self.unknowns = np.full((count, STATIC + 3 * knots), size)
+        for rows, sums in parts:
+            model, along = sums._model, sums._along
+            n, begin = model.knots, model.block.start
+            self._start_m[rows], self._raw_way_m[rows] = sums._start_m, sums._raw_way_m
+            self._sin_m[rows], self._cos_m[rows] = along.sin_m, along.cos_m
+            self._walk_m[rows, :n], self._ramps[rows, :n] = sums._walk_m, sums._ramps
+            self.unknowns[rows, : STATIC + n] = begin + np.arange(STATIC + n)
+            self.unknowns[rows, STATIC + knots : STATIC + knots + 2 * n] = begin + STATIC + n + np.arange(2 * n)
+        self._turn, self._way, self._scale = np.zeros((count, 2, 2)), np.zeros((count, 2)), np.zeros(count)
+
+    def positions(self, theta: Array) -> Array:
+        """Positions (n, 2) for the team's unknowns `theta` (size,)."""
+        own = np.append(theta, 0.0)[self.unknowns]
+        knots = self._ramps.shape[1]
+        headings, walk = own[:, STATIC : STATIC + knots], own[:, STATIC + knots :].reshape(-1, knots, 2)
+        self._scale = 1.0 + own[:, 5]
+        c, s = np.cos(own[:, 2]) / self._scale, np.sin(own[:, 2]) / self._scale
+        self._turn = np.stack([c, s, -s, c], axis=1).reshape(-1, 2, 2)  # R(-b0) / (1 + s)
+        way = self._raw_way_m - own[:, 3:4] * self._sin_m - own[:, 4:5] * self._cos_m
+        way -= (headings[:, None] @ self._walk_m)[:, 0]
+        self._way = (self._turn @ way[:, :, None])[:, :, 0]
+        return np.asarray(self._start_m - own[:, :2] + self._way + (self._ramps[:, None] @ walk)[:, 0])
+
+    def derivatives_along(self, theta: Array, toward: Array) -> Array:
+        """Derivatives (n, u) of the positions along directions (n, 2), with respect to `unknowns` (n, u)."""
+        self.positions(theta)
+        knots, scale = self._ramps.shape[1], self._scale
+        turned = (toward[:, None] @ self._turn)[:, 0]
+        out = np.empty(self.unknowns.shape)
+        out[:, :2] = -toward
+        out[:, 2] = toward[:, 0] * self._way[:, 1] - toward[:, 1] * self._way[:, 0]
+        out[:, 3] = -np.einsum("nd,nd->n", turned, self._sin_m)
+        out[:, 4] = -np.einsum("nd,nd->n", turned, self._cos_m)
+        out[:, 5] = -np.einsum("nd,nd->n", toward, self._way) / scale
+        out[:, STATIC : STATIC + knots] = -(self._walk_m @ turned[:, :, None])[:, :, 0]
+        out[:, STATIC + knots :] = (self._ramps[:, :, None] * toward[:, None]).reshape(len(out), -1)
         return out
 
 

@@ -11,8 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 
-from auv_lse_gp.positions.error_model import TeamErrorModel
+from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel
 from auv_lse_gp.positions.measurements import Fixes, Ranges, within_gate
 from auv_lse_gp.positions.terrain_matching import TerrainLikelihood
 
@@ -112,8 +113,17 @@ def solve(
     information = search.normal(theta, loss)[1]
     if terrain is not None and len(terrain) > 1:
         theta, information = _with_terrain(search, terrain, theta, loss, information, terrain_steps)
-    covariance = cho_solve(cho_factor(information, lower=True), np.eye(model.size))
+    covariance = _inverse(information)
     return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()) + given - len(fixes))
+
+
+def _inverse(information: Array) -> Array:
+    """The covariance (u, u) of the unknowns; of many, with half the operations."""
+    factor, lower = cho_factor(information, lower=True)
+    if len(information) <= MANY_UNKNOWNS:
+        return np.asarray(cho_solve((factor, lower), np.eye(len(information))))
+    half = np.tril(dpotri(factor, lower=1)[0])
+    return np.asarray(half + np.tril(half, -1).T)
 
 
 def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, theta: Array, ranges: int) -> int | None:
@@ -164,6 +174,11 @@ class _Search:
     def _linearize(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
         fixed, fixed_rows = self._fixes.residuals(theta), self._fixes.derivatives(theta)
         ranged, range_rows = self._ranges.residuals(theta), self._ranges.derivatives(theta)
+        if len(theta) > MANY_UNKNOWNS:
+            root = np.sqrt(loss.weights(ranged))
+            rows = np.concatenate([fixed_rows, range_rows * root[:, None]])
+            gradient = -self.precision * theta + rows.T @ np.concatenate([fixed, ranged * root])
+            return gradient, rows.T @ rows + np.diag(self.precision)
         weighted = range_rows * loss.weights(ranged)[:, None]
         gradient = -self.precision * theta + fixed_rows.T @ fixed + weighted.T @ ranged
         information = fixed_rows.T @ fixed_rows + weighted.T @ range_rows

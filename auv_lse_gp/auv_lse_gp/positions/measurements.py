@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.positions.error_model import TeamErrorModel, TrackPositions
+from auv_lse_gp.positions.error_model import MANY_UNKNOWNS, TeamErrorModel, TeamPositions, TrackPositions
 
 Array = NDArray[np.float64]
 
@@ -129,6 +129,8 @@ class Ranges:
             arrived = receiver.positions(receiver.track.at(np.array([row.arrived_s for row in own])))
             measured, deeper = np.array([row.range_m for row in own]), np.array([row.deeper_m for row in own])
             self._groups.append((pair, sent, arrived, measured, deeper))
+        many = model.size > MANY_UNKNOWNS and bool(self._groups)
+        self._together = _RangesTogether(model, self._groups, self._clocks) if many else None
 
     def __len__(self) -> int:
         """Number of ranges."""
@@ -142,6 +144,8 @@ class Ranges:
 
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, ordered by pairs."""
+        if self._together is not None:
+            return self._together.residuals(theta)
         parts = [np.zeros(0)]
         for pair, sent, arrived, measured, deeper in self._groups:
             distance = _distance(sent.positions(theta) - arrived.positions(theta), deeper)
@@ -153,6 +157,8 @@ class Ranges:
 
     def derivatives(self, theta: Array) -> Array:
         """As `Fixes.derivatives`."""
+        if self._together is not None:
+            return self._together.derivatives(theta)
         model = self._model
         rows = [np.zeros((0, model.size))]
         faster = 1.0 + theta[model.sound]
@@ -184,6 +190,52 @@ class Ranges:
             if clock is not None:
                 found.append((sign, clock, (stamps_s - self._model.vehicles[number].track.start_s) * 1e-3))
         return found
+
+
+#: A group of ranges of one pair: (sender, receiver, by ping), positions at both ends, ranges and depth differences (m).
+_Group = tuple[tuple[int, int, bool], TrackPositions, TrackPositions, Array, Array]
+_Clocks = Callable[[tuple[int, int, bool], TrackPositions, TrackPositions], list[tuple[float, int, Array]]]
+
+
+class _RangesTogether:
+    """The ranges (n,) of all pairs of a large team, computed at once; as `Ranges`, in the same order."""
+
+    def __init__(self, model: TeamErrorModel, groups: Sequence[_Group], clocks: _Clocks) -> None:
+        size, counts = model.size, [len(measured) for _, _, _, measured, _ in groups]
+        rows = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+        self._size, self._sound, self._std_m = size, model.sound, model.config.range_std_m
+        self._sent = TeamPositions([(own, sent) for own, (_, sent, *_) in zip(rows, groups, strict=True)], size)
+        self._arrived = TeamPositions([(own, to) for own, (_, _, to, *_) in zip(rows, groups, strict=True)], size)
+        self._measured_m = np.concatenate([measured for *_, measured, _ in groups])
+        self._deeper_m = np.concatenate([deeper for *_, deeper in groups])
+        # of both clocks, receiver first: number of the first unknown (`size` for a reference), sign, and its time
+        self._clock, self._sign, self._late = np.full((2, sum(counts)), size), *np.zeros((2, 2, sum(counts)))
+        for own, (pair, sent, arrived, *_) in zip(rows, groups, strict=True):
+            for end, (sign, clock, ks) in enumerate(clocks(pair, sent, arrived)):
+                self._clock[end, own], self._sign[end, own], self._late[end, own] = clock, sign, ks
+
+    def residuals(self, theta: Array) -> Array:
+        """As `Ranges.residuals`."""
+        apart = self._sent.positions(theta) - self._arrived.positions(theta)
+        predicted = (1.0 + theta[self._sound]) * _distance(apart, self._deeper_m)
+        known = np.append(theta, [0.0, 0.0])
+        predicted += (self._sign * (known[self._clock] + known[self._clock + 1] * self._late)).sum(axis=0)
+        return np.asarray((self._measured_m - predicted) / self._std_m)
+
+    def derivatives(self, theta: Array) -> Array:
+        """As `Ranges.derivatives`."""
+        apart = self._sent.positions(theta) - self._arrived.positions(theta)
+        distance = _distance(apart, self._deeper_m)
+        toward = (1.0 + theta[self._sound]) * apart / np.maximum(distance, 1e-9)[:, None]
+        row = np.arange(len(distance))
+        out = np.zeros((len(distance), self._size + 2))  # the last two columns take what has no unknown
+        out[row[:, None], self._sent.unknowns] += self._sent.derivatives_along(theta, toward)
+        out[row[:, None], self._arrived.unknowns] -= self._arrived.derivatives_along(theta, toward)
+        out[row, self._sound] = distance
+        for clock, sign, late in zip(self._clock, self._sign, self._late, strict=True):
+            out[row, clock] += sign
+            out[row, clock + 1] += sign * late
+        return np.ascontiguousarray(out[:, : self._size]) / self._std_m
 
 
 def _group(row: RangeMeasurement) -> tuple[int, int, bool]:

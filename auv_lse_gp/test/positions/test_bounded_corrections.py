@@ -16,12 +16,19 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.inference.tiled_posterior import TiledPosterior
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map import online
-from auv_lse_gp.positions import depth_sensitivity, position_corrector, smoother, terrain_matching
+from auv_lse_gp.positions import (
+    depth_sensitivity,
+    gauss_newton,
+    measurements,
+    position_corrector,
+    smoother,
+    terrain_matching,
+)
 from auv_lse_gp.positions import track as track_module
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.depth_sensitivity import DepthSensitivity
-from auv_lse_gp.positions.error_model import VehicleErrorModel
-from auv_lse_gp.positions.measurements import RangeMeasurement
+from auv_lse_gp.positions.error_model import TeamErrorModel, VehicleErrorModel
+from auv_lse_gp.positions.measurements import Fixes, RangeMeasurement, Ranges
 from auv_lse_gp.positions.position_corrector import PositionCorrector
 from auv_lse_gp.positions.track import MateTrack, OwnTrack
 
@@ -227,6 +234,38 @@ def test_estimate_and_effects_of_many_unknowns_are_those_of_few(monkeypatch: pyt
         found.append([*likelihood.gradient(theta, precision), effect @ effect.T])
     for few, many in zip(*found, strict=True):
         assert np.abs(many - few).max() <= 1e-6 * np.abs(few).max()
+
+
+def test_ranges_of_a_large_team_are_computed_together_as_pair_by_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    tracks: dict[int, track_module.Track] = {}
+    for number, lasted_s in ((1, 900), (2, 400), (3, 700)):  # with different numbers of knots
+        track, at = OwnTrack(), rng.normal(0.0, 20.0, 2)
+        for t in range(lasted_s):
+            at += np.array([np.cos(0.01 * t), np.sin(0.01 * t)])
+            track.add(float(t), *at.tolist())
+        tracks[number] = track
+    model = TeamErrorModel(PositionsConfig(), tracks, {1})
+    assert len({vehicle.knots for vehicle in model.vehicles.values()}) == 3
+    pairs = [(2, 1, False), (3, 1, False), (3, 1, True), (2, 3, False)]
+    rows = [
+        RangeMeasurement(
+            sender=sender, receiver=receiver, sent_s=50.0 * i, arrived_s=50.0 * i + 0.2, range_m=300.0, by_ping=by_ping
+        )
+        for i, (sender, receiver, by_ping) in enumerate(pairs * 2)
+    ]
+    theta = 0.3 * model.prior_std() * rng.normal(size=model.size)
+    found = []
+    for limit in (model.size, model.size - 1):
+        monkeypatch.setattr(measurements, "MANY_UNKNOWNS", limit)
+        ranges = Ranges(model, rows)
+        found.append((ranges.residuals(theta), ranges.derivatives(theta)))
+        search = gauss_newton._Search(model.prior_std() ** -2.0, Fixes(model, []), ranges)
+        monkeypatch.setattr(gauss_newton, "MANY_UNKNOWNS", limit)
+        found[-1] += search.normal(theta, gauss_newton.Huber())
+        found[-1] += (gauss_newton._inverse(found[-1][-1]),)
+    for few, many in zip(*found, strict=True):
+        assert np.abs(many - few).max() <= 1e-10 * np.abs(few).max()
 
 
 def test_each_further_range_leaves_out_one_more_and_every_sender_keeps_its_share() -> None:
