@@ -20,6 +20,7 @@ from scipy import ndimage
 from auv_lse_common.mission_file.methods import METHOD_OF_GOAL
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.planner import MAX_LINE_LEGS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
@@ -38,8 +39,8 @@ MAX_CELLS = 400_000
 WARNING_CELLS = 40_000
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
-#: Largest share of the area within half a length scale of a path at which the goal `line` locates more than `chart`:
-#: with the teams of docs/evidence/planner.md it did so at .15 and .30, and not at .45.
+#: Largest share of the area within half a length scale of a path at which the goal `line` locates more than `chart` on
+#: average: in docs/evidence/planner.md it did so at .15 and .30 (one and two vehicles), and not at .45 (three).
 LINE_COVERAGE = 1.0 / 3.0
 #: Maximum number of corners of an outline.
 MAX_CORNERS = 200
@@ -449,6 +450,6 @@ def _coverage(settings: Settings) -> str:
 def _fitting_goal(settings: Settings, coverage: float) -> str:
     """What to ask for instead of a chart where paths cover a third of the area at most; "" if nothing."""
     charts = {own.planner.method for own in settings.vehicles} == {METHOD_OF_GOAL["chart"]}
-    if coverage > LINE_COVERAGE or not charts:
+    if coverage > LINE_COVERAGE or not charts or settings.mission.steps > MAX_LINE_LEGS:
         return ""
-    return ". A chart then locates little of the isobath; mission.goal: line locates more, and leaves more risk"
+    return ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"

@@ -202,6 +202,10 @@ def test_expectations():
     assert "too small" in coverage(**{"mission.steps": 300})
 
 
+#: 3 km x 3 km: 200 legs of three vehicles cover .13 of it.
+WIDE = [-1500.0, -1500.0, 1500.0, -1500.0, 1500.0, 1500.0, -1500.0, 1500.0]
+
+
 @pytest.mark.parametrize(
     ("values", "advised"),
     [
@@ -209,6 +213,8 @@ def test_expectations():
         ({"mission.steps": 30}, False),  # .43
         ({"mission.steps": 20, "mission.goal": "line"}, False),
         ({"mission.steps": 20, "planner.method": "plain"}, False),
+        ({"mission.steps": 201, "area.polygon_m": WIDE}, False),  # more legs than `line` plans
+        ({"mission.steps": 200, "area.polygon_m": WIDE}, True),
     ],
 )
 def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
