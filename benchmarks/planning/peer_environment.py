@@ -47,4 +47,5 @@ def answer(python: Path, wanted: Mapping[str, Any]) -> list[list[list[float]]]:
     done = subprocess.run([python, script], input=json.dumps(wanted), check=False, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{script.name} failed in {python}:\n{done.stderr.strip()[-2000:]}")
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
+    paths: list[list[list[float]]] = json.loads(done.stdout)
+    return paths

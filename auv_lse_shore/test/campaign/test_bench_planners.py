@@ -219,6 +219,8 @@ def test_each_vehicle_travels_its_share_of_the_path_of_sgptools(monkeypatch: pyt
             assert planner.path(view).tolist() == [[vehicle, 2.0], [vehicle, 1.0]]
     assert [wanted.get("variance_m2") for wanted in asked] == [None, pytest.approx(0.7 * 64.0)]  # once for the team
     assert asked[0]["vehicles"] == 2
+    sgptools_rivals.maker("gcb_cover", Path("python"))().path(view)
+    assert len(asked) == 3  # another mission plans anew, so that its time counts
     with pytest.raises(ValueError, match="--environment FOLDER"):
         mission("gcb_cover", SMALL, 1, 1, 3)
 

@@ -5,7 +5,8 @@ probability each, sends them, and updates the probabilities against those of its
 paper's local utility: what it adds to the objective with the mates' sequences given. The objective is the expected drop
 of the number of misclassified cells, which is the Bayes risk with equal costs.
 
-The paper bounds discount and exploration only (1/2 < gamma < 1, c_p > 1 / sqrt(8)). Deviations:
+The paper bounds discount and exploration only (1/2 < gamma < 1, c_p > 1 / sqrt(8)); the values of gamma, c_p, alpha and
+beta are those of a public implementation by others. Deviations:
 
 - A packet has one plan, so the distribution of a mate is the plan heard last, with probability 1. The expectations over
   the mates are then exact, and nothing is sampled.

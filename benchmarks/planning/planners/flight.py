@@ -6,7 +6,6 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from benchmarks.planning.planners.interface import Planner, Steered, loaded
 from benchmarks.planning.planners.judge import CELL_M, SHARES, judge
 from benchmarks.planning.planners.options import HINDSIGHT, OURS
 from benchmarks.planning.planners.rivals import RIVALS
-from benchmarks.planning.planners.sgptools_rivals import PEERS
+from benchmarks.planning.planners.sgptools_rivals import PEERS, maker
 
 #: Share of packets lost.
 LOSS = 0.07
@@ -86,7 +85,7 @@ def _fitted(overrides: dict[str, Any]) -> tuple[PlannerSettings, Any]:
 
 def _maker(planner: str, python: Path | None) -> Callable[[], Planner]:
     if planner in PEERS:
-        return partial(PEERS[planner], python)
+        return maker(planner, python)
     return RIVALS[planner] if planner in RIVALS else loaded(planner)
 
 

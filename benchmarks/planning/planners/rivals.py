@@ -1,4 +1,4 @@
-"""Public planners for level sets, one class each; parameters as their authors recommend.
+"""Public planners for level sets, one class each; parameters as their authors recommend, where they do.
 
 All choose locations; our steering flies to them, and soundings on the way count. None knows travel costs except
 `TruncatedVarianceReduction`, whose authors divide by a cost. Planners of paths are in `dec_mcts.py` and
@@ -120,8 +120,8 @@ class GlobalSur:
     """Letham et al. 2022, Look-ahead acquisition functions for Bernoulli level set estimation (AEPsych): global SUR.
 
     The location whose measurement is expected to reduce the sum of misclassification probabilities over the area most.
-    The authors' outcomes are binary; with a depth the expectation over the outcome has a closed form. The query set are
-    the candidates (theirs: 512 points).
+    The authors' outcomes are binary; with a depth the expectation over the outcome has a closed form. The query set
+    is that of the candidates.
     """
 
     replan_legs: int | None = None

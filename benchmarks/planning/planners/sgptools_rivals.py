@@ -6,7 +6,8 @@ They know neither soundings nor the level. They run in an environment of their o
 from __future__ import annotations
 
 import json
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -85,3 +86,9 @@ def _planned(python: Path, wanted: str) -> list[list[list[float]]]:
 
 #: Rivals by name; each takes the Python of the environment.
 PEERS = {"continuous_sgp": ContinuousSgp, "gcb_cover": GcbCover}
+
+
+def maker(name: str, python: Path | None) -> Callable[[], ContinuousSgp]:
+    """Makes the planners of one mission, which share its paths; those of the mission before are forgotten."""
+    _planned.cache_clear()
+    return partial(PEERS[name], python)
