@@ -14,10 +14,12 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from benchmarks import bench
 from benchmarks.planning.planners import dec_mcts, grounds, page, rivals, sgptools_rivals
 from benchmarks.planning.planners.flight import mission
@@ -93,6 +95,33 @@ def test_a_planner_in_a_file_is_flown_by_our_steering_and_judged(tmp_path: Path)
     assert result["true_m"] > 0.0
     with pytest.raises(ValueError, match="There is no planner"):
         loaded("nobody")
+
+
+def test_a_waypoint_behind_land_is_reached(tmp_path: Path) -> None:
+    # a bay of land, open to the west, between the start and the waypoint in the east
+    bay = [-20.0, 10.0, -20.0, 80.0, 100.0, 80.0, 100.0, 60.0, 0.0, 60.0, 0.0, 10.0]
+    file, track = tmp_path / "east.py", tmp_path / "track"
+    file.write_text(
+        "class East:\n    replan_legs = 1\n"
+        "    def path(self, view):\n"
+        f"        open({str(track)!r}, 'a').write(f'{{view.position_m[0]}} {{view.position_m[1]}}\\n')\n"
+        "        return [[30.0, 150.0]]\n"
+        "def planner():\n    return East()\n"
+    )
+    start = {"vehicle.start_north_m": 30.0, "vehicle.start_east_m": 35.0, "vehicle.start_heading_rad": 1.57}
+    mission(str(file), {**SMALL, **start, "area.no_go": {"bay": bay}}, 1, 1, 20)
+    off_m = np.hypot(*(np.loadtxt(track) - [30.0, 150.0]).T)
+    assert off_m.min() < 20.0
+
+
+def test_a_mission_of_the_whole_simulation_is_judged_in_thirds_by_the_map_of_its_report() -> None:
+    result = mission("fitted_lanes", SMALL, 2, 1, 15, whole=True)
+    overrides = {**SMALL, "planner.method": "lawnmower", "mission.vehicles": 2, "mission.steps": 15}
+    report = simulate_and_evaluate(Settings.load(None, overrides).to_patterns(), "test", 2).summary
+    assert len(result["found"]) == 3
+    assert 0.1 < result["found"][-1] == report.isobath_found
+    assert result["found"][0] < result["found"][-1]
+    assert (result["risk"], result["true_loss"]) == (report.risk_after, report.loss_after)
 
 
 def view_of(west_m: float = 40.0, mates_m: list[np.ndarray] | None = None, vehicle: int = 1) -> View:
@@ -234,7 +263,8 @@ def test_the_command_names_the_environment_that_a_planner_needs() -> None:
 def test_the_page_pairs_missions_ground_by_ground() -> None:
     lines = [
         {
-            "ground": ground, "role": "reporting", "planner": planner, "vehicles": 1, "seed": 1, "legs": 100,
+            "ground": ground, "role": "reporting", "simulation": "light", "planner": planner, "vehicles": 1,
+            "seed": 1, "legs": 100,
             "found": [end / 12.0 * n for n in range(1, 13)], "to_50": 0.5, "to_80": 0.8, "to_95": 1.0, "risk": 1.0,
             "true_loss": 0.5, "false_share": 0.0, "error_m": 1.0, "cpu_s": 1.0,
         }

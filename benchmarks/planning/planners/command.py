@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
             loaded(name)
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
     asked = [
-        _line(ground, planner, vehicles, seed, options.legs)
+        _line(ground, planner, vehicles, seed, options)
         for ground, vehicles, seed, planner in itertools.product(
             grounds, options.vehicles, range(1, options.seeds + 1), options.planners
         )
@@ -68,19 +68,22 @@ def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:
 
 def flown(line: dict[str, Any], parameters: dict[str, Any], python: Path | None) -> dict[str, Any]:
     """A mission's line with its figures."""
-    return {**line, **mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python)}
+    whole = line["simulation"] == "whole"
+    found = mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python, whole)
+    return {**line, **found}
 
 
-def _line(ground: Ground, planner: str, vehicles: int, seed: int, legs: int) -> dict[str, Any]:
+def _line(ground: Ground, planner: str, vehicles: int, seed: int, options: argparse.Namespace) -> dict[str, Any]:
     return {
         "ground": ground.name,
         "role": ground.role,
         "planner": planner,
         "vehicles": vehicles,
         "seed": seed,
-        "legs": legs,
+        "legs": options.legs,
+        "simulation": "whole" if options.whole else "light",
     }
 
 
 def _id(line: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(line[key] for key in ("ground", "role", "planner", "vehicles", "seed", "legs"))
+    return tuple(line[key] for key in ("ground", "role", "planner", "vehicles", "seed", "legs", "simulation"))

@@ -1,4 +1,4 @@
-"""One mission of the benchmark: a planner over a ground, flown in the light loop and judged."""
+"""One mission: a planner over a ground, in the light loop or the whole simulation, and its judgement."""
 
 from __future__ import annotations
 
@@ -20,23 +20,32 @@ from auv_lse_planner.methods import families
 from auv_lse_planner.methods.line_routes import SPACING_M, route_along
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.judge.isobath import trace
+from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.planning.planner_loop import light_mission
 from benchmarks.planning.planners.interface import Planner, Steered, loaded
-from benchmarks.planning.planners.judge import CELL_M, SHARES, judge
+from benchmarks.planning.planners.judge import CELL_M, SHARES, Judgement, judge, judgement_of
 from benchmarks.planning.planners.options import HINDSIGHT, OURS
 from benchmarks.planning.planners.rivals import RIVALS
 from benchmarks.planning.planners.sgptools_rivals import PEERS, maker
 
-#: Share of packets lost.
+#: Number of times at which a mission of the whole simulation is judged.
+THIRDS = 3
+#: Share of packets lost in the light loop.
 LOSS = 0.07
 #: The method in whose place a planner of others flies, and its family.
 REPLACED, REPLACED_FAMILY = "myopic", "benefit"
 
 
 def mission(
-    planner: str, parameters: Mapping[str, Any], vehicles: int, seed: int, steps: int, python: Path | None = None
+    planner: str,
+    parameters: Mapping[str, Any],
+    vehicles: int,
+    seed: int,
+    steps: int,
+    python: Path | None = None,
+    whole: bool = False,
 ) -> dict[str, Any]:
     """Flies one mission; its figures.
 
@@ -47,23 +56,54 @@ def mission(
         seed: Of all random draws of the mission; that of made-up ground is one of its parameters.
         steps: Legs of each vehicle.
         python: That of the environment of sgptools; None: its planners cannot be flown.
+        whole: Whether to fly in the whole simulation: drift, corrected positions, surfacings and the acoustic channel.
     """
-    overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "vehicle.surfacings": 0}
+    overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed}
+    if not whole:
+        overrides["vehicle.surfacings"] = 0
     ours = planner if planner in OURS else None
     overrides |= OURS[ours] if ours else {"planner.method": REPLACED}
     settings, ground = _fitted(overrides)
-    began = _cpu_s()
-    with nullcontext() if ours or planner == HINDSIGHT else _in_place(_maker(planner, python)):
-        if planner == HINDSIGHT:
-            return _hindsight(settings, ground)
-        outcome = light_mission(settings, ground, seed, LOSS)
-    spent = _cpu_s() - began
-    found = judge(settings, ground, sorted(row for boat in outcome.boats for row in boat.soundings))
+    own = PlannerSettings.from_parameters(parameters_for(settings.to_patterns(), "/auv1/settings"), "bench")
+    if planner == HINDSIGHT:
+        return _hindsight(own, ground)
+    with nullcontext() if ours else _in_place(_maker(planner, python)):
+        if whole:
+            found, spent = whole_mission(settings, ground)
+        else:
+            began = _cpu_s()
+            outcome = light_mission(own, ground, seed, LOSS)
+            spent = _cpu_s() - began
+            found = judge(own, ground, sorted(row for boat in outcome.boats for row in boat.soundings))
     return {
         **dataclasses.asdict(found),
         **{_key(share): found.distance(share) for share in SHARES},
         "cpu_s": spent,
     }
+
+
+def whole_mission(settings: Settings, ground: Any) -> tuple[Judgement, float]:
+    """Flies a mission in the whole simulation; its judgement, and its processor time (s) without judging.
+
+    The map is the report's: soundings of all vehicles at corrected positions, with their remaining uncertainty.
+    """
+    legs = settings.mission.vehicles * settings.mission.steps
+    shares: list[float] = []  # found after each third but the last
+    judging_s = 0.0
+
+    def judge_after_thirds(fleet: Fleet) -> None:
+        nonlocal judging_s
+        travelled = sum(len(cores.log.decisions) for cores in fleet.cores)
+        if len(shares) < THIRDS - 1 and travelled >= legs * (len(shares) + 1) / THIRDS:
+            began = _cpu_s()
+            shares.append(judgement_of(fleet.run_data()).found[-1])
+            judging_s += _cpu_s() - began
+
+    began = _cpu_s()
+    run = Fleet(settings, ground).run(judge_after_thirds)
+    spent = _cpu_s() - began - judging_s
+    shares += shares[-1:] * (THIRDS - 1 - len(shares))  # of a mission that ended early
+    return judgement_of(run, shares), spent
 
 
 def _cpu_s() -> float:
@@ -75,12 +115,11 @@ def _key(share: float) -> str:
     return f"to_{100.0 * share:.0f}"
 
 
-def _fitted(overrides: dict[str, Any]) -> tuple[PlannerSettings, Any]:
-    """Settings of all vehicles, fitted to the ground as a mission's are, and the ground."""
+def _fitted(overrides: dict[str, Any]) -> tuple[Settings, Any]:
+    """Settings fitted to the ground as a mission's are, and the ground."""
     settings = Settings.load(None, overrides)
     ground = ground_of(settings)
-    fitted, _ = fit_to_ground(settings, ground)
-    return PlannerSettings.from_parameters(parameters_for(fitted.to_patterns(), "/auv1/settings"), "bench"), ground
+    return fit_to_ground(settings, ground)[0], ground
 
 
 def _maker(planner: str, python: Path | None) -> Callable[[], Planner]:

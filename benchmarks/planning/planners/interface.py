@@ -35,6 +35,7 @@ from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import Value
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import Proposal
+from auv_lse_planner.search.routing import Ground
 from auv_lse_planner.search.uct import SearchResult
 from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
 
@@ -101,11 +102,11 @@ class Planner(Protocol):
 
 
 class Steered(PathMethod):
-    """Flies a planner as a method of ours: our steering follows its waypoints."""
+    """Flies a planner as a method of ours: our steering follows its waypoints, around known land."""
 
     def __init__(self, planner: Planner, context: PlanningContext) -> None:
         super().__init__(context)
-        self._planner, self._steering = planner, Steering(context.space)
+        self._planner, self._steering, self._ground = planner, Steering(context.space), Ground(context.space)
         self._line_m = np.empty((0, 2))  # what is left of its path
         self._asked_at = -1
         self._nearest = (np.inf, 0)  # least distance (m) to its first location, and the step
@@ -119,19 +120,33 @@ class Steered(PathMethod):
         s, context = situation, self.context
         here, leg_m = np.asarray(s.state[1:], dtype=float), context.space.motion.leg_length_m
         if len(self._line_m):  # drop what has been passed
-            near = np.hypot(*(self._line_m - here).T) < 0.75 * leg_m
-            passed = int(np.flatnonzero(near)[0]) + 1 if near.any() else int(self._is_out_of_reach(here, s.step))
+            far = np.hypot(*(self._line_m - here).T) >= 0.75 * leg_m
+            if far.all():
+                passed = int(self._is_out_of_reach(here, s.step))
+            else:  # the first ones near, and what comes before them
+                first = int(np.argmin(far))
+                passed = first + (int(np.argmax(far[first:])) or len(far) - first)
             if passed:
                 self._line_m, self._nearest = self._line_m[passed:], (np.inf, s.step)
         every = self._planner.replan_legs
         if not len(self._line_m) or (every is not None and s.step - self._asked_at >= every):
-            self._line_m = np.asarray(self._planner.path(self._view(s)), dtype=float).reshape(-1, 2)
+            asked = np.asarray(self._planner.path(self._view(s)), dtype=float).reshape(-1, 2)
+            self._line_m = self._around_land(here, asked)
             self._asked_at, self._nearest = s.step, (np.inf, s.step)
         line = np.concatenate([here[None], self._line_m, self._line_m[-1:] + 1.0])
         length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
         legs = int(np.clip(np.ceil(length_m / leg_m), 1, min(200, context.rollout.steps - s.step)))
         actions = self._steering.along(s.state, line, leg_m, legs, around_shallows=True)
         return Proposal(SearchResult(tuple(int(a) for a in actions), 0.0), NONE)
+
+    def _around_land(self, here_m: Array, asked_m: Array) -> Array:
+        """The waypoints (n, 2) with those on the way between them, where the straight way leads over land."""
+        south, north, west, east = OperatingArea(self.context.settings.area).extent_m
+        within_m = np.clip(np.concatenate([here_m[None], asked_m]), [south, west], [north, east])
+        _, bends = self._ground.distances_cm(np.rint(100.0 * within_m).astype(np.int64))
+        none = np.empty((0, 2))
+        parts = [part for i, to in enumerate(asked_m) for part in (0.01 * bends.get((i, i + 1), none), to[None])]
+        return np.concatenate(parts) if parts else none
 
     def _is_out_of_reach(self, here_m: Array, step: int) -> bool:
         """Whether the vehicle has stopped coming closer to its first waypoint."""

@@ -14,9 +14,11 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near, resample
 from auv_lse_gp.map.certainty import FOUND, classify, lines_of
-from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge.isobath import compare, length_m, trace
+from auv_lse_shore.judge.team_map import team_map
 
 Array = NDArray[np.float64]
 
@@ -35,7 +37,8 @@ class Judgement:
     """What a mission found.
 
     Attributes:
-        found: Share of the true isobath found after each twelfth of the mission.
+        found: Share of the true isobath found after equal parts of the mission: twelfths in the light loop,
+            thirds in the whole simulation.
         risk: Risk of the map at the end, by the prior's scale, cost per location.
         true_loss: Cost of the map's wrong calls at the end, per location.
         false_share: Share of the line called found that is more than 20 m from every true isobath.
@@ -89,14 +92,38 @@ def judge(settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, fl
         pieces = classify(estimate, field, settings.gp.signal_std_m, sounded[:last], shore_known=shore_known)
         error = compare(lines_of(pieces, FOUND), lines)
         found.append(error.found if np.isfinite(error.found) else 1.0)
-    known = np.isfinite(truth)
-    mean, std, prior_std = (x[grid.inside] for x in (field.mean_m, field.std_m, field.prior_std_m))
-    called, safe = level.safe(mean, std)[known], truth[known] >= level.level_m
+    return _judgement(found, field, lines_of(pieces, FOUND), grid.fill(truth), level, lines)
+
+
+def judgement_of(run: RunData, before: Sequence[float] = ()) -> Judgement:
+    """Judges a mission of the whole simulation by its report's map; `before` are the shares found at earlier times."""
+    team = team_map(run)
+    ground = run.ground
+    assert ground is not None, "a simulated mission has a ground"
+    level = LevelSet.of(team.settings.level_set)
+    depth_m = np.where(ground.scored, ground.depth_m, np.nan)
+    lines = trace(ground.north_m, ground.east_m, depth_m, level.level_m)
+    found_lines = lines_of(team.pieces, FOUND)
+    error = compare(found_lines, lines)
+    shares = [*before, error.found if np.isfinite(error.found) else 1.0]
+    return _judgement(shares, team.field, found_lines, depth_m, level, lines)
+
+
+def _judgement(
+    shares: Sequence[float],
+    field: DepthField,
+    found_lines: Sequence[Array],
+    truth_m: Array,
+    level: LevelSet,
+    lines: Sequence[Array],
+) -> Judgement:
+    """Of a map at the mission's end; `truth_m` is NaN where the ground is unknown or outside the area."""
+    known = np.isfinite(truth_m)
+    called, safe = level.safe(field.mean_m[known], field.std_m[known]), truth_m[known] >= level.level_m
     costs = np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != safe)
-    found_lines = lines_of(pieces, FOUND)
     return Judgement(
-        found=tuple(found),
-        risk=float(level.risk(mean, prior_std)[known].mean()),
+        found=tuple(shares),
+        risk=float(level.risk(field.mean_m[known], field.prior_std_m[known]).mean()),
         true_loss=float(costs.mean()),
         false_share=_false_share(found_lines, lines),
         error_m=compare(found_lines, lines).estimate_mean_m,

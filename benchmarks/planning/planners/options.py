@@ -46,6 +46,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--legs", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
     group.add_argument("--against", nargs="+", default=["plain", "tour", "fitted_lanes"], metavar="NAME",
                        help="planners that others are compared with (default: %(default)s)")  # fmt: skip
+    group.add_argument(
+        "--whole",
+        action="store_true",
+        help="fly in the whole simulation: drift, corrected positions, surfacings, acoustic channel",
+    )
     out = Path("runs/benchmarks/planners.jsonl")
     group.add_argument("--out", type=Path, default=out, metavar="FILE", help="missions, continued (%(default)s)")
     group.add_argument("--page", type=Path, metavar="FILE.md", help="write the page here (default: print it)")

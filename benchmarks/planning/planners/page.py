@@ -28,6 +28,13 @@ PAIRED = (("end", "found at the end"), ("third", "at 1/3"), ("two_thirds", "at 2
 #: Columns of the paired ratios.
 RATIOS = (("to_80", "distance to 80 %"), ("risk", "end risk"), ("true_loss", "true loss"))
 
+#: What each simulation has.
+SIMULATIONS = {
+    "light": "Perfect navigation, 7 % of packets lost, one judge and one prior.",
+    "whole": "The whole simulation: drift, corrected positions, surfacings and the acoustic channel. The judge has the "
+    "map of the report.",
+}
+
 Row = Mapping[str, Any]
 
 
@@ -58,8 +65,8 @@ def _preface(lines: Sequence[Row]) -> list[str]:
     roles = sorted({line["role"] for line in lines})
     grounds = sorted({line["ground"] for line in lines})
     return [
-        f"{len(lines)} missions over {len(grounds)} grounds for {', '.join(roles)}: {', '.join(grounds)}. Perfect "
-        "navigation, 7 % of packets lost, one judge and one prior. Distances are shares of the mission's legs; a "
+        f"{len(lines)} missions over {len(grounds)} grounds for {', '.join(roles)}: {', '.join(grounds)}. "
+        f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
         "than 20 m off.",
     ]
