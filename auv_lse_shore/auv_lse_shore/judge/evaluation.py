@@ -54,7 +54,8 @@ class Evaluation:
         ideal: The map from all soundings at their true positions; None if these are unknown.
         alone_risk: Map risk of each vehicle from its own soundings alone (cost/location).
         curves: Reward and bounds over steps.
-        truth: Lines of the true isobath (empty without truth).
+        truth: Lines of the true isobath in the evaluated cells (empty without truth).
+        truth_around: Those of all known ground, also outside the area: a found line may lie there.
         scored: Cells evaluated, shape of the map.
         summary: The figures of merit.
     """
@@ -67,6 +68,7 @@ class Evaluation:
     alone_risk: tuple[float, ...]
     curves: Curves
     truth: list[Array]
+    truth_around: list[Array]
     scored: Mask
     summary: Summary = field(init=False)
 
@@ -153,6 +155,7 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_
         alone_risk=alone_risk,
         curves=curves,
         truth=_true_isobath(run, first, scored),
+        truth_around=_true_isobath(run, first, np.ones_like(scored)),
         scored=scored,
     )
 
@@ -224,7 +227,7 @@ def _true_isobath(run: RunData, settings: PlannerSettings, scored: Mask) -> list
 def _summary(e: Evaluation) -> Summary:
     run, first, ground, curves = e.run, e.settings[0], e.run.ground, e.curves
     found: dict[str, Any] = {
-        **merit.isobath_found(e.pieces, None if ground is None else e.truth),
+        **merit.isobath_found(e.pieces, None if ground is None else e.truth, e.truth_around),
         "isobath_undiscovered_m": e.team_map.undiscovered.expected_m,
         "isobath_undiscovered_limit_m": e.team_map.undiscovered.limit_m,
         **merit.map_risk(e.prior, e.team, e.local, first, e.scored),

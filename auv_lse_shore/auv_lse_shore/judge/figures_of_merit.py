@@ -46,13 +46,19 @@ Mask = NDArray[np.bool_]
 SURE = 0.95
 
 
-def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dict[str, Any]:
-    """Lengths of the estimated isobath by class and reason; with the true isobath (None: unknown), its error."""
+def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None, around: Sequence[Array]) -> dict[str, Any]:
+    """Lengths of the estimated isobath by class and reason; with the true isobath (None: unknown), its error.
+
+    Args:
+        pieces: The estimate.
+        truth: The true isobath in the evaluated cells.
+        around: That of all known ground.
+    """
 
     def uncertain(reason: str) -> float:
         return length_of(pieces, LIKELY, reason) + length_of(pieces, GUESSED, reason)
 
-    error = None if truth is None else isobath.compare(lines_of(pieces, FOUND), truth)
+    error = None if truth is None else isobath.compare(lines_of(pieces, FOUND), truth, around)
     return {
         "isobath_found_m": length_of(pieces, FOUND),
         "isobath_likely_m": length_of(pieces, LIKELY),

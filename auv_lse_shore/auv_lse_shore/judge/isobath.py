@@ -65,18 +65,26 @@ class IsobathError:
     made_up: float = math.nan
 
 
-def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
-    """Distance between two isobaths, each a list of lines (n, 2) of north, east (m)."""
-    a, b = resample(estimate), resample(truth)
-    if len(a) == 0 or len(b) == 0:
+def compare(estimate: Sequence[Array], truth: Sequence[Array], around: Sequence[Array] = ()) -> IsobathError:
+    """Distance between two isobaths, each a list of lines (n, 2) of north, east (m).
+
+    Args:
+        estimate: The estimated isobath.
+        truth: The true isobath.
+        around: True isobath outside of what is evaluated, as between a steep shore and the first cell of water: the
+            estimate need not find it, but what is near it is not made up.
+    """
+    a, b, everywhere = resample(estimate), resample(truth), resample([*truth, *around])
+    if len(a) == 0 or len(everywhere) == 0:
         return IsobathError(found=0.0 if len(b) else math.nan, made_up=1.0 if len(a) else math.nan)
-    to_truth, to_estimate = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    to_truth = cKDTree(everywhere).query(a)[0]
+    to_estimate = cKDTree(a).query(b)[0] if len(b) else np.full(1, math.nan)
     return IsobathError(
         mean_m=float(0.5 * (to_truth.mean() + to_estimate.mean())),
         percentile_95_m=float(np.percentile(np.concatenate([to_truth, to_estimate]), 95.0)),
         estimate_mean_m=float(to_truth.mean()),
         estimate_percentile_95_m=float(np.percentile(to_truth, 95.0)),
-        found=float(np.mean(to_estimate <= FOUND_WITHIN_M)),
+        found=float(np.mean(to_estimate <= FOUND_WITHIN_M)) if len(b) else math.nan,
         made_up=float(np.mean(to_truth > FOUND_WITHIN_M)),
     )
 

@@ -74,3 +74,15 @@ def test_geojson_without_an_origin_says_that_it_is_local(tmp_path):
     feature = json.loads((tmp_path / "a.geojson").read_text())["features"][0]
     assert feature["geometry"]["coordinates"][0][0] == [-50.0, 120.0]  # east, north: x before y
     assert "local metres" in feature["properties"]["coordinates"]
+
+
+def test_an_estimate_near_the_true_isobath_outside_of_the_evaluated_cells_is_not_made_up():
+    inside, outside = line(0.0, 0.0, 100.0), line(0.0, 500.0, 600.0)
+    estimate = [line(2.0, 0.0, 100.0), line(2.0, 500.0, 600.0)]
+    assert isobath.compare(estimate, [inside]).made_up == pytest.approx(0.5, abs=0.05)
+    error = isobath.compare(estimate, [inside], [outside])
+    assert (error.made_up, error.found) == (0.0, 1.0)
+    assert error.estimate_mean_m == pytest.approx(2.0)
+    nothing_evaluated = isobath.compare(estimate[1:], [], [outside])
+    assert nothing_evaluated.made_up == 0.0
+    assert np.isnan(nothing_evaluated.found)

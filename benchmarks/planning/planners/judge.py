@@ -13,10 +13,10 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.level_set.lines import near, resample
-from auv_lse_gp.map.certainty import FOUND, classify, lines_of
+from auv_lse_gp.map.certainty import FOUND, Piece, classify, lines_of
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_record.run_data import RunData
+from auv_lse_record.run_data import GroundGrid, RunData
 from auv_lse_shore.judge.isobath import compare, length_m, trace
 from auv_lse_shore.judge.team_map import team_map
 
@@ -73,9 +73,8 @@ def judge(settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, fl
     cell_m = max(CELL_M, float(np.sqrt((north - south) * (east - west) / MAX_CELLS)))
     depth_map = DepthMap(dataclasses.replace(settings.gp, map_resolution_m=cell_m), settings.level_set, area)
     grid = depth_map.grid
-    at = grid.locations_m
-    truth = np.asarray(ground.depth_m(at[:, 0], at[:, 1]), dtype=float)
-    lines = trace(grid.north_m, grid.east_m, grid.fill(truth), level.level_m)
+    truth = GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
+    lines = _traced(truth, level)
     leg_s = MotionTable(settings.motion).leg_length_m / settings.vehicle.speed_mps
     end_s = settings.mission.steps * leg_s
     table = np.array(rows)
@@ -92,7 +91,7 @@ def judge(settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, fl
         pieces = classify(estimate, field, settings.gp.signal_std_m, sounded[:last], shore_known=shore_known)
         error = compare(lines_of(pieces, FOUND), lines)
         found.append(error.found if np.isfinite(error.found) else 1.0)
-    return _judgement(found, field, lines_of(pieces, FOUND), grid.fill(truth), level, lines)
+    return _judgement(found, field, pieces, truth, level)
 
 
 def judgement_of(run: RunData, before: Sequence[float] = ()) -> Judgement:
@@ -101,34 +100,36 @@ def judgement_of(run: RunData, before: Sequence[float] = ()) -> Judgement:
     ground = run.ground
     assert ground is not None, "a simulated mission has a ground"
     level = LevelSet.of(team.settings.level_set)
-    depth_m = np.where(ground.scored, ground.depth_m, np.nan)
-    lines = trace(ground.north_m, ground.east_m, depth_m, level.level_m)
-    found_lines = lines_of(team.pieces, FOUND)
-    error = compare(found_lines, lines)
-    shares = [*before, error.found if np.isfinite(error.found) else 1.0]
-    return _judgement(shares, team.field, found_lines, depth_m, level, lines)
+    error = compare(lines_of(team.pieces, FOUND), _traced(ground, level))
+    return _judgement(
+        [*before, error.found if np.isfinite(error.found) else 1.0], team.field, team.pieces, ground, level
+    )
+
+
+def _traced(truth: GroundGrid, level: LevelSet) -> list[Array]:
+    """The true isobath within the area."""
+    depth_m = np.where(truth.scored, truth.depth_m, np.nan)
+    return trace(truth.north_m, truth.east_m, depth_m, level.level_m)
 
 
 def _judgement(
-    shares: Sequence[float],
-    field: DepthField,
-    found_lines: Sequence[Array],
-    truth_m: Array,
-    level: LevelSet,
-    lines: Sequence[Array],
+    shares: Sequence[float], field: DepthField, pieces: Sequence[Piece], truth: GroundGrid, level: LevelSet
 ) -> Judgement:
-    """Of a map at the mission's end; `truth_m` is NaN where the ground is unknown or outside the area."""
-    known = np.isfinite(truth_m)
-    called, safe = level.safe(field.mean_m[known], field.std_m[known]), truth_m[known] >= level.level_m
+    """Of a map at the mission's end, and of its isobath in pieces."""
+    known = truth.scored
+    called, safe = level.safe(field.mean_m[known], field.std_m[known]), truth.depth_m[known] >= level.level_m
     costs = np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != safe)
+    found = lines_of(pieces, FOUND)
+    # also outside the area, as between a steep shore and the first cell of water
+    everywhere = trace(truth.north_m, truth.east_m, truth.depth_m, level.level_m)
     return Judgement(
         found=tuple(shares),
         risk=float(level.risk(field.mean_m[known], field.prior_std_m[known]).mean()),
         true_loss=float(costs.mean()),
-        false_share=_false_share(found_lines, lines),
-        error_m=compare(found_lines, lines).estimate_mean_m,
-        true_m=length_m(lines),
-        found_m=length_m(found_lines),
+        false_share=_false_share(found, everywhere),
+        error_m=compare(found, everywhere).estimate_mean_m,
+        true_m=length_m(_traced(truth, level)),
+        found_m=length_m(found),
     )
 
 
