@@ -39,9 +39,10 @@ MAX_CELLS = 400_000
 WARNING_CELLS = 40_000
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
-#: Largest share of the area within half a length scale of a path at which the goal `line` locates more than `chart` on
-#: average: in docs/evidence/planner.md it did so at .15 and .30 (one and two vehicles), and not at .45 (three).
-LINE_COVERAGE = 1.0 / 3.0
+#: An area is too large for a chart if paths cover less than this share of it (half a length scale on each side). There
+#: the goal `line` locates more of the isobath than `chart` (docs/evidence/planner.md); where a team of `CHART_TEAM`
+#: vehicles covers more, it does not.
+CHART_COVERAGE, CHART_TEAM = 0.5, 3
 #: Maximum number of corners of an outline.
 MAX_CORNERS = 200
 
@@ -434,7 +435,7 @@ def _coverage(settings: Settings) -> str:
         f"of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most {100.0 * coverage:.0f} "
         f"% of the area is within half a length scale ({scale / 2.0:g} m) of a path"
     )
-    if coverage < 0.5:
+    if coverage < CHART_COVERAGE:
         return (
             f"coverage: {text}. The area is too large for this mission: expect unmapped regions. Add steps or "
             f"vehicles, or choose a smaller --area{_fitting_goal(settings, coverage)}"
@@ -444,12 +445,15 @@ def _coverage(settings: Settings) -> str:
             f"coverage: {text}. The area is too small for this mission: lanes closer than a turning circle "
             f"({2.0 * settings.motion.turn_radius_m:g} m) add little. Use fewer steps or vehicles"
         )
-    return f"coverage: {text}"
+    return f"coverage: {text}{_fitting_goal(settings, coverage)}"
 
 
 def _fitting_goal(settings: Settings, coverage: float) -> str:
-    """What to ask for instead of a chart where paths cover a third of the area at most; "" if nothing."""
-    charts = {own.planner.method for own in settings.vehicles} == {METHOD_OF_GOAL["chart"]}
-    if coverage > LINE_COVERAGE or not charts or settings.mission.steps > MAX_LINE_LEGS:
-        return ""
-    return ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
+    """Another goal that locates as much of the isobath or more on average; "" if there is none."""
+    methods, mission = {own.planner.method for own in settings.vehicles}, settings.mission
+    if coverage < CHART_COVERAGE:
+        if methods == {METHOD_OF_GOAL["chart"]} and mission.steps <= MAX_LINE_LEGS:
+            return ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
+    elif methods == {METHOD_OF_GOAL["line"]} and mission.vehicles >= CHART_TEAM:
+        return ". A team that covers so much locates as much of the isobath with mission.goal: chart, and maps the rest"
+    return ""

@@ -210,7 +210,8 @@ WIDE = [-1500.0, -1500.0, 1500.0, -1500.0, 1500.0, 1500.0, -1500.0, 1500.0]
     ("values", "advised"),
     [
         ({"mission.steps": 20}, True),  # 1414 m x 85 m / 420000 m2 = .29
-        ({"mission.steps": 30}, False),  # .43
+        ({"mission.steps": 30}, True),  # .43
+        ({"mission.steps": 40}, False),  # .57
         ({"mission.steps": 20, "mission.goal": "line"}, False),
         ({"mission.steps": 20, "planner.method": "plain"}, False),
         ({"mission.steps": 201, "area.polygon_m": WIDE}, False),  # more legs than `line` plans
@@ -219,6 +220,16 @@ WIDE = [-1500.0, -1500.0, 1500.0, -1500.0, 1500.0, 1500.0, -1500.0, 1500.0]
 )
 def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
     assert ("mission.goal: line" in expectations(Settings.load(None, values))[0]) == advised
+
+
+def test_the_goal_that_fits_a_team_that_covers_the_area():
+    def advised(**overrides):
+        return "mission.goal: chart" in expectations(Settings.load(None, overrides))[0]
+
+    assert advised(**{"mission.goal": "line"})
+    assert not advised()
+    assert not advised(**{"mission.goal": "line", "mission.vehicles": 2})
+    assert not advised(**{"mission.goal": "line", "mission.steps": 20})
 
 
 @pytest.mark.parametrize("name", SURVEY_FILES)
