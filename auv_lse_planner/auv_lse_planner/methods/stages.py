@@ -32,6 +32,7 @@ from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour, length_m
 from auv_lse_gp.inference.cached_points import CachedPoints
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.methods.method import Followed, PlanningContext, RemainingTour, Situation
 from auv_lse_planner.paths.steering import LOOK_AHEAD, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
@@ -174,9 +175,8 @@ class Stages:
         chosen = np.zeros_like(grid.inside)
         chosen[apart // 2 :: apart, apart // 2 :: apart] = True
         cells = grid.locations_m[chosen[grid.inside]]
-        points = CachedPoints(context.posterior, cells if len(cells) else grid.locations_m)
-        mates = [(0.0 * ahead[::every], locations[::every]) for ahead, locations in context.mates_ahead(s)]
-        reward = AnytimeReward(points, context.settings.level_set, mates, Weighting(-(-legs // every), 0, legs))
+        cells = cells if len(cells) else grid.locations_m
+        reward, by_mates = self._given_mates(s, cells, every)
         best, best_drop = None, -math.inf
         for naive in dict.fromkeys((FITTED[number % len(FITTED)], *COVERING, *LAWNMOWERS)):
             plan = Plan.at(s.step, s.state, (), naive)
@@ -187,4 +187,22 @@ class Stages:
             if s.out_of_time:
                 break
         assert best is not None
-        return best, best_drop * int(grid.inside.sum()) / len(points.locations_m)
+        return best, (best_drop + by_mates) * int(grid.inside.sum()) / len(cells)
+
+    def _given_mates(self, s: Situation, cells_m: Array, every: int) -> tuple[AnytimeReward, float]:
+        """Reward of paths over every n-th (`every`) leg given the mates' locations, and the drop of risk by these.
+
+        For the expected end it does not matter when the mates measure. So all paths share one posterior that is already
+        conditioned on the mates' locations.
+
+        Args:
+            cells_m: Cells whose risk counts, (M, 2).
+        """
+        context, legs = self._context, self._steps - s.step
+        mates_m = [locations[::every] for _, locations in context.mates_ahead(s)]
+        given = context.posterior.with_planned(np.concatenate([np.empty((0, 2)), *mates_m]))
+        points, weighting = CachedPoints(given, cells_m), Weighting(-(-legs // every), 0, legs)
+        reward = AnytimeReward(points, context.settings.level_set, [], weighting)
+        now = points.current()
+        before = LevelSet.of(context.settings.level_set).risk(now.mean_m, np.sqrt(now.data_var_m2))
+        return reward, float(before.sum()) - reward.risk_before

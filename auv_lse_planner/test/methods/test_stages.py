@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from planner_helpers import centers, settings
 
-from auv_lse_common.vocabulary.naive_ids import FITTED
+from auv_lse_common.vocabulary.naive_ids import FITTED, LAWNMOWERS
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.methods import ground_window, method, stages
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 STEPS, STAGE, RENEW = 26, 10, 4
@@ -125,6 +127,33 @@ def test_naive_paths_of_a_large_team_are_compared_at_few_of_its_legs(monkeypatch
     planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
     _decide(planner, 0)
     assert compared[0] == -(-STEPS // 5)
+
+
+def test_naive_paths_are_compared_given_the_mates_as_in_time_order(monkeypatch):
+    """The mates' locations are conditioned on once; a path adds its own locations only."""
+    compared, given_mates = [], stages.Stages._given_mates
+
+    def spy(self, s, cells_m, every):
+        given, by_mates = given_mates(self, s, cells_m, every)
+        context, legs = self._context, STEPS - s.step
+        mates = [(ahead[::every], locations[::every]) for ahead, locations in context.mates_ahead(s)]
+        points, weighting = CachedPoints(context.posterior, cells_m), Weighting(-(-legs // every), 0, legs)
+        together = AnytimeReward(points, context.settings.level_set, mates, weighting)
+        for naive_path in (FITTED[0], *LAWNMOWERS[:2]):
+            path = context.rollout.follow(Plan.at(s.step, s.state, (), naive_path)).leg_locations_m[::every]
+            compared.append((given.value(path).expected_end + by_mates, together.value(path).expected_end))
+        assert not given.mates
+        assert sum(len(locations) for _, locations in mates) > legs
+        return given, by_mates
+
+    monkeypatch.setattr(stages.Stages, "_given_mates", spy)
+    planner = VehiclePlanner(1, settings({"method": "tour"}, 3, STEPS), np.random.default_rng(1))
+    v = planner.settings.vehicle
+    planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
+    _decide(planner, 0)
+    assert len(compared) == 3
+    for given, together in compared:  # but for cells whose risk given the mates is negligible (VALUE_RISK_SHARE)
+        assert given == pytest.approx(together, rel=1e-8)
 
 
 def test_mates_planned_locations_near_a_stage_are_thinned_out(monkeypatch):
