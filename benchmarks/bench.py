@@ -39,7 +39,6 @@ MODULES = {
     "mission": "mission_parts",
     "phases": "mission",
     "day": "planning.day",
-    "altitude": "navigation.altitude",
     "battery": "planning.battery",
 }
 

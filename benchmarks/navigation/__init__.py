@@ -1,1 +1,0 @@
-"""Studies of navigation: position correction, surfacings, faulty sensors, the channel, the prior."""
