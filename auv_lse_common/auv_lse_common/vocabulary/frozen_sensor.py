@@ -58,7 +58,6 @@ def frozen_values(
     north_m: NDArray[np.float64],
     east_m: NDArray[np.float64],
     flattest: float,
-    least_m: float = MOVED_M,
 ) -> NDArray[np.bool_]:
     """What a new `FrozenSensor` returns for each of many values, shape (n,) each; all at once.
 
@@ -71,6 +70,6 @@ def frozen_values(
     first = starts[np.cumsum(is_new) - 1]
     steps_m = np.append(COARSEST_M, np.where(changes != 0.0, np.abs(changes), np.inf))[: len(values_m)]
     moved_m = np.hypot(north_m - north_m[first], east_m - east_m[first])
-    far_m = np.maximum(least_m, np.minimum.accumulate(steps_m) / flattest)
+    far_m = np.maximum(MOVED_M, np.minimum.accumulate(steps_m) / flattest)
     frozen: NDArray[np.bool_] = (np.arange(len(values_m)) - first > REPEATS) & (moved_m > far_m)
     return frozen

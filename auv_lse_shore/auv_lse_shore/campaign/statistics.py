@@ -49,15 +49,15 @@ class Interval:
         return f"{self.mean:.{locations}f} ± {self.half:.{locations}f}"
 
 
-def proportion(flags: Sequence[bool | None], confidence: float = 0.95) -> str:
-    """Share of the true flags with its Wilson interval: `0.31 (0.14 to 0.56)`; None is left out.
+def proportion(flags: Sequence[bool | None]) -> str:
+    """Share of the true flags with its 95 % Wilson interval: `0.31 (0.14 to 0.56)`; None is left out.
 
     Student's interval would have no width for 0 of 16, and a negative limit for 1 of 16.
     """
     known = [bool(f) for f in flags if f is not None]
     if not known:
         return "–"
-    limits = stats.binomtest(sum(known), len(known)).proportion_ci(confidence, method="wilson")
+    limits = stats.binomtest(sum(known), len(known)).proportion_ci(0.95, method="wilson")
     return f"{sum(known) / len(known):.2f} ({limits.low:.2f} to {limits.high:.2f})"
 
 

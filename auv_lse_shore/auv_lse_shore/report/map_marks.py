@@ -58,13 +58,13 @@ def add_graticule(
         _label(axis.secondary_xaxis("top"), "xaxis", [row for row in at_east if west <= row[0] <= east])
 
 
-def nice_values(low: float, high: float, most: int = MAX_LINES) -> tuple[list[float], int]:
-    """Round values between two, at most `most`, and the number of decimals that tells them apart."""
+def nice_values(low: float, high: float) -> tuple[list[float], int]:
+    """Round values between two, at most `MAX_LINES`, and the number of decimals that tells them apart."""
     step, digits = 10.0, 0
     for exponent in range(0, -7, -1):
         for factor in (5, 2, 1):
             finer = factor * 10.0**exponent
-            if (high - low) / finer > most:
+            if (high - low) / finer > MAX_LINES:
                 return [round(k * step, 8) for k in range(math.ceil(low / step), math.floor(high / step) + 1)], digits
             step, digits = finer, -exponent
     return [round(k * step, 8) for k in range(math.ceil(low / step), math.floor(high / step) + 1)], digits

@@ -141,17 +141,15 @@ def share(flags: Sequence[bool | None], what: str) -> Evidence | None:
 def claims(
     groups: Mapping[tuple[int, str], Sequence[Row]],
     charted: Mapping[tuple[int, str], Sequence[Row]] | None = None,
-    ours: str = OURS,
 ) -> list[Claim]:
     """Every claim with its evidence, from missions with a flat prior and with a chart.
 
     Args:
         groups: Finished rows by (number of vehicles, method), with a flat prior.
         charted: The same with a coarse chart as prior.
-        ours: The project's own method.
     """
-    found = _claims(groups, ours)
-    with_chart = {claim.text: claim for claim in _claims(charted or {}, ours)}
+    found = _claims(groups)
+    with_chart = {claim.text: claim for claim in _claims(charted or {})}
     merged = []
     for claim in [*found, *(c for text, c in with_chart.items() if text not in {f.text for f in found})]:
         flat = claim.evidence if claim in found else ()
@@ -160,10 +158,10 @@ def claims(
     return merged
 
 
-def _claims(groups: Mapping[tuple[int, str], Sequence[Row]], ours: str) -> list[Claim]:
+def _claims(groups: Mapping[tuple[int, str], Sequence[Row]]) -> list[Claim]:
     teams = sorted({vehicles for vehicles, _ in groups})
     found = [_augmented_against_plain(groups, teams), _above_the_bound(groups, teams), _local_maps(groups, teams)]
-    found += [_against_lawnmower(groups, teams, "augmented"), _ours(groups, teams, ours)]
+    found += [_against_lawnmower(groups, teams, "augmented"), _ours(groups, teams)]
     return [claim for claim in found if claim.evidence]
 
 
@@ -258,15 +256,15 @@ def _against_lawnmower(groups: Mapping[tuple[int, str], Sequence[Row]], teams: S
     )
 
 
-def _ours(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence[int], ours: str) -> Claim:
+def _ours(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence[int]) -> Claim:
     evidence: list[Evidence] = []
     for k in teams:
         for other in ("augmented", "plain", "lawnmower"):
-            found = _differences(groups, [k], ours, other, f", {other}")
+            found = _differences(groups, [k], OURS, other, f", {other}")
             evidence += [e for e in found if "reward" not in e.what]
     return Claim(
-        text=f"Our own method ('{ours}') maps better than the paper's two and the lawnmower.",
+        text=f"Our own method ('{OURS}') maps better than the paper's two and the lawnmower.",
         source="not in the paper: this project's claim",
         evidence=tuple(evidence),
-        remark=f"Differences are {ours} − the other method.",
+        remark=f"Differences are {OURS} − the other method.",
     )

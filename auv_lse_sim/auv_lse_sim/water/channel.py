@@ -131,16 +131,19 @@ def frame_error_rate(ratio_db: ArrayLike, rate: int) -> Array:
     return np.asarray(np.interp(np.asarray(ratio_db, dtype=float), levels, errors))
 
 
-def land_between(depth_m: Callable[[Array, Array], Array], spacing_m: float = 5.0) -> Blocked:
+#: Maximum distance (m) between the points at which a link is checked for land.
+LINK_SPACING_M = 5.0
+
+
+def land_between(depth_m: Callable[[Array, Array], Array]) -> Blocked:
     """Creates a `Blocked` from the ground; unknown depth (NaN) or depth of at most 0 is land.
 
     Args:
         depth_m: Water depth (m) at north, east (m), arrays of one shape.
-        spacing_m: Maximum distance (m) between the points checked along the link.
     """
 
     def blocked(a: Position, b: Position) -> bool:
-        n = max(2, math.ceil(math.hypot(b[0] - a[0], b[1] - a[1]) / spacing_m) + 1)
+        n = max(2, math.ceil(math.hypot(b[0] - a[0], b[1] - a[1]) / LINK_SPACING_M) + 1)
         depth = np.asarray(depth_m(np.linspace(a[0], b[0], n), np.linspace(a[1], b[1], n)))
         return not bool((depth > 0.0).all())
 
