@@ -39,6 +39,7 @@ MODULES = {
     "mission": "mission_parts",
     "phases": "mission",
     "day": "planning.day",
+    "altitude": "navigation.altitude",
     "battery": "planning.battery",
 }
 

@@ -12,8 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.world import ChannelConfig
@@ -22,8 +21,9 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.packet.codec import Limits, Packet, decode, encode
 from auv_lse_comms.packet.tag import Tagger
-from auv_lse_sim.water.channel import Channel, Position, frame_error_rate, snr_db
+from auv_lse_sim.water.channel import Channel, Position, snr_db
 from benchmarks.command import end_with, parser_of
+from benchmarks.navigation.channel_loss import loss_at_range
 from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]
@@ -35,21 +35,6 @@ LIMITS = Limits(
     east_m=(-150.0, 750.0),
     depth_m=(-10.0, 1000.0),
 )
-
-
-def loss_at_range(range_m: ArrayLike, config: ChannelConfig) -> Array:
-    """Chance that a lone packet of one frame is not read at each range, computed with fading and random loss."""
-    config = config.in_force
-    ratio = snr_db(range_m, config)
-    if not config.frame_errors:
-        error = np.zeros_like(ratio)
-    elif config.fading_db == 0.0:
-        error = frame_error_rate(ratio, config.rate)
-    else:
-        # mean over the fading by the midpoints of 1000 equally likely parts of the normal distribution
-        parts = ndtri((np.arange(1000) + 0.5) / 1000.0)
-        error = frame_error_rate(ratio[..., None] + config.fading_db * parts, config.rate).mean(axis=-1)
-    return np.asarray(1.0 - (1.0 - error) * (1.0 - config.packet_loss))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

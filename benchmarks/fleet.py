@@ -51,9 +51,11 @@ def timed(function: Callable[..., Any], times_s: list[float]) -> Callable[..., A
     return call
 
 
-def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
-    """Processor times (s) of the calls of each part of `fleet` from now on, one list for each function."""
-    times_s: dict[str, list[list[float]]] = defaultdict(list)
+def flown(method: str, size: dict[str, Any]) -> Flown:
+    """Processor time of one mission."""
+    settings = Settings.load(None, {"planner.method": method, "mission.seed": SEED, **size})
+    fleet = Fleet(settings, ground_of(settings))
+    times_s: dict[str, list[list[float]]] = defaultdict(list)  # by part, of each function's calls
 
     def watch(owner: object, name: str, part: str) -> None:
         times_s[part].append([])
@@ -67,14 +69,6 @@ def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
         for name in ("receive", "next_packet"):
             watch(cores, name, "packets")
         watch(cores.planner, "decide", "planner")
-    return times_s
-
-
-def flown(method: str, size: dict[str, Any]) -> Flown:
-    """Processor time of one mission."""
-    settings = Settings.load(None, {"planner.method": method, "mission.seed": SEED, **size})
-    fleet = Fleet(settings, ground_of(settings))
-    times_s = watched(fleet)
     began = time.process_time()
     run = fleet.run()
     mission_s = time.process_time() - began

@@ -1,7 +1,11 @@
-"""Speed of the objective and of the Gaussian process, and the accuracy of the choices.
+"""The objective and the Gaussian process: speed against scikit-learn and GPyTorch, and the accuracy of the choices.
 
 All on one core, in processor time, so that it can be measured on a machine that has other things to do. The accuracy
-of the choices is measured on a made-up lake, or with `--lake FILE` on the soundings of a real one.
+of the choices is measured on a made-up lake, or with `--lake FILE` on the soundings of a real one. The other libraries
+live in an optional environment of their own:
+
+    python3 -m venv .venv-bench
+    .venv-bench/bin/pip install torch==2.13.0 gpytorch==1.15.2 scikit-learn==1.9.1
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ import math
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -40,9 +45,10 @@ from auv_lse_gp.map.quality_watch import SLICE
 from benchmarks.rows import Row, row
 
 ROOT = Path(__file__).resolve().parents[1]
+RIVALS = ROOT / ".venv-bench" / "bin" / "python"
 ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 
-#: The map whose speed is measured: 500 m x 400 m, as in the paper's trials.
+#: The map of the comparison: 500 m x 400 m, as in the paper's trials.
 SIZE_M = (500.0, 400.0)
 
 
@@ -58,6 +64,8 @@ class Sizes:
         judged: Centers of the map whose quality is judged.
         queries: Locations at which the local subset is compared with all centers.
         every: Every how many soundings of the survey are used.
+        soundings: Soundings of the fit.
+        restarts: Starts of the fit.
         repeats: Most repeats of a timed call.
     """
 
@@ -68,6 +76,8 @@ class Sizes:
     judged: int = 12000
     queries: int = 3000
     every: int = 1
+    soundings: int = 500
+    restarts: int = 5
     repeats: int = 5
 
 
@@ -80,6 +90,8 @@ SMOKE = Sizes(
     judged=60,
     queries=20,
     every=4,
+    soundings=40,
+    restarts=1,
     repeats=1,
 )
 
@@ -88,7 +100,7 @@ def run(*, smoke: bool = False, lake: Path | None = None) -> list[Row]:
     """Measures everything in a separate process on one core. Takes about three minutes.
 
     Args:
-        smoke: Measures at the smallest sizes, in seconds.
+        smoke: Measures at the smallest sizes, in seconds, and without the other libraries.
         lake: Soundings of a real lake; None: a made-up lake.
 
     Raises:
@@ -127,6 +139,7 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
         *real_time(sizes),
         judgement(sizes),
         *local_subset(survey, sizes),
+        *planned(sizes),
     ]
 
 
@@ -282,6 +295,28 @@ def add_all(gp: OnlineGp, locations: np.ndarray, depths: np.ndarray) -> None:
         gp.add(north, east, depth)
 
 
+def rivals(arrays: dict[str, Any], sizes: Sizes) -> dict[str, dict[str, Any]]:
+    """Results of the other libraries by name; {"missing": reason} for one that is not measured."""
+    if sizes == SMOKE or not RIVALS.exists():
+        missing = {"missing": "not in a smoke run" if sizes == SMOKE else "no .venv-bench: see benchmarks/gp.py"}
+        return {"scikit-learn": missing, "GPyTorch": missing}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "data.npz"
+        np.savez(file, **arrays)
+        done = subprocess.run(
+            [str(RIVALS), str(Path(__file__).parent / "navigation" / "gp_rivals.py"), str(file)],
+            env={**os.environ, **ONE_CORE},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if done.returncode:
+        why = {"missing": (done.stderr.strip().splitlines() or ["failed"])[-1][:100]}
+        return {"scikit-learn": why, "GPyTorch": why}
+    result: dict[str, dict[str, Any]] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
 def maps(sizes: Sizes = FULL) -> list[Row]:
     """Whole map of mean and std, appending a datum, and updating the map with it, for several numbers of centers."""
     cell_m = float(np.sqrt(np.prod(SIZE_M) / np.prod(sizes.cells)))
@@ -294,16 +329,86 @@ def maps(sizes: Sizes = FULL) -> list[Row]:
         locations, depths = made_up(n + 40, seed=n)
         gp = OnlineGp(config)
         add_all(gp, locations[:n], depths[:n])
-        gp.predict(queries)  # factorizes the centers
+        mean, std = gp.predict(queries)
         part = queries if n < 2000 else queries[::5]
-        repeats = min(3, sizes.repeats) if n == 500 else 1
-        seconds = len(queries) / len(part) * best_of(repeats, lambda gp=gp, part=part: gp.predict(part))
-        rows.append(row(f"map of {len(queries):,} locations, n = {n}", seconds, "s"))
-        rows += updates(config, area, locations, depths, n)
+        ours = (
+            len(queries)
+            / len(part)
+            * best_of(min(3, sizes.repeats) if n == 500 else 1, lambda gp=gp, part=part: gp.predict(part))
+        )
+        asked = queries if n == 500 else queries[:: max(1, len(queries) // 5_000)]
+        scale = len(queries) / len(asked)
+        data = {
+            "locations": locations[:n],
+            "depths": depths[:n],
+            "queries": asked,
+            "new": locations[n : n + 20],
+            "new_depths": depths[n : n + 20],
+            "signal_std": config.signal_std_m,
+            "length": config.length_scale_m,
+            "noise_std": config.noise_std_m,
+            "mean": config.mean_depth_m,
+        }
+        theirs = rivals(data, sizes)
+        rows += against_rivals(n, ours, (mean[:: round(scale)], std[:: round(scale)]), theirs, scale)
+        rows += updates(config, area, locations, depths, n, theirs["GPyTorch"])
     return rows
 
 
-def updates(config: GpConfig, area: OperatingArea, locations: np.ndarray, depths: np.ndarray, n: int) -> list[Row]:
+def against_rivals(
+    n: int, ours: float, field: tuple[np.ndarray, np.ndarray], theirs: dict[str, dict[str, Any]], scale: float
+) -> list[Row]:
+    """Rows of the whole map: each library as one would call it, and in the chunks that suit it best.
+
+    Args:
+        n: Number of centers.
+        ours: Our time for the whole map (s).
+        field: Our mean and standard deviation at the locations computed by the libraries, (P,) each.
+        theirs: What `rivals` gave.
+        scale: How many times as many locations the whole map has.
+    """
+    locations = round(scale * len(field[0]))
+    name = f"map of {locations:,} locations, n = {n}"
+    rows = [row(name, ours, "s")]
+    for library, key, goal in (
+        ("scikit-learn", "by_chunk", 9.0),
+        ("GPyTorch", "fast_pred_var", 30.0),
+        ("GPyTorch", "exact", 30.0),
+    ):
+        result = theirs[library]
+        if "missing" in result:
+            rows.append(row(name, ours, "s", f"{library}: {result['missing']}"))
+            continue
+        times = {int(chunk): scale * seconds for chunk, seconds in result[key].items()}
+        # scikit-learn takes the map in one call; GPyTorch would ask for P x P, so that chunks must be chosen.
+        plain = max(times) if library == "scikit-learn" else 2048
+        best = min(times, key=lambda chunk: times[chunk])
+        note = "" if scale == 1.0 else ", from 5,000 locations"
+        label = f"{library} {result['version']}" + (f" {key}" if key != "by_chunk" else "")
+        for chunk, text in ((plain, "one call" if library == "scikit-learn" else "chunks of 2048"), (best, "")):
+            goes = n == 500 and chunk == plain
+            rows.append(
+                row(
+                    name,
+                    ours,
+                    "s",
+                    f"{label}, {text or f'its best chunks ({best})'}{note}: {times[chunk]:.3g} s",
+                    times[chunk] / ours,
+                    f">= {goal:g} times" if goes else "",
+                    times[chunk] / ours >= goal if goes else None,
+                )
+            )
+        if key != "fast_pred_var":
+            off = max(
+                abs(values.sum() / result[k] - 1) for values, k in zip(field, ("mean_sum", "std_sum"), strict=True)
+            )
+            rows.append(row(f"{name}: sums differ by", off, "", label, goal="<= 1e-6", holds=off <= 1e-6))
+    return rows
+
+
+def updates(
+    config: GpConfig, area: OperatingArea, locations: np.ndarray, depths: np.ndarray, n: int, gpytorch: dict[str, Any]
+) -> list[Row]:
     """Appending and the incremental map."""
     gp = OnlineGp(config)
     add_all(gp, locations[:n], depths[:n])
@@ -316,13 +421,17 @@ def updates(config: GpConfig, area: OperatingArea, locations: np.ndarray, depths
         gp.predict(locations[:1])  # `add` alone leaves the work to the next answer
         times.append(clock() - begin)
     append = 1e3 * float(np.median(times))
+    known = "append_s" in gpytorch
+    rival = f"GPyTorch {gpytorch['version']}: {1e3 * gpytorch['append_s']:.3g} ms" if known else "GPyTorch: missing"
     rows = [
         row(
             f"append a datum and predict one location, n = {n}",
             append,
             "ms",
-            goal="<= 0.5 ms" if n == 500 else "",
-            holds=append <= 0.5 if n == 500 else None,
+            rival,
+            1e3 * gpytorch["append_s"] / append if known else None,
+            "<= 0.5 ms" if n == 500 else "",
+            append <= 0.5 if n == 500 else None,
         )
     ]
     depth_map = DepthMap(config, LevelSet(), area)
@@ -535,3 +644,23 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         )
     )
     return rows
+
+
+def planned(sizes: Sizes = FULL) -> list[Row]:
+    """Benefit of measuring along a path by planning its end after its prefix, against planning the whole path."""
+    locations, depths = made_up(sizes.data[0])
+    posterior, level_set = Posterior(GpConfig()), LevelSet()
+    posterior.extend(Centers(locations, depths, np.full(len(depths), 0.3)))
+    path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
+
+    def benefit_of(prior: Posterior, more: np.ndarray) -> None:
+        at = prior.with_planned(more).at(path)
+        level_set.benefit(at.mean_m, np.sqrt(at.data_var_m2 - at.planned_var_m2), np.sqrt(at.planned_var_m2))
+
+    whole = best_of(sizes.repeats, lambda: benefit_of(posterior, path))
+    prefix = posterior.with_planned(path[:100])
+    ends = best_of(sizes.repeats, lambda: benefit_of(prefix, path[100:]))
+    return [
+        row(f"benefit of a path of 120 locations, n = {len(locations)}", 1e3 * whole, "ms"),
+        row("the same, extending one of 100 locations", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),
+    ]

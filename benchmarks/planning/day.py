@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import resource
 import time
+from collections import defaultdict
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
@@ -18,7 +19,7 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_record.size_estimate import size_of
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
-from benchmarks.fleet import SEED, watched
+from benchmarks.fleet import SEED, timed
 from benchmarks.rows import Row, row
 
 #: Legs and vehicles of each mission.
@@ -26,7 +27,7 @@ FULL = ((100, 1), (300, 1), (1000, 1), (1200, 1), (2000, 1), (100, 3), (300, 3),
 SMOKE = ((4, 1),)
 #: Area (m^2) for each leg of each vehicle.
 AREA_M2 = 600.0 * 700.0 / 300.0
-PARTS = ("planner", "map", "positions", "packets", "world")
+PARTS = ("planner", "map", "locations", "packets", "world")
 #: Legs of a mission of at least twice as many that its last quarter is compared with.
 EARLY = (50, 100)
 #: Goals: milliseconds of an idle core, and the cost of a leg relative to that of the shortest mission.
@@ -50,6 +51,25 @@ def square(legs: int, vehicles: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
+    """Processor times of the calls of each part, one list for each function."""
+    times_s: dict[str, list[list[float]]] = defaultdict(list)
+
+    def watch(owner: object, name: str, part: str) -> None:
+        times_s[part].append([])
+        setattr(owner, name, timed(getattr(owner, name), times_s[part][-1]))
+
+    watch(fleet.world, "tick", "world")
+    for cores in fleet.cores:
+        watch(cores, "update_map", "map")
+        if cores.corrector is not None:
+            watch(cores.corrector, "correct", "locations")
+        for name in ("receive", "next_packet"):
+            watch(cores, name, "packets")
+        watch(cores.planner, "decide", "planner")
+    return times_s
+
+
 def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
     """The rows of one mission, and its cost of a leg late in it (s)."""
     settings = Settings.load(None, square(legs, vehicles))
@@ -59,7 +79,7 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
 
     def spent() -> dict[str, float]:
         found = {part: sum(map(sum, times_s[part])) for part in PARTS}
-        found["map"] -= found["positions"]  # positions are corrected while the map takes what came
+        found["map"] -= found["locations"]  # locations are corrected while the map takes what came
         return found
 
     at = (*(EARLY if legs >= 2 * EARLY[1] else ()), 0.75 * legs)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.altitude import (
+from benchmarks.navigation.altitude import (
     ASKED_M,
     DEPTH_M,
     FLIGHTS,

@@ -131,6 +131,27 @@ def test_the_made_up_survey_can_be_sounded():
     assert len(lake.locations_m) > 2000
 
 
+def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
+    rivals = importlib.import_module("benchmarks.navigation.gp_rivals")
+    gp = importlib.import_module("benchmarks.gp")
+    positions, depths = gp.made_up(30)
+    scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
+    data = {
+        "positions": positions,
+        "depths": depths,
+        "queries": positions[:5],
+        "new": positions[:2],
+        "new_depths": depths[:2],
+    }
+    np.savez(tmp_path / "data.npz", **data, **scales, fit_positions=positions, fit_depths=depths)
+    monkeypatch.setattr(sys, "argv", ["gp_rivals.py", str(tmp_path / "data.npz")])
+    rivals.main()
+    results = json.loads(capsys.readouterr().out)
+    assert results.keys() == {"scikit-learn", "GPyTorch"}
+    for result in results.values():
+        assert "missing" in result or {"version", "mean_sum", "std_sum"} <= result.keys()
+
+
 def test_the_figure_of_the_channel_is_drawn(tmp_path):
     importlib.import_module("benchmarks.comms").channel_figure(tmp_path / "channel.png", packets=1)
     assert (tmp_path / "channel.png").stat().st_size > 10_000

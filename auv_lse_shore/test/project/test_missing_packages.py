@@ -14,7 +14,7 @@ from auv_lse_common.support.missing_packages import MissingPackageError, missing
 #: What a vehicle does without: not installed by apt for it, or not by apt at all.
 ABSENT = (
     "numba", "llvmlite", "matplotlib", "mcap", "mcap_ros2", "pymavlink", "rosbags", "dask", "distributed", "pyarrow",
-    "rasterio", "rich", "shapely", "contourpy", "pyproj",
+    "rasterio", "rich", "shapely", "sklearn", "contourpy", "pyproj",
 )  # fmt: skip
 
 BLOCKER = f"""

@@ -24,7 +24,7 @@ PACKAGES = tuple(
 )
 
 #: What nobody needs to draw, fit or compile with on a vehicle.
-NEVER = {"matplotlib", "pandas", "dask", "rasterio", "auv_lse_shore"}
+NEVER = {"matplotlib", "pandas", "dask", "sklearn", "rasterio", "auv_lse_shore"}
 COMMS = {"scipy", "numba", "rosbags", "contourpy", "auv_lse_gp", "auv_lse_planner", "auv_lse_sim"}
 UNUSED = {
     "auv_lse_comms.modem_node": COMMS | {"serial", "auv_lse_mavlink"},

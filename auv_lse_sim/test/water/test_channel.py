@@ -24,7 +24,7 @@ from auv_lse_sim.water.channel import (
     thorp_db_per_km,
     transmission_loss_db,
 )
-from benchmarks.comms import loss_at_range
+from benchmarks.navigation.channel_loss import loss_at_range
 
 PAYLOAD = bytes(range(252))
 #: Only distance matters: no chance, no errors.

@@ -1,0 +1,1 @@
+"""Studies of navigation: position correction, surfacings, faulty sensors, the channel, the prior."""
