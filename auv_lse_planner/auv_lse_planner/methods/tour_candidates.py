@@ -191,7 +191,7 @@ class TourCandidates:
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
 
-        After each round the better half is bent again.
+        Each round bends the better half of those before it, the first one the better half of the optimized starts.
         """
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
         lines_m = single_routes_m(self._context, s.state[1:], legs, s.deadline)
@@ -205,16 +205,16 @@ class TourCandidates:
                 return
         kept = bends
         for _ in range(START_BENDS if bends else 0):
+            kept = sorted(kept, key=lambda b: -best_of(b).value.expected_end)[: (len(kept) + 1) // 2]
             for bent in kept:
                 bent.append(self._bent_for_end(problem, bent[-1].path, self._search, result))
                 if result.deadline_hit:
                     result.plans += [best_of(b) for b in bends]
                     return
-            kept = sorted(kept, key=lambda b: -best_of(b).value.expected_end)[: (len(kept) + 1) // 2]
         if not bends:
             return
         result.plans += [best_of(b) for b in bends]
-        path = best_of(kept[0]).path
+        path = best_of([best_of(b) for b in kept]).path
         for _ in range(FINER_BENDS):
             result.plans.append(self._bent_for_end(problem, path, self._finer, result))
             path = result.plans[-1].path

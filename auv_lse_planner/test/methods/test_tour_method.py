@@ -163,21 +163,37 @@ def test_a_team_does_not_optimize_a_tour_further_that_is_far_behind_the_naive_pa
 
 
 @pytest.mark.skipif(not USE_NUMBA, reason="a single vehicle's routes need compiled code")
-def test_after_each_round_the_better_half_of_the_starts_is_bent_again(monkeypatch):
-    bends, bent = [], TourCandidates._bent_for_end
+def test_each_round_bends_the_better_half_of_the_starts(monkeypatch):
+    """The first round too: it bends the better half of the optimized starts."""
+    optimized, bends, bent, routes_m = [], [], TourCandidates._bent_for_end, single_routes_m
+
+    def routes(*arguments):
+        optimized.clear()  # only what is optimized from here on is bent
+        return routes_m(*arguments)
+
+    def through(self, problem, waypoints_m, through=TourCandidates._through):
+        optimized.append(through(self, problem, waypoints_m))
+        return optimized[-1]
 
     def spy(self, problem, path, search, result):
-        bends.append((bent(self, problem, path, search, result), search is self._finer))
-        return bends[-1][0]
+        bends.append((path, bent(self, problem, path, search, result), search is self._finer))
+        return bends[-1][1]
 
+    monkeypatch.setattr(tour_candidates, "single_routes_m", routes)
+    monkeypatch.setattr(TourCandidates, "_through", through)
     monkeypatch.setattr(TourCandidates, "_bent_for_end", spy)
-    planner = _planner(steps=30)
-    _travel(planner, 1)
-    ends = [c.value.expected_end for c, finer in bends if not finer]
-    starts = next(n for n in range(2, 40) if sum(-(-n // 2**k) for k in range(START_BENDS)) == len(ends))
+    _travel(_planner(steps=30), 1)
+    starts, first = len(optimized), -(-len(optimized) // 2)
+    ends = [c.value.expected_end for _, c, finer in bends if not finer]
     assert starts >= 4
-    assert max(ends[starts:]) > max(ends[:starts]), "further bends improve the best"
-    assert sum(finer for _, finer in bends) == FINER_BENDS
+    assert len(ends) == sum(-(-starts // 2**k) for k in range(1, START_BENDS + 1))
+    better = sorted(optimized, key=lambda c: -c.value.expected_end)[:first]
+    assert [id(path) for path, *_ in bends[:first]] == [id(c.path) for c in better]
+    assert max(ends[first:]) > max(ends[:first]), "further bends improve the best"
+    finer = [path for path, _, is_finer in bends if is_finer]
+    assert len(finer) == FINER_BENDS
+    best = max([*optimized, *(c for _, c, is_finer in bends if not is_finer)], key=lambda c: c.value.expected_end)
+    assert finer[0] is best.path
 
 
 def test_tour_without_new_data_is_kept():
