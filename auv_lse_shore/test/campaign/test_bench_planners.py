@@ -71,13 +71,19 @@ def test_a_manifest_names_source_and_hash_of_each_file_and_refuses_another_file(
         read(file="other.npz")
 
 
-def test_the_shipped_manifest_uses_no_ground_for_two_roles() -> None:
+@pytest.mark.parametrize("manifest", sorted(Path("config").glob("planner_grounds*.yaml")), ids=lambda path: path.stem)
+def test_a_shipped_manifest_uses_no_ground_for_two_roles(manifest: Path) -> None:
     import yaml
 
-    listed = yaml.safe_load(Path("config/planner_grounds.yaml").read_text())["grounds"]
+    listed = yaml.safe_load(manifest.read_text())["grounds"]
     assert len({entry["name"] for entry in listed}) == len(listed)
     made_up = [str(entry["mission"]) for entry in listed if "file" not in entry]
     assert len(set(made_up)) == len(made_up)
+    left_out: list[str] = []
+    found = grounds.read(manifest, leave_out=left_out.append)
+    assert len(found) + len(left_out) == len(listed)
+    for ground in found:
+        Settings.load(None, ground.parameters)
 
 
 def test_a_planner_in_a_file_is_flown_by_our_steering_and_judged(tmp_path: Path) -> None:
@@ -122,6 +128,13 @@ def test_a_mission_of_the_whole_simulation_is_judged_in_thirds_by_the_map_of_its
     assert 0.1 < result["found"][-1] == report.isobath_found
     assert result["found"][0] < result["found"][-1]
     assert (result["risk"], result["true_loss"]) == (report.risk_after, report.loss_after)
+
+
+def test_a_mission_that_ended_early_keeps_the_share_of_its_end() -> None:
+    soon = {**SMALL, "mission.until.found": 0.05}
+    result = mission("tour", soon, 1, 1, 60, whole=True)
+    assert len(result["found"]) == 3
+    assert 0.0 < result["found"][0] == result["found"][1] == result["found"][2]
 
 
 def view_of(west_m: float = 40.0, mates_m: list[np.ndarray] | None = None, vehicle: int = 1) -> View:

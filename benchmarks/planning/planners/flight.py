@@ -102,8 +102,9 @@ def whole_mission(settings: Settings, ground: Any) -> tuple[Judgement, float]:
     began = _cpu_s()
     run = Fleet(settings, ground).run(judge_after_thirds)
     spent = _cpu_s() - began - judging_s
-    shares += shares[-1:] * (THIRDS - 1 - len(shares))  # of a mission that ended early
-    return judgement_of(run, shares), spent
+    end = judgement_of(run)
+    shares += [end.found[-1]] * (THIRDS - len(shares))  # more than once if the mission ended early
+    return dataclasses.replace(end, found=tuple(shares)), spent
 
 
 def _cpu_s() -> float:

@@ -94,16 +94,15 @@ def judge(settings: PlannerSettings, ground: Any, rows: Sequence[tuple[float, fl
     return _judgement(found, field, pieces, truth, level)
 
 
-def judgement_of(run: RunData, before: Sequence[float] = ()) -> Judgement:
-    """Judges a mission of the whole simulation by its report's map; `before` are the shares found at earlier times."""
+def judgement_of(run: RunData) -> Judgement:
+    """Judges a mission of the whole simulation, or its part so far, by its report's map."""
     team = team_map(run)
     ground = run.ground
     assert ground is not None, "a simulated mission has a ground"
     level = LevelSet.of(team.settings.level_set)
     error = compare(lines_of(team.pieces, FOUND), _traced(ground, level))
-    return _judgement(
-        [*before, error.found if np.isfinite(error.found) else 1.0], team.field, team.pieces, ground, level
-    )
+    share = error.found if np.isfinite(error.found) else 1.0
+    return _judgement([share], team.field, team.pieces, ground, level)
 
 
 def _traced(truth: GroundGrid, level: LevelSet) -> list[Array]:
