@@ -71,8 +71,8 @@ def compare(estimate: Sequence[Array], truth: Sequence[Array], around: Sequence[
     Args:
         estimate: The estimated isobath.
         truth: The true isobath.
-        around: True isobath outside of what is evaluated, as between a steep shore and the first cell of water: the
-            estimate need not find it, but what is near it is not made up.
+        around: True isobath outside of the evaluated cells, as between a steep shore and the first cell of water. The
+            estimate need not find it, but pieces near it are not made up.
     """
     a, b, everywhere = resample(estimate), resample(truth), resample([*truth, *around])
     if len(a) == 0 or len(everywhere) == 0:
