@@ -9,25 +9,30 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from auv_lse_common.topics.quality import EVERY
 
-#: Of /rosout: with what was logged before the subscription.
-LOGS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_LOGS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Spun:
-    """A node with its parameters, and a second node beside it."""
+    """A node with its parameters, and a second node beside it.
+
+    `logs` has every line of /rosout: the subscription precedes the node, because /rosout keeps a line for 10 s only
+    and a busy computer may match a later subscription too late.
+    """
 
     def __init__(self, make: Callable[[], Any], file: Path, namespace: str) -> None:
         rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)])
         self.executor = SingleThreadedExecutor()
-        self.node = make()
         self.bench = rclpy.create_node("bench", use_global_arguments=False)
-        self.executor.add_node(self.node)
+        self.logs: list[Log] = self.collect(Log, "/rosout", _LOGS)
+        self.node = make()
         self.executor.add_node(self.bench)
+        self.executor.add_node(self.node)
 
     def collect(self, kind: type, topic: str, quality: QoSProfile = EVERY) -> list[Any]:
         messages: list[Any] = []
@@ -37,7 +42,7 @@ class Spun:
     def until(self, condition: Callable[[], Any], each: Callable[[], None] = lambda: None) -> None:
         end = time.monotonic() + 60.0
         while not condition():
-            assert time.monotonic() < end, "did not happen in time"
+            assert time.monotonic() < end, f"did not happen in time; logged: {[log.msg for log in self.logs]}"
             each()
             self.executor.spin_once(timeout_sec=0.05)
 

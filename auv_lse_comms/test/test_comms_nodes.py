@@ -14,9 +14,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
-from spinning import LOGS, spun
+from spinning import spun
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
@@ -143,10 +142,9 @@ def test_a_driver_without_its_device_logs_and_publishes_what_it_waits_for(
     assert driver_node._DIAGNOSTICS_PERIOD_S < 5.0
     monkeypatch.setattr(driver_node, "_DIAGNOSTICS_PERIOD_S", 0.3)
     with spun(MicromodemNode, tmp_path / "p.yaml", "modem: {kind: micromodem, port: /dev/no-modem}") as s:
-        logs = s.collect(Log, "/rosout", LOGS)
         reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
         text = "waiting for a device on modem.port /dev/no-modem: "
-        waiting = lambda: [log.msg for log in logs if log.msg.startswith(text)]
+        waiting = lambda: [log.msg for log in s.logs if log.msg.startswith(text)]
         s.until(lambda: waiting() and len(reports) >= 3)
         assert len(waiting()) == 1, "the log has it once"
         assert reports[0].status[0].level == DiagnosticStatus.ERROR

@@ -18,8 +18,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from pymavlink.dialects.v20 import common as mavlink
-from rcl_interfaces.msg import Log
-from spinning import LOGS, spun
+from spinning import spun
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.dive import DIVE_VARIABLE
@@ -198,10 +197,9 @@ def test_a_link_without_an_autopilot_logs_and_publishes_what_it_waits_for(
     monkeypatch.setattr(driver_node, "_DIAGNOSTICS_PERIOD_S", 0.3)
     endpoint = f"udpin://127.0.0.1:{free_port()}"
     with spun(VehicleLinkNode, tmp_path / "p.yaml", f"link: {{kind: mavlink, endpoint: '{endpoint}'}}") as s:
-        logs = s.collect(Log, "/rosout", LOGS)
         reports = s.collect(DiagnosticArray, "/auv2/diagnostics")
         text = f"waiting for a device on link.endpoint {endpoint}: no autopilot heard"
-        waiting = lambda: [log.msg for log in logs if log.msg.startswith(text)]
+        waiting = lambda: [log.msg for log in s.logs if log.msg.startswith(text)]
         s.until(lambda: len(reports) >= 3)
         s.until(waiting)
         assert len(waiting()) == 1, "the log has it once"
