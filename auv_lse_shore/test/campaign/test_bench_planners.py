@@ -24,7 +24,7 @@ from benchmarks import bench
 from benchmarks.planning.planners import dec_mcts, grounds, page, rivals, sgptools_rivals
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.interface import View, loaded
-from benchmarks.planning.planners.judge import Judgement
+from benchmarks.planning.planners.judge import Judgement, longest_missed_m
 from benchmarks.planning.planners.options import PEER_NAMES, RIVAL_NAMES
 
 SMALL = {
@@ -38,7 +38,9 @@ SMALL = {
 
 
 def judgement(*found: float) -> Judgement:
-    return Judgement(found=found, risk=1.0, true_loss=0.5, false_share=0.0, error_m=1.0, true_m=100.0, found_m=90.0)
+    return Judgement(
+        found=found, risk=1.0, true_loss=0.5, false_share=0.0, error_m=1.0, true_m=100.0, found_m=90.0, missed_m=8.0
+    )
 
 
 def test_the_distance_to_a_share_is_interpolated_and_1_if_it_is_never_reached() -> None:
@@ -46,6 +48,16 @@ def test_the_distance_to_a_share_is_interpolated_and_1_if_it_is_never_reached() 
     assert found.distance(0.5) == pytest.approx((1.0 + 0.75) / 4.0)
     assert found.distance(0.8) == pytest.approx((3.0 + 2.0 / 3.0) / 4.0)
     assert found.distance(0.95) == 1.0
+
+
+def test_the_longest_missed_piece_is_connected_also_across_the_ends_of_a_closed_line() -> None:
+    ring = np.array([[0.0, 0.0], [0.0, 200.0], [100.0, 200.0], [100.0, 0.0], [0.0, 0.0]])
+    line = np.array([[500.0, 0.0], [500.0, 300.0]])
+    assert longest_missed_m([], []) == 0.0
+    assert longest_missed_m([ring, line], []) == pytest.approx(600.0)
+    assert longest_missed_m([line], [np.array([[500.0, 100.0], [500.0, 200.0]])]) == pytest.approx(90.0, abs=3.0)
+    side = ring[2:4]  # 200 m of 600 m, and 10 m beyond its ends count as found
+    assert longest_missed_m([ring, line], [side, line]) == pytest.approx(380.0, abs=5.0)
 
 
 def test_a_manifest_names_source_and_hash_of_each_file_and_refuses_another_file(tmp_path: Path) -> None:
@@ -279,13 +291,15 @@ def test_the_page_pairs_missions_ground_by_ground() -> None:
             "ground": ground, "role": "reporting", "simulation": "light", "planner": planner, "vehicles": 1,
             "seed": 1, "legs": 100,
             "found": [end / 12.0 * n for n in range(1, 13)], "to_50": 0.5, "to_80": 0.8, "to_95": 1.0, "risk": 1.0,
-            "true_loss": 0.5, "false_share": 0.0, "error_m": 1.0, "cpu_s": 1.0,
+            "true_loss": 0.5, "false_share": 0.0, "error_m": 1.0, "cpu_s": 1.0, "missed_m": missed_m,
         }
-        for ground in ("a", "b") for planner, end in (("line", 0.9), ("plain", 0.6))
+        for ground, missed_m in (("a", 40.0), ("b", 90.0)) for planner, end in (("line", 0.9), ("plain", 0.6))
     ]  # fmt: skip
     text = page.page(lines, ["plain"])
     assert "| line | 2 | +0.30 (+0.30 to +0.30)" in text
     assert "| a | 0.90 | 0.60 |" in text
+    assert "| misses 40 m | longest missed (m) |" in text
+    assert "| 0.50 | 90 |" in text
 
 
 def test_the_command_names_an_unknown_ground() -> None:

@@ -45,6 +45,7 @@ class Judgement:
         error_m: Mean distance of the line called found from the true isobath.
         true_m: Length of the true isobath.
         found_m: Length called found.
+        missed_m: Length of the longest connected piece of the true isobath that was not found.
     """
 
     found: tuple[float, ...]
@@ -54,6 +55,7 @@ class Judgement:
     error_m: float
     true_m: float
     found_m: float
+    missed_m: float
 
     def distance(self, share: float) -> float:
         """Part of the mission after which a share of the isobath is found, interpolated; 1 if it never is."""
@@ -121,15 +123,29 @@ def _judgement(
     found = lines_of(pieces, FOUND)
     # also outside the area, as between a steep shore and the first cell of water
     everywhere = trace(truth.north_m, truth.east_m, truth.depth_m, level.level_m)
+    isobath = _traced(truth, level)
     return Judgement(
         found=tuple(shares),
         risk=float(level.risk(field.mean_m[known], field.prior_std_m[known]).mean()),
         true_loss=float(costs.mean()),
         false_share=_false_share(found, everywhere),
         error_m=compare(found, everywhere).estimate_mean_m,
-        true_m=length_m(_traced(truth, level)),
+        true_m=length_m(isobath),
         found_m=length_m(found),
+        missed_m=longest_missed_m(isobath, found),
     )
+
+
+def longest_missed_m(truth: Sequence[Array], found: Sequence[Array]) -> float:
+    """Length (m) of the longest connected piece of true lines that lies near no line found; 0 without any."""
+    is_near, longest = near(found), 0.0
+    for line in truth:
+        missed = ~is_near(resample([line]))
+        if (line[0] == line[-1]).all():  # closed: begins behind its last location found
+            missed = np.roll(missed, -1 - int(np.argmin(missed)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], missed, [0]])))
+        longest = max(longest, np.diff(edges)[::2].max(initial=0) * length_m([line]) / len(missed))
+    return longest
 
 
 def _false_share(found: Sequence[Array], truth: Sequence[Array]) -> float:

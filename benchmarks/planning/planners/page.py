@@ -21,8 +21,12 @@ COLUMNS = (
     ("true_loss", "true loss", 3),
     ("false_share", "false claims", 3),
     ("error_m", "error of found (m)", 1),
+    ("misses", "misses 40 m", 2),
+    ("missed_m", "longest missed (m)", 0),
     ("cpu_s", "processor time (s)", 0),
 )
+#: A mission misses a piece of the isobath if a connected piece longer than this (m) is not found.
+MISSED_M = 40.0
 #: Columns of the paired differences.
 PAIRED = (("end", "found at the end"), ("third", "at 1/3"), ("two_thirds", "at 2/3"))
 #: Columns of the paired ratios.
@@ -45,6 +49,8 @@ def rows_of(lines: Sequence[Row]) -> list[dict[str, Any]]:
         found = line["found"]
         n = len(found)
         derived = {"third": found[n // 3 - 1], "two_thirds": found[2 * n // 3 - 1], "end": found[-1]}
+        if "missed_m" in line:
+            derived["misses"] = float(line["missed_m"] > MISSED_M)
         rows.append({**line, **derived, "never_80": float(found[-1] < 0.8)})
     return rows
 
@@ -68,7 +74,8 @@ def _preface(lines: Sequence[Row]) -> list[str]:
         f"{len(lines)} missions over {len(grounds)} grounds for {', '.join(roles)}: {', '.join(grounds)}. "
         f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
-        "than 20 m off.",
+        f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a longer connected piece of the isobath; "
+        "*longest missed*: in the worst of them.",
     ]
 
 
@@ -81,7 +88,8 @@ def _means(rows: Sequence[Row]) -> list[str]:
         cells = [name, str(len(mine))]
         for key, _, digits in COLUMNS:
             known = [row[key] for row in mine if row.get(key) is not None and row[key] == row[key]]
-            cells.append(f"{sum(known) / len(known):.{digits}f}" if known else "")
+            value = max(known, default=0.0) if key == "missed_m" else sum(known) / max(len(known), 1)
+            cells.append(f"{value:.{digits}f}" if known else "")
         text.append("| " + " | ".join(cells) + " |")
     return text
 
