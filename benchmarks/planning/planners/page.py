@@ -74,7 +74,7 @@ def _preface(lines: Sequence[Row]) -> list[str]:
         f"{len(lines)} missions over {len(grounds)} grounds for {', '.join(roles)}: {', '.join(grounds)}. "
         f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
-        f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a longer connected piece of the isobath; "
+        f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a connected piece longer than this; "
         "*longest missed*: in the worst of them.",
     ]
 
