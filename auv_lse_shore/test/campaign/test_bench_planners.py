@@ -241,16 +241,29 @@ def test_dec_mcts_avoids_what_a_mate_plans() -> None:
 
 
 def test_the_distribution_of_dec_mcts_follows_the_papers_gradient() -> None:
-    once = dec_mcts.updated(np.array([0.5, 0.5]), np.array([1.0, 0.0]), 1.0)
+    once = dec_mcts.updated(np.array([0.5, 0.5]), np.array([1.0, 0.0]), 1.0, 0.01)
     assert once == pytest.approx([0.5025, 0.4975])  # slopes (.5 - 1) and (.5 - 0); the entropy cancels; alpha = .01
     chances, values = np.full(3, 1.0 / 3.0), np.array([0.2, 1.0, 0.6])
     for _ in range(5000):
-        chances = dec_mcts.updated(chances, values, 0.5)
+        chances = dec_mcts.updated(chances, values, 0.5, 0.01)
     assert chances == pytest.approx(np.exp(values / 0.5) / np.exp(values / 0.5).sum(), rel=1e-3)  # least free energy
 
 
+def test_rivals_with_two_sets_of_parameters_choose_by_each() -> None:
+    view = view_of()
+    mean, std = rivals._moments(view)
+    wide = rivals.RIVALS["level_set_ucb_3"]().path(view)
+    assert (wide == view.cells_m[np.argmax(3.0 * std - np.abs(mean - view.level_m))]).all()
+    children = [dec_mcts._Node((n,), np.zeros(3), [], dec_mcts.PARAMETERS) for n in (0, 1)]
+    for now, (number, value) in enumerate([(0, 0.5), (0, 0.5), (0, 0.5), (1, 0.0)], 1):
+        children[number].back_up(now, value, (number,))
+    for parameters, chosen in ((dec_mcts.PARAMETERS, 0), (dec_mcts.WIDE, 1)):
+        root = dec_mcts._Node((), np.zeros(3), [], parameters, children)
+        assert root.child(4, 1.0).actions == (chosen,)
+
+
 def test_rollouts_of_dec_mcts_fade() -> None:
-    node = dec_mcts._Node((), np.zeros(3), [])
+    node = dec_mcts._Node((), np.zeros(3), [], dec_mcts.PARAMETERS)
     node.back_up(1, 1.0, (0,))
     node.back_up(3, 0.0, (1,))
     assert (node.visits, node.total) == pytest.approx((1.81, 0.81))  # .9 ** 2 each, and 1 more visit

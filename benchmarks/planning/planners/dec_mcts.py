@@ -5,8 +5,9 @@ probability each, sends them, and updates the probabilities against those of its
 paper's local utility: what it adds to the objective with the mates' sequences given. The objective is the expected drop
 of the number of misclassified cells, which is the Bayes risk with equal costs.
 
-The paper bounds discount and exploration only (1/2 < gamma < 1, c_p > 1 / sqrt(8)); the values of gamma, c_p, alpha and
-beta are those of a public implementation by others. Deviations:
+The paper bounds discount and exploration only (1/2 < gamma < 1, c_p > 1 / sqrt(8)), so the values of gamma, c_p, alpha
+and beta are those of public implementations by others: JennyLynnFletcher/Dec-MCTS (`PARAMETERS`) and, with more
+exploration, ywu26/DEC-MCTS_experiment (`WIDE`). Deviations:
 
 - A packet has one plan, so the distribution of a mate is the plan heard last, with probability 1. The expectations over
   the mates are then exact, and nothing is sampled.
@@ -35,12 +36,31 @@ HORIZON = 10
 ROUNDS, ROLLOUTS = 10, 20
 #: Number of sequences with a probability.
 SUPPORT = 10
-#: Discount of old rollouts (gamma), exploration (c_p), and step of the distribution (alpha).
-DISCOUNT, EXPLORATION, STEP = 0.9, 0.5, 0.01
-#: Temperature (beta) of the first round, and its factor for each round.
-TEMPERATURE, COOLING = 0.1, 0.9
 #: Range (m) beyond its locations in which a sequence changes the map.
 NEAR_M = 60.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameters:
+    """What the paper leaves open.
+
+    Attributes:
+        discount: Of old rollouts (gamma).
+        exploration: c_p.
+        step: Of the distribution (alpha).
+        temperature: beta of the first round.
+        cooling: Factor on the temperature for each round.
+    """
+
+    discount: float
+    exploration: float
+    step: float
+    temperature: float
+    cooling: float
+
+
+PARAMETERS = Parameters(discount=0.9, exploration=0.5, step=0.01, temperature=0.1, cooling=0.9)
+WIDE = Parameters(discount=0.95, exploration=1.0, step=0.1, temperature=10.0, cooling=1.0)
 
 
 class MarginalRisk:
@@ -72,6 +92,7 @@ class _Node:
     actions: Actions
     state: Array
     untried: list[int]
+    parameters: Parameters
     children: list[_Node] = field(default_factory=list)
     visits: float = 0.0
     total: float = 0.0
@@ -80,36 +101,37 @@ class _Node:
 
     def visits_at(self, now: int) -> float:
         """Discounted number of rollouts at iteration `now`."""
-        return self.visits * DISCOUNT ** (now - self.seen)
+        return self.visits * self.parameters.discount ** (now - self.seen)
 
     def child(self, now: int, scale: float) -> _Node:
         """The child of the largest upper confidence bound (D-UCB), its values divided by `scale`."""
         visits = [child.visits_at(now) for child in self.children]
         wide = math.sqrt(max(math.log(sum(visits)), 0.0))
         bounds = [
-            child.total / (child.visits * scale) + 2.0 * EXPLORATION * wide / math.sqrt(n)
+            child.total / (child.visits * scale) + 2.0 * self.parameters.exploration * wide / math.sqrt(n)
             for child, n in zip(self.children, visits, strict=True)
         ]
         return self.children[int(np.argmax(bounds))]
 
     def back_up(self, now: int, value: float, sequence: Actions) -> None:
         """Counts a rollout."""
-        fade = DISCOUNT ** (now - self.seen)
+        fade = self.parameters.discount ** (now - self.seen)
         self.visits, self.total, self.seen = self.visits * fade + 1.0, self.total * fade + value, now
         self.best = max(self.best, (value, sequence))
 
 
-def updated(chances: Array, values: Array, temperature: float) -> Array:
+def updated(chances: Array, values: Array, temperature: float, step: float) -> Array:
     """Probabilities (n,) after a step of the paper's gradient descent: q -= alpha q ((E f - f) / beta + H(q) + ln q).
 
     Args:
         chances: Probabilities q (n,).
         values: Expected local utility f (n,) of each sequence, the mates' distributions given.
         temperature: beta.
+        step: alpha.
     """
     logs = np.log(chances)
     slope = (chances @ values - values) / temperature - chances @ logs + logs
-    new = np.maximum(chances * (1.0 - STEP * slope), 1e-12)
+    new = np.maximum(chances * (1.0 - step * slope), 1e-12)
     return np.asarray(new / new.sum())
 
 
@@ -118,15 +140,20 @@ class DecMcts:
 
     replan_legs: int | None = 1
 
+    def __init__(self, parameters: Parameters = PARAMETERS) -> None:
+        """Takes what the paper leaves open."""
+        self._parameters = parameters
+
     def path(self, view: View) -> Array:
         """Ends (n, 2) of the legs of the most probable sequence."""
         state = np.array([view.heading_rad, *view.position_m])
         legs = min(HORIZON, view.legs_left)
         value = MarginalRisk(view, legs * view.leg_m + NEAR_M)
-        root = _Node((), state, _feasible(view, state))
+        chosen = self._parameters
+        root = _Node((), state, _feasible(view, state), chosen)
         if not root.untried:
             return view.position_m[None] + view.leg_m * np.array([[math.cos(state[0]), math.sin(state[0])]])
-        nodes, scale, temperature = [root], 1e-12, TEMPERATURE
+        nodes, scale, temperature = [root], 1e-12, chosen.temperature
         support: list[tuple[float, Actions]] = []
         chances = np.empty(0)
         for number in range(ROUNDS):
@@ -141,8 +168,8 @@ class DecMcts:
             new = list(dict.fromkeys(node.best for node in ranked))[:SUPPORT]
             if new != support:
                 support, chances = new, np.full(len(new), 1.0 / len(new))
-            chances = updated(chances, np.array([f for f, _ in support]) / scale, temperature)
-            temperature *= COOLING
+            chances = updated(chances, np.array([f for f, _ in support]) / scale, temperature, chosen.step)
+            temperature *= chosen.cooling
         return view.motion.roll(state, support[int(np.argmax(chances))][1])[1:, 1:]
 
 
@@ -155,7 +182,7 @@ def _grow(view: View, root: _Node, nodes: list[_Node], now: int, scale: float) -
     if last.untried and len(last.actions) < min(HORIZON, view.legs_left):
         action = last.untried.pop(int(view.rng.integers(len(last.untried))))
         state = view.motion.end_state(last.state, action)
-        new = _Node((*last.actions, action), state, _feasible(view, state))
+        new = _Node((*last.actions, action), state, _feasible(view, state), root.parameters)
         last.children.append(new)
         nodes.append(new)
         branch.append(new)

@@ -18,7 +18,8 @@ OURS: dict[str, dict[str, Any]] = {
 #: Names of the rivals that need sgptools' environment, of all rivals, and of the row of hindsight.
 PEER_NAMES = ("continuous_sgp", "gcb_cover")
 RIVAL_NAMES = (
-    "straddle", "randomized_straddle", "level_set_ucb", "truvar", "global_sur", "eavc", "dec_mcts", *PEER_NAMES,
+    "straddle", "randomized_straddle", "level_set_ucb", "level_set_ucb_3", "truvar", "global_sur", "eavc", "dec_mcts",
+    "dec_mcts_wide", *PEER_NAMES,
 )  # fmt: skip
 HINDSIGHT = "hindsight"
 #: What a ground may be used for. A figure that is reported comes from grounds that nothing was tuned or chosen on.

@@ -1,5 +1,6 @@
-"""Public planners for level sets, one class each; parameters as their authors recommend, where they do.
+"""Public planners for level sets, one class each; parameters as their authors recommend.
 
+Where they recommend two, or none and others chose, each choice has a name (`level_set_ucb_3`, `dec_mcts_wide`).
 All choose locations; our steering flies to them, and soundings on the way count. None knows travel costs except
 `TruncatedVarianceReduction`, whose authors divide by a cost. Planners of paths are in `dec_mcts.py` and
 `sgptools_rivals.py`.
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from scipy.special import ndtr, ndtri
 
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from benchmarks.planning.planners.dec_mcts import DecMcts
+from benchmarks.planning.planners.dec_mcts import WIDE, DecMcts
 from benchmarks.planning.planners.interface import Planner, View
 
 Array = NDArray[np.float64]
@@ -55,6 +57,10 @@ class Straddle:
 
     replan_legs: int | None = None
 
+    def __init__(self, width: float = 1.96) -> None:
+        """Takes the factor on the standard deviation."""
+        self._width = width
+
     def path(self, view: View) -> Array:
         """The location of the largest score."""
         mean, std = _moments(view)
@@ -62,7 +68,7 @@ class Straddle:
 
     def width(self, view: View) -> float:
         """Factor on the standard deviation."""
-        return 1.96
+        return self._width
 
 
 class RandomizedStraddle(Straddle):
@@ -79,10 +85,12 @@ class RandomizedStraddle(Straddle):
 class LevelSetUcb(Straddle):
     """Gotovos et al. 2013, Active learning for level set estimation: the most ambiguous location, with GP-UCB's factor.
 
-    beta = 2 log(n pi^2 t^2 / 6 d), d = 0.1, for n cells at the t-th choice.
+    beta = 2 log(n pi^2 t^2 / 6 d), d = 0.1, for n cells at the t-th choice, as their theorem demands. Their experiments
+    have the factor 3 (`level_set_ucb_3`).
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self._choices = 0
 
     def width(self, view: View) -> float:
@@ -162,8 +170,10 @@ RIVALS: dict[str, Callable[[], Planner]] = {
     "straddle": Straddle,
     "randomized_straddle": RandomizedStraddle,
     "level_set_ucb": LevelSetUcb,
+    "level_set_ucb_3": partial(Straddle, 3.0),
     "truvar": TruncatedVarianceReduction,
     "global_sur": GlobalSur,
     "eavc": ExpectedAbsoluteVolumeChange,
     "dec_mcts": DecMcts,
+    "dec_mcts_wide": partial(DecMcts, WIDE),
 }
