@@ -195,6 +195,7 @@ class Situation:
         off_plan: Whether `state` comes from odometry, so that the last plan cannot be continued from it.
         margin: Margin from the border for the present uncertainty of the location.
         deadline: Returns whether to stop searching; None: no deadline.
+        evaluates: Whether to evaluate plans; if not, the last plan continues if the ground allows.
     """
 
     planner: PlannerConfig
@@ -205,6 +206,7 @@ class Situation:
     off_plan: bool = False
     margin: PositionMargin = field(default_factory=PositionMargin)
     deadline: Callable[[], bool] | None = None
+    evaluates: bool = True
 
     @property
     def out_of_time(self) -> bool:
@@ -287,7 +289,7 @@ class Method(Protocol):
         ...
 
     def evaluates(self, step: int, planner: PlannerConfig) -> bool:
-        """Whether the decision from this step evaluates plans; else it continues the last one if the ground allows."""
+        """Whether the decision from this step has to evaluate plans."""
         return True
 
     def map_reward(self, situation: Situation) -> AnytimeReward:

@@ -80,7 +80,7 @@ class Tour(Method):
         """See `Method`."""
         s, context, last = situation, self.context, situation.last
         void = self._void(s)
-        if last is not None and self._value is not None and not void and not self.evaluates(s.step, s.planner):
+        if last is not None and self._value is not None and not void and not s.evaluates:
             return self._continued(last, self._value)
         context.assume_plans(s)
         renewed = self._takes_horizon() and last is not None
@@ -135,10 +135,12 @@ class Tour(Method):
         )
 
     def evaluates(self, step: int, planner: PlannerConfig) -> bool:
-        """See `Method`."""
-        if self._stages is None or self._follows or self._value is None:
+        """See `Method`. Between two searches the last plan is the only one; its value would change nothing."""
+        end = self.context.horizon.end
+        if self._heads_at_every_leg or self._value is None or end != self._planned_to or step == end - 1:
             return True
-        return self._stages.begins(step) or self._interval_is_over(step, planner)
+        begins = self._stages is not None and self._stages.begins(step)
+        return begins or self._interval_is_over(step, planner)
 
     def _continued(self, last: Followed, value: Value) -> Choice:
         """The last plan, with the value that it had when it was evaluated."""
@@ -173,6 +175,7 @@ class Tour(Method):
             "budget": self.budget,
             "optimized_at": self._optimized_at,
             "planned_to": self._planned_to,
+            "value": None if self._value is None else [self._value.weighted, self._value.expected_end],
             "seeds": [[int(a) for a in actions] for actions in self._seeds],
             "candidates": self._candidates.snapshot(),
             "stages": None if self._stages is None else self._stages.snapshot(),
@@ -182,6 +185,8 @@ class Tour(Method):
         """See `Method`."""
         self.budget, self._optimized_at = values["budget"], values["optimized_at"]
         self._planned_to = values["planned_to"]
+        value = values.get("value")
+        self._value = None if value is None else Value(*value)
         self._seeds = [tuple(actions) for actions in values["seeds"]]
         self._candidates.restore(values["candidates"])
         if self._stages is not None and values.get("stages") is not None:

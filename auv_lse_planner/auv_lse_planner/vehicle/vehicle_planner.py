@@ -260,11 +260,12 @@ class VehiclePlanner:
         anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # rounded as in its packet
         self.until.begin_decision(now_s, step)
+        last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
         method = self._method  # before it takes the map, whose size it may bound
-        evaluates = method.evaluates(step, self.planner)
+        may_surface = last is not None and self._surfacings.is_considered(last.path)
+        evaluates = may_surface or method.evaluates(step, self.planner)
         self._take_centers(evaluates)
         self._keep_off_shallows(state, evaluates)
-        last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
         situation = Situation(
             planner=self.planner,
             now_s=now_s,
@@ -274,6 +275,7 @@ class VehiclePlanner:
             off_plan=reanchored,
             margin=self._position_margin,
             deadline=deadline,
+            evaluates=evaluates,
         )
         choice = method.decide(situation)
         path = choice.chosen.path
