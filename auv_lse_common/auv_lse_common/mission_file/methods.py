@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import merge
 from auv_lse_common.vocabulary.naive_ids import FITTED_OF_GROUP
 
 #: Least number of positions on each leg for the map's reward. With one position, the remaining risk is overestimated
@@ -109,20 +108,8 @@ METHODS: dict[str, MethodEntry] = {
     "straddle": MethodEntry(family="straddle", parameters={**_PLAIN, "horizon": 1}),
 }
 
-#: What a mission can be asked for (`mission.goal`), and the method of each goal.
-METHOD_OF_GOAL: dict[str, str] = {"chart": "tour", "line": "line"}
-
 #: The paper's methods.
 PAPER_METHODS = tuple(name for name, entry in METHODS.items() if entry.of_paper)
-
-
-def with_method(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """A node's nested parameters with the planning method of `mission.goal`, unless they name a method."""
-    planner, mission = parameters.get("planner", {}), parameters.get("mission", {})
-    if not isinstance(planner, Mapping) or not isinstance(mission, Mapping) or "method" in planner:
-        return dict(parameters)
-    method = METHOD_OF_GOAL.get(str(mission.get("goal")))
-    return dict(parameters) if method is None else merge(parameters, {"planner": {"method": method}})
 
 
 def unless_paper_method(given: bool | None, parameters: Mapping[str, Any]) -> bool:

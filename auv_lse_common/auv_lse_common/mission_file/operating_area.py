@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 #: Begin of the names of no-go areas that stand for ground which no vehicle can reach.
 UNREACHABLE = "unreachable_"
+#: Cells along each side of the raster on which the size of a polygon's no-go areas is counted.
+AREA_CELLS = 500
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -171,6 +173,22 @@ class OperatingArea:
                 "area.no_go covers the whole polygon. If some of the area is free, decrease area.raster_m (now "
                 f"{step!r})"
             )
+
+
+def free_m2(config: AreaConfig) -> float:
+    """Size of the polygon without its no-go areas, whose share is counted on a raster of `AREA_CELLS` on each side."""
+    polygon = corners("area.polygon_m", config.polygon_m)
+    following = np.roll(polygon, -1, axis=0)
+    whole_m2 = 0.5 * abs(float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1])))
+    if not config.no_go:
+        return whole_m2
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    north, east = (low + (high - low) * ((np.arange(AREA_CELLS)[:, None] + 0.5) / AREA_CELLS)).T
+    inside = _raster_in_polygon(polygon, north, east)
+    free = inside.copy()
+    for name, flat in config.no_go.items():
+        free &= ~_raster_in_polygon(corners(f"area.no_go.{name}", flat), north, east)
+    return whole_m2 * max(float(free.sum()), 1.0) / max(float(inside.sum()), 1.0)
 
 
 def _in_polygon(polygon: Array, positions: Array) -> NDArray[np.bool_]:

@@ -17,9 +17,9 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
-from auv_lse_common.mission_file.methods import with_method
+from auv_lse_common.mission_file.goals import with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
+from auv_lse_common.mission_file.parameters import ParameterError, is_given, merge, nest, section, to_mapping
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
@@ -50,11 +50,14 @@ class Settings(TeamSections):
     Attributes:
         common: The sections of a vehicle without parameters of its own.
         vehicles: Each vehicle's sections, in order of their numbers from 1.
+        finds_method: Whether the planning method follows from the goal `line`, the team and the area, and so may change
+            with them.
     """
 
     where: str = "settings"
     common: VehicleSections = field(default_factory=VehicleSections)
     vehicles: tuple[VehicleSections, ...]
+    finds_method: bool = field(default=False, compare=False)
 
     @classmethod
     def load(
@@ -86,23 +89,26 @@ class Settings(TeamSections):
         """The settings from the result of `read_parameter_file`; other arguments as in `load`."""
         on_top = _by_pattern(overrides or {})
         for_all = parameters_for({k: v for k, v in patterns.items() if k in _ALL_NODES}, "/settings")
-        for_all = with_method(_overridden(for_all, on_top, None))
+        given = [_overridden(for_all, on_top, None)]
+        for_all = with_method(given[0])
         mission = section(MissionConfig, for_all, "mission", where)
         for pattern, values in [*patterns.items(), *on_top]:
             check_pattern(pattern, values, where, mission.vehicles)
         vehicles = []
         for number in range(1, mission.vehicles + 1):
-            own = with_method(_overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
+            given.append(_overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number))
+            own = with_method(given[-1], for_all)
             vehicles.append(_vehicle_sections(with_depth(own, number), f"{where} (auv{number})"))
             check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
         has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
         team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
+        team["finds_method"] = mission.goal == "line" and not any(is_given(own, "planner.method") for own in given)
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:
         """These settings with `overrides` as in `load`."""
-        return Settings.from_patterns(self.to_patterns(), self.where, overrides)
+        return Settings.from_patterns(self.open_patterns(), self.where, overrides)
 
     def vehicle(self, number: int) -> VehicleSections:
         """The sections of vehicle `number` (from 1).
@@ -149,6 +155,13 @@ class Settings(TeamSections):
                     different[name] = values
             if different:
                 patterns[f"/auv{number}/**"] = different
+        return patterns
+
+    def open_patterns(self) -> Patterns:
+        """Like `to_patterns`, but without a planning method that follows from the rest (`finds_method`)."""
+        patterns = self.to_patterns()
+        if self.finds_method:
+            del patterns["/**"]["planner"]["method"]
         return patterns
 
     def to_parameter_file(self) -> str:

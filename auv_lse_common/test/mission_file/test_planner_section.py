@@ -6,7 +6,6 @@ from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings, check_planner
-from auv_lse_common.mission_file.settings import Settings
 
 
 def test_parameters_of_the_file_override_those_of_the_method():
@@ -79,23 +78,6 @@ def test_mission_too_long_to_evaluate_is_rejected(method: str, most: int) -> Non
 
 def test_method_with_a_short_horizon_allows_any_length() -> None:
     check_planner(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
-
-
-@pytest.mark.parametrize(
-    ("values", "method"),
-    [
-        ({}, "tour"),
-        ({"mission.goal": "chart"}, "tour"),
-        ({"mission.goal": "line"}, "line"),
-        ({"mission.goal": "line", "planner.method": "plain"}, "plain"),
-        ({"mission.goal": "line", "auv2.planner.own_share": 2.0}, "line"),
-    ],
-)
-def test_the_method_follows_from_the_goal_unless_it_is_given(values: dict[str, object], method: str) -> None:
-    settings = Settings.load(None, values)
-    assert {own.planner.method for own in (settings.common, *settings.vehicles)} == {method}
-    assert settings.planner_settings(1).planner.method == method
-    assert Settings.from_patterns(settings.to_patterns(), "again") == dataclasses.replace(settings, where="again")
 
 
 def test_a_line_of_more_legs_than_are_planned_is_rejected() -> None:

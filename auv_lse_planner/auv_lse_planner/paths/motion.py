@@ -111,7 +111,7 @@ class MotionTable:
     @property
     def leg_length_m(self) -> float:
         """Length of the straight-on leg; with `motion.straight` 'constant', of every leg."""
-        return float(self.lengths_m[self.straight_on])
+        return self.config.leg_length_m
 
     def points(self, action: int, along_m: Array) -> Array:
         """Points (P, 2), ahead and starboard of the start, at distances (P,) along an action's leg."""

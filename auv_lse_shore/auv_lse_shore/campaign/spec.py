@@ -153,7 +153,7 @@ class CampaignSpec:
         for label, values in self.settings:
             settings = Settings.from_patterns(self.base, self.where, values)
             survey = _digest(settings.sim.bathymetry.file, f"{self.where}: setting '{label}'")
-            by_setting.append((label, values, settings.to_patterns(), survey))
+            by_setting.append((label, values, settings.open_patterns(), survey))
         for seed in self.seeds:
             for label, values, complete, survey in by_setting:
                 common = complete["/**"]

@@ -93,15 +93,15 @@ def check(
     settings = check_file(path, findings, areas, area_file)
     for text in areas.notes():
         findings.note(text)
+    number = None if vehicle is None else vehicle_number(vehicle)
+    check_files(settings, number, findings)
+    settings = check_geometry(settings, findings)
     if findings.usable("mission", "planner.method"):
         methods = sorted({own.planner.method for own in settings.vehicles})
         team, legs = counted(settings.mission.vehicles, "vehicle"), counted(settings.mission.steps, "leg")
         goal = f"goal {settings.mission.goal}"
         findings.note(f"mission: {goal}, {team}, {legs} each, method {', '.join(methods)}")
         _check_until(settings.mission.until, findings)
-    number = None if vehicle is None else vehicle_number(vehicle)
-    check_files(settings, number, findings)
-    settings = check_geometry(settings, findings)
     check_timing(settings, findings)
     check_recording(settings, number, findings)
     if number is not None:

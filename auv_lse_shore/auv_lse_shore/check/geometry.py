@@ -59,10 +59,11 @@ def check_geometry(settings: Settings, findings: Findings) -> Settings:
         settings, texts = clip_to_reachable(settings)
         for text in texts:
             findings.warning(text)
+    settings = _check_ground(settings, findings)
     if findings.usable("area.polygon_m", "area.no_go", "motion", "mission", "gp", "level_set"):
         for text in expectations(settings):
             (findings.warning if " is too " in text or text.startswith("level_set") else findings.note)(text)
-    return _check_ground(settings, findings)
+    return settings
 
 
 def _check_cells(settings: Settings, area: OperatingArea, findings: Findings) -> None:
@@ -199,6 +200,6 @@ def _check_ground(settings: Settings, findings: Findings) -> Settings:
         return settings
     changed = fitted.area != settings.area or fitted.vehicles != settings.vehicles
     for text in notes:
-        if not text.startswith(("coverage", "level_set")):  # `expectations` are reported already
+        if not text.startswith(("coverage", "level_set")):  # `expectations` are reported by the caller
             (findings.warning if changed or text.startswith(("level", "dvl")) else findings.note)(text)
     return fitted

@@ -17,8 +17,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from auv_lse_common.mission_file.methods import METHOD_OF_GOAL
-from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.goals import coverage
+from auv_lse_common.mission_file.operating_area import OperatingArea, free_m2
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.planner import MAX_LINE_LEGS
 from auv_lse_common.mission_file.settings import Settings
@@ -39,10 +39,9 @@ MAX_CELLS = 400_000
 WARNING_CELLS = 40_000
 #: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
-#: An area is too large for a chart if paths cover less than this share of it (half a length scale on each side). There
-#: the goal `line` locates more of the isobath than `chart` (docs/evidence/planner.md); where a team of `CHART_TEAM`
-#: vehicles covers more, it does not.
-CHART_COVERAGE, CHART_TEAM = 0.5, 3
+#: An area is too large for a chart if paths cover less than this share of it. There the goal `line` locates more of the
+#: isobath than `chart` (docs/evidence/planner.md).
+CHART_COVERAGE = 0.5
 #: Maximum number of corners of an outline.
 MAX_CORNERS = 200
 
@@ -422,38 +421,29 @@ def expectations(settings: Settings) -> list[str]:
 
 
 def _coverage(settings: Settings) -> str:
-    area_m2 = float(_operating_shape(settings.area).area)
-    motion = MotionTable(settings.motion)
-    vehicles = settings.mission.vehicles
-    path_m = vehicles * settings.mission.steps * motion.leg_length_m
+    area_m2, mission, motion = free_m2(settings.area), settings.mission, settings.motion
+    path_m = mission.vehicles * mission.steps * motion.leg_length_m
     spacing = area_m2 / path_m
-    scale = min(own.gp.length_scale_m for own in settings.vehicles)
-    # Within half a length scale of a path, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
-    coverage = min(1.0, path_m * scale / area_m2)
+    covers = coverage(area_m2, mission, motion, settings.common.gp)
     text = (
-        f"{counted(vehicles, 'vehicle')} x {counted(settings.mission.steps, 'step')}, {path_m / 1000.0:.1f} km "
-        f"of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most {100.0 * coverage:.0f} "
-        f"% of the area is within half a length scale ({scale / 2.0:g} m) of a path"
+        f"coverage: {counted(mission.vehicles, 'vehicle')} x {counted(mission.steps, 'step')}, {path_m / 1000.0:.1f} "
+        f"km of path in {area_m2 / 1e6:.2f} km2, {spacing:.0f} m between lawnmower lanes. At most "
+        f"{100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
+        f"({settings.common.gp.length_scale_m / 2.0:g} m) of a path"
     )
-    if coverage < CHART_COVERAGE:
-        return (
-            f"coverage: {text}. The area is too large for this mission: expect unmapped regions. Add steps or "
-            f"vehicles, or choose a smaller --area{_fitting_goal(settings, coverage)}"
+    if covers < CHART_COVERAGE:
+        text += (
+            ". The area is too large for this mission: expect unmapped regions. Add steps or vehicles, or choose a "
+            "smaller --area"
         )
-    if spacing < 2.0 * settings.motion.turn_radius_m:
-        return (
-            f"coverage: {text}. The area is too small for this mission: lanes closer than a turning circle "
-            f"({2.0 * settings.motion.turn_radius_m:g} m) add little. Use fewer steps or vehicles"
+        methods = {own.planner.method for own in settings.vehicles}
+        if mission.goal == "chart" and methods == {"tour"} and mission.steps <= MAX_LINE_LEGS:
+            text += ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
+    elif spacing < 2.0 * motion.turn_radius_m:
+        text += (
+            ". The area is too small for this mission: lanes closer than a turning circle "
+            f"({2.0 * motion.turn_radius_m:g} m) add little. Use fewer steps or vehicles"
         )
-    return f"coverage: {text}{_fitting_goal(settings, coverage)}"
-
-
-def _fitting_goal(settings: Settings, coverage: float) -> str:
-    """Another goal that locates as much of the isobath or more on average; "" if there is none."""
-    methods, mission = {own.planner.method for own in settings.vehicles}, settings.mission
-    if coverage < CHART_COVERAGE:
-        if methods == {METHOD_OF_GOAL["chart"]} and mission.steps <= MAX_LINE_LEGS:
-            return ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
-    elif methods == {METHOD_OF_GOAL["line"]} and mission.vehicles >= CHART_TEAM:
-        return ". A team that covers so much locates as much of the isobath with mission.goal: chart, and maps the rest"
-    return ""
+    if settings.finds_method:
+        text += f". With this coverage, mission.goal: line flies the method {settings.common.planner.method}"
+    return text

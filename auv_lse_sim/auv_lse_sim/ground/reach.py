@@ -25,7 +25,7 @@ def without_unreachable(settings: Settings) -> Settings:
     """The mission with the whole area again, as before `clip_to_reachable`."""
     if not any(name.startswith(UNREACHABLE) for name in settings.area.no_go):
         return settings
-    patterns = settings.to_patterns()
+    patterns = settings.open_patterns()
     no_go = patterns["/**"]["area"]["no_go"]
     patterns["/**"]["area"]["no_go"] = {k: flat for k, flat in no_go.items() if not k.startswith(UNREACHABLE)}
     return Settings.from_patterns(patterns, settings.where)

@@ -222,14 +222,11 @@ def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
     assert ("mission.goal: line" in expectations(Settings.load(None, values))[0]) == advised
 
 
-def test_the_goal_that_fits_a_team_that_covers_the_area():
-    def advised(**overrides):
-        return "mission.goal: chart" in expectations(Settings.load(None, overrides))[0]
-
-    assert advised(**{"mission.goal": "line"})
-    assert not advised()
-    assert not advised(**{"mission.goal": "line", "mission.vehicles": 2})
-    assert not advised(**{"mission.goal": "line", "mission.steps": 20})
+def test_the_method_of_the_goal_follows_from_the_navigable_area():
+    # 1885 m x 85 m / 250000 m2 = .64; half of it is land
+    asked = settings(**{"mission.goal": "line", "mission.vehicles": 1, "mission.steps": 80})
+    fitted, _ = fit_to_ground(asked, ground(lambda n, e: np.where(e < 250, 2.0, 25.0)))
+    assert (asked.vehicles[0].planner.method, fitted.vehicles[0].planner.method) == ("line", "tour")
 
 
 @pytest.mark.parametrize("name", SURVEY_FILES)

@@ -8,6 +8,7 @@ from typing import Any
 
 #: Methods of ours by name: parameters of the mission file.
 OURS: dict[str, dict[str, Any]] = {
+    "goal_line": {"mission.goal": "line"},
     "line": {"planner.method": "line"},
     "tour": {"planner.method": "tour"},
     "plain": {"planner.method": "plain"},

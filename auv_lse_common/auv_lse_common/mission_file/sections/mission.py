@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
-from auv_lse_common.mission_file.methods import METHOD_OF_GOAL
 from auv_lse_common.mission_file.parameters import parameter
 from auv_lse_common.vocabulary.map_quality import Quality
 from auv_lse_common.vocabulary.plan import MAX_ACTION_SET
@@ -60,9 +60,9 @@ class MissionConfig:
 
     goal: str = parameter(
         "chart",
-        choices=tuple(METHOD_OF_GOAL),
+        choices=("chart", "line"),
         help="'chart': classify every location; 'line': locate as much of the isobath as the legs allow; sets "
-        "planner.method",
+        "planner.method (docs/design/line.md)",
     )
     steps: int = parameter(100, low=1, high=65535, help="legs of each vehicle (paper: l)")
     seed: int = parameter(1, low=0, help="seed of every random stream of the mission")
@@ -96,6 +96,13 @@ class MotionConfig:
         help="keep the straight line from each leg's start to its end free, too: autopilots travel it; left out: true "
         "if a vehicle has link.kind mavlink",
     )
+
+    @property
+    def leg_length_m(self) -> float:
+        """Length of the straight-on leg; with `straight` 'constant', of every leg."""
+        theta, turn = math.radians(self.theta_max_deg), math.radians(min(map(abs, self.actions_deg)))
+        straight_m = self.turn_radius_m * (theta - turn if self.straight == "constant" else theta + turn)
+        return self.turn_radius_m * turn + straight_m
 
     def with_straight_legs(self, has_autopilot: bool) -> MotionConfig:
         """This configuration with the default of `straight_legs` resolved: true with an autopilot."""

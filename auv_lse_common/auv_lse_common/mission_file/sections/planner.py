@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry, with_method
+from auv_lse_common.mission_file.goals import with_method
+from auv_lse_common.mission_file.methods import FAMILIES, METHODS, Family, MethodEntry
 from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig

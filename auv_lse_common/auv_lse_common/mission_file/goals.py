@@ -1,0 +1,49 @@
+"""The planning method that follows from a mission's goal, and from how much of the area its paths cover."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from auv_lse_common.mission_file.operating_area import free_m2
+from auv_lse_common.mission_file.parameters import ParameterError, is_given, merge, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+
+#: Least coverage at which the goal `line` flies `tour`, which then finds more than `line` (docs/evidence/planner.md).
+TOUR_COVERAGE = 0.8
+
+
+def coverage(area_m2: float, mission: MissionConfig, motion: MotionConfig, gp: GpConfig) -> float:
+    """Share of an area within half a length scale of a path, if paths lie farther apart; else more than 1.
+
+    Within half a length scale, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
+    """
+    return mission.vehicles * mission.steps * motion.leg_length_m * gp.length_scale_m / area_m2
+
+
+def with_method(parameters: Mapping[str, Any], team: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """A node's nested parameters with the planning method that follows from `mission.goal`, unless they name one.
+
+    Args:
+        parameters: Those of one vehicle, or of all.
+        team: Those of all vehicles, with their method, which a vehicle without one gets; None: it follows here.
+    """
+    if not isinstance(parameters.get("planner", {}), Mapping) or is_given(parameters, "planner.method"):
+        return dict(parameters)
+    method = _method(parameters) if team is None or not is_given(team, "planner.method") else team["planner"]["method"]
+    return merge(parameters, {"planner": {"method": method}})
+
+
+def _method(parameters: Mapping[str, Any]) -> str:
+    """The method that follows from nested parameters; with unusable ones, which are reported elsewhere, any."""
+    try:
+        mission = section(MissionConfig, parameters, "mission", "")
+        if mission.goal == "chart":
+            return "tour"
+        area_m2 = free_m2(section(AreaConfig, parameters, "area", ""))
+        motion, gp = section(MotionConfig, parameters, "motion", ""), section(GpConfig, parameters, "gp", "")
+    except ParameterError:
+        return "tour"
+    return "tour" if coverage(area_m2, mission, motion, gp) >= TOUR_COVERAGE else "line"
