@@ -243,13 +243,12 @@ class VehiclePlanner:
     def decide(self, now_s: float, deadline: Callable[[], bool] | None = None) -> Decision:
         """Decides the next leg.
 
-        The first call searches the whole mission, with up to 200 legs: 1 s of processor time for 100 legs, 2 s for 200.
-        For a single vehicle it takes 4 s and 20 s; compiling adds a minute. Later calls take 0.05 to 0.3 s.
+        The first call searches the whole mission: about 1 s of processor time for 100 legs of a team, 2 s of a single
+        vehicle. Compiling adds a minute. Later calls take at most 0.3 s.
 
         Args:
-            deadline: Returns whether to stop searching, such as `lambda: time.monotonic() > end_s`; the decision then
-                uses the best path so far. Checked between evaluations of paths, at the earliest after the first one.
-                At most three evaluations follow. None: no deadline, and the decision does not depend on the machine.
+            deadline: Returns whether to stop searching; the decision then uses the best path so far. Checked between
+                evaluations of paths; at most three follow. None: the decision does not depend on the machine.
 
         Raises:
             ValueError: if there is no odometry or the mission is over. Call it only when `due`.
@@ -263,7 +262,7 @@ class VehiclePlanner:
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
         method = self._method  # before it takes the map, whose size it may bound
         may_surface = last is not None and self._surfacings.is_considered(last.path)
-        evaluates = may_surface or method.evaluates(step, self.planner)
+        evaluates = method.evaluates(step, self.planner) or may_surface
         self._take_centers(evaluates)
         self._keep_off_shallows(state, evaluates)
         situation = Situation(
