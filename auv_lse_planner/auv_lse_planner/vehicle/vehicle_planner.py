@@ -261,8 +261,7 @@ class VehiclePlanner:
         self.until.begin_decision(now_s, step)
         last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
         method = self._method  # before it takes the map, whose size it may bound
-        may_surface = last is not None and self._surfacings.is_considered(last.path)
-        evaluates = method.evaluates(step, self.planner) or may_surface
+        evaluates = method.evaluates(step, self.planner) or bool(last and self._surfacings.is_considered(last.path))
         self._take_centers(evaluates)
         self._keep_off_shallows(state, evaluates)
         situation = Situation(
