@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 #: Search range of noise variance / signal variance.
 LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2
 
+#: Largest length scale of the search, and that beyond which it describes a trend; both in extents of the soundings.
+MAX_EXTENTS, TREND_EXTENTS = 20.0, 0.5
+
 #: The data determine a parameter if the standard error of its logarithm is less than this (a factor 1.65).
 DETERMINED = 0.5
 
@@ -62,6 +65,7 @@ class MarginalLikelihood:
         mean: str = "constant",
         two_axes: bool = False,
         mean_depth_m: float | None = None,
+        max_extents: float = MAX_EXTENTS,
     ) -> None:
         """Takes soundings; arguments as in `fit`, with `two_axes` for a search of two length scales and a rotation.
 
@@ -78,6 +82,7 @@ class MarginalLikelihood:
         self.kernel = kernel
         self.two_axes = two_axes
         self.evaluations = 0
+        self._max_extents = max_extents
         self._ratio = SUPPORT_RATIO.get(kernel, 1.0)
         self._center = locations_m.mean(axis=0)
         offset = locations_m - self._center
@@ -107,7 +112,8 @@ class MarginalLikelihood:
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the search variables."""
-        length = (math.log(max(1e-3 * self.extent_m, 0.2 * self.spacing_m)), math.log(20.0 * self.extent_m))
+        longest_m = self._max_extents * self.extent_m
+        length = (math.log(min(max(1e-3 * self.extent_m, 0.2 * self.spacing_m), longest_m)), math.log(longest_m))
         rotation = (-2.0 * math.pi, 2.0 * math.pi)
         ratio = (math.log(LOWEST_RATIO), math.log(HIGHEST_RATIO))
         return [length, length, rotation, ratio] if self.two_axes else [length, ratio]
@@ -210,6 +216,7 @@ def fit(
     mean: str = "constant",
     two_axes: bool = False,
     mean_depth_m: float | None = None,
+    max_extents: float = MAX_EXTENTS,
     restarts: int = 5,
     rng: np.random.Generator | None = None,
 ) -> Fit:
@@ -222,13 +229,14 @@ def fit(
         mean: "constant" or "plane".
         two_axes: Whether to fit two length scales and a rotation.
         mean_depth_m: A known constant mean; by default it is fitted.
+        max_extents: Largest length scale, in extents of the soundings.
         restarts: Number of starts: length scales from the soundings' spacing to their extent.
         rng: Draws the starts after the sixth; None: spreads them like the first six.
 
     Raises:
         ValueError: if the soundings cannot be used, or no start leads to a likelihood.
     """
-    target = MarginalLikelihood(locations_m, depths_m, kernel, mean, two_axes, mean_depth_m)
+    target = MarginalLikelihood(locations_m, depths_m, kernel, mean, two_axes, mean_depth_m, max_extents)
     best_x, best, found = _search(target, restarts, rng)
     signal, _ = target.best_signal(best_x)
     y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
@@ -292,7 +300,7 @@ def _length_warnings(target: MarginalLikelihood, config: GpConfig, errors: dict[
             f"length_scale_m: {length_m:.3g} m is under 1.5 times the spacing of the soundings "
             f"({target.spacing_m:.3g} m): measure closer together to distinguish it from noise"
         )
-    if length_m > 0.5 * target.extent_m:
+    if length_m > TREND_EXTENTS * target.extent_m:
         warnings.append(
             f"length_scale_m: {length_m:.3g} m is over half of the surveyed extent "
             f"({target.extent_m:.3g} m): a trend rather than a correlation; try --mean plane"

@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.sections.vehicle import LEAST_SEPARATION_M, Veh
 from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import geodetic_from_local
-from auv_lse_gp.covariance.likelihood import fit
+from auv_lse_gp.covariance.likelihood import TREND_EXTENTS, fit
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_record.run_writer import write_mission_file, write_run
 from auv_lse_shore.survey_import.area import SurveyedArea, one_of_each_cell, surveyed_area
@@ -87,14 +87,17 @@ def survey_run(
 
 
 def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
-    """Kernel and hyperparameters of section `gp`, learned from some of the soundings."""
+    """Kernel and hyperparameters of section `gp`, learned from some of the soundings.
+
+    A longer length scale would describe a trend, with a mean far from all depths.
+    """
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
     try:
-        config = fit(points[chosen, :2], points[chosen, 2], restarts=STARTS, rng=rng).config
+        fitted = fit(points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS, rng=rng)
     except ValueError as error:
         raise LogError(f"No Gaussian process fits the soundings: {brief(error)}") from error
-    names = ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
+    config, names = fitted.config, ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
     learned: dict[str, Any] = {name: float(f"{getattr(config, name):.5g}") for name in names}
     learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)
     return {"kernel": config.kernel, **learned}

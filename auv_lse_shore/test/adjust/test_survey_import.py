@@ -95,6 +95,18 @@ def test_the_map_has_the_known_depth_and_its_isobath_is_exported(tmp_path):
     assert depth_m(*line[inside].T) == pytest.approx(11.0, abs=0.25)
 
 
+def test_the_prior_of_a_sloping_bottom_has_a_mean_within_the_depths(tmp_path):
+    rows = survey()
+    rows[:, 3] = 12.0 + 900.0 * (rows[:, 1] - rows[:, 1].min())  # a plane, which an endless length scale fits best
+    path = tmp_path / "slope.csv"
+    path.write_text(table(rows))
+    assert main([str(path), "--out", str(tmp_path / "run"), "--level", "14"]) == 0
+    gp = read_run(tmp_path / "run").parameters["/**"]["gp"]
+    extent_m = np.ptp(np.stack(local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)), axis=1).max()
+    assert gp["length_scale_m"] <= 0.5 * extent_m + 0.1
+    assert rows[:, 3].min() < gp["mean_depth_m"] < rows[:, 3].max()
+
+
 def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
     path, run = written(tmp_path, "a.nmea"), tmp_path / "run"
     assert main([str(path), "--out", str(run), *DRAUGHT]) == 0
