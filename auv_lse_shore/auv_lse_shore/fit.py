@@ -203,7 +203,6 @@ def _fitted(options: argparse.Namespace) -> tuple[list[Fit], Array, str]:
             mean=options.mean,
             two_axes=options.two_axes,
             restarts=options.restarts,
-            rng=rng,
         )
         for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
     ]

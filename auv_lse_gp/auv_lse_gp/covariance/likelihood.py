@@ -218,7 +218,6 @@ def fit(
     mean_depth_m: float | None = None,
     max_extents: float = MAX_EXTENTS,
     restarts: int = 5,
-    rng: np.random.Generator | None = None,
 ) -> Fit:
     """Fits the parameters by maximum marginal likelihood.
 
@@ -231,13 +230,12 @@ def fit(
         mean_depth_m: A known constant mean; by default it is fitted.
         max_extents: Largest length scale, in extents of the soundings.
         restarts: Number of starts: length scales from the soundings' spacing to their extent.
-        rng: Draws the starts after the sixth; None: spreads them like the first six.
 
     Raises:
         ValueError: if the soundings cannot be used, or no start leads to a likelihood.
     """
     target = MarginalLikelihood(locations_m, depths_m, kernel, mean, two_axes, mean_depth_m, max_extents)
-    best_x, best, found = _search(target, restarts, rng)
+    best_x, best, found = _search(target, restarts)
     signal, _ = target.best_signal(best_x)
     y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
     names = ["signal_std_m", "length_scale_m", *(["length_scale_2_m", "rotation_deg"] if two_axes else [])]
@@ -261,27 +259,18 @@ def fit(
         **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
     )
     warnings += _bounds_hit(best_x, target.bounds, two_axes) + _length_warnings(target, config, errors, y)
-    return Fit(
-        config=config,
-        log_likelihood=best,
-        standard_errors=errors,
-        warnings=warnings,
-        soundings=len(depths_m),
-        evaluations=target.evaluations,
-        restarts=found,
-    )
+    counts = {"soundings": len(depths_m), "evaluations": target.evaluations}
+    return Fit(config=config, log_likelihood=best, standard_errors=errors, warnings=warnings, restarts=found, **counts)
 
 
-def _search(
-    target: MarginalLikelihood, restarts: int, rng: np.random.Generator | None
-) -> tuple[Array, float, list[float]]:
+def _search(target: MarginalLikelihood, restarts: int) -> tuple[Array, float, list[float]]:
     """The best search variables, their log likelihood, and the log likelihood found from each start.
 
     Raises:
         ValueError: if no start leads to a likelihood.
     """
     best_x, best, found = None, math.inf, []
-    for start in _starts(target, restarts, rng):
+    for start in _starts(target, restarts):
         result = minimize(target, start, jac=True, method="L-BFGS-B", bounds=target.bounds,
                           options={"ftol": 1e-12, "gtol": 1e-5, "maxiter": 200})  # fmt: skip
         found.append(-float(result.fun))
@@ -310,18 +299,14 @@ def _length_warnings(target: MarginalLikelihood, config: GpConfig, errors: dict[
     return warnings
 
 
-def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | None) -> list[Array]:
-    """Starts (x) with length scales spread over their range; `rng` draws those after the sixth."""
+def _starts(target: MarginalLikelihood, count: int) -> list[Array]:
+    """Starts (x) with length scales spread over their range."""
     bounds = target.bounds
     low, high = math.log(2.0 * target.spacing_m + 1e-3 * target.extent_m), math.log(target.extent_m)
     starts = []
     for i in range(max(1, count)):
-        if i < 6 or rng is None:
-            share, ratio = ((i * 0.6180339887) + 0.5) % 1.0, (1e-2, 1e-4, 1e-1)[i % 3]
-            length, angle = low + share * (high - low), (0.3, 1.1, -0.6)[i % 3]
-        else:
-            length, ratio = rng.uniform(low, high), 10.0 ** rng.uniform(-5.0, 0.0)
-            angle = rng.uniform(-math.pi / 2, math.pi / 2)
+        share, ratio = ((i * 0.6180339887) + 0.5) % 1.0, (1e-2, 1e-4, 1e-1)[i % 3]
+        length, angle = low + share * (high - low), (0.3, 1.1, -0.6)[i % 3]
         x = [length, length - 0.3, angle, math.log(ratio)] if target.two_axes else [length, math.log(ratio)]
         starts.append(np.array([min(max(v, a), b) for v, (a, b) in zip(x, bounds, strict=True)]))
     return starts

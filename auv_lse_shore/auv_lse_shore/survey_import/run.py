@@ -94,7 +94,7 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
     try:
-        fitted = fit(points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS, rng=rng)
+        fitted = fit(points[chosen, :2], points[chosen, 2], max_extents=TREND_EXTENTS, restarts=STARTS)
     except ValueError as error:
         raise LogError(f"No Gaussian process fits the soundings: {brief(error)}") from error
     config, names = fitted.config, ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")

@@ -431,13 +431,13 @@ def _coverage(settings: Settings) -> str:
         f"{100.0 * min(covers, 1.0):.0f} % of the area is within half a length scale "
         f"({settings.common.gp.length_scale_m / 2.0:g} m) of a path"
     )
+    methods = sorted({own.planner.method for own in settings.vehicles})
     if covers < CHART_COVERAGE:
         text += (
             ". The area is too large for this mission: expect unmapped regions. Add steps or vehicles, or choose a "
             "smaller --area"
         )
-        methods = {own.planner.method for own in settings.vehicles}
-        if mission.goal == "chart" and methods == {"tour"} and mission.steps <= MAX_LINE_LEGS:
+        if mission.goal == "chart" and methods == ["tour"] and mission.steps <= MAX_LINE_LEGS:
             text += ". If the isobath matters more than the rest, mission.goal: line locates more of it on average"
     elif spacing < 2.0 * motion.turn_radius_m:
         text += (
@@ -446,4 +446,6 @@ def _coverage(settings: Settings) -> str:
         )
     if settings.finds_method:
         text += f". With this coverage, mission.goal: line flies the method {settings.common.planner.method}"
+    elif mission.goal == "line":
+        text += f". mission.goal: line does not choose the method, because planner.method is set ({', '.join(methods)})"
     return text

@@ -1,5 +1,7 @@
 """Fitting a mission to the ground: what is navigable, where to start, what to expect."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -219,7 +221,22 @@ WIDE = [-1500.0, -1500.0, 1500.0, -1500.0, 1500.0, 1500.0, -1500.0, 1500.0]
     ],
 )
 def test_the_goal_that_fits_a_mission_too_short_for_a_chart(values, advised):
-    assert ("mission.goal: line" in expectations(Settings.load(None, values))[0]) == advised
+    assert ("mission.goal: line locates more" in expectations(Settings.load(None, values))[0]) == advised
+
+
+def test_a_goal_that_a_given_method_overrides_is_named():
+    def said(**overrides):
+        return "because planner.method is set (tour)" in expectations(Settings.load(None, overrides))[0]
+
+    assert said(**{"mission.goal": "line", "planner.method": "tour"})
+    assert not said(**{"mission.goal": "line"})
+    assert not said(**{"planner.method": "tour"})
+
+
+def test_the_goal_chooses_the_method_of_the_shipped_mission():
+    shipped = Path(__file__).parents[3] / "config/missions/default.yaml"
+    short = Settings.load(shipped, {"mission.goal": "line", "mission.vehicles": 1})
+    assert (Settings.load(shipped).vehicles[0].planner.method, short.vehicles[0].planner.method) == ("tour", "line")
 
 
 def test_the_method_of_the_goal_follows_from_the_navigable_area():
