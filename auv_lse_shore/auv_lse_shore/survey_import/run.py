@@ -89,7 +89,8 @@ def survey_run(
 def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     """Kernel and hyperparameters of section `gp`, learned from some of the soundings.
 
-    A longer length scale would describe a trend, with a mean far from all depths.
+    A longer length scale than half of the survey would describe a trend, with a mean far from all depths. At that limit
+    a smooth slope needs hardly any variance, so the standard deviation is at least that of the depths about the mean.
     """
     rng = np.random.default_rng(0)
     chosen = np.sort(rng.choice(len(points), min(FITTED, len(points)), replace=False))
@@ -100,6 +101,9 @@ def _learned(points: Array, least_noise_m: float) -> dict[str, Any]:
     config, names = fitted.config, ("signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m")
     learned: dict[str, Any] = {name: float(f"{getattr(config, name):.5g}") for name in names}
     learned["noise_std_m"] = max(learned["noise_std_m"], least_noise_m)
+    if learned["length_scale_m"] > 0.99 * TREND_EXTENTS * float(np.ptp(points[chosen, :2], axis=0).max()):
+        spread_m = math.sqrt(float(np.mean((points[:, 2] - learned["mean_depth_m"]) ** 2)))
+        learned["signal_std_m"] = max(learned["signal_std_m"], float(f"{spread_m:.5g}"))
     return {"kernel": config.kernel, **learned}
 
 

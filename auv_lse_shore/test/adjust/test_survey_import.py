@@ -105,6 +105,7 @@ def test_the_prior_of_a_sloping_bottom_has_a_mean_within_the_depths(tmp_path):
     extent_m = np.ptp(np.stack(local_from_geodetic(rows[:, 1], rows[:, 2], *ORIGIN)), axis=1).max()
     assert gp["length_scale_m"] <= 0.5 * extent_m + 0.1
     assert rows[:, 3].min() < gp["mean_depth_m"] < rows[:, 3].max()
+    assert gp["signal_std_m"] >= rows[:, 3].std() - 1e-3
 
 
 def test_a_survey_can_be_adjusted_and_gives_a_prior(tmp_path):
