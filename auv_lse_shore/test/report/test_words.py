@@ -190,7 +190,7 @@ def test_a_mission_cut_at_step_22_of_100_is_compared_with_that_part_of_a_lawnmow
     evaluation.summary = s
     shown_page = html.unescape(shown(evaluation, tmp_path))
     assert "Ended early: 22 of 100 steps." in shown_page
-    assert "22 of 100 steps, augmented" in shown_page
+    assert "22 of 100 steps, goal chart, method augmented" in shown_page
     assert headlines(s, 100)[0] in shown_page
 
 
