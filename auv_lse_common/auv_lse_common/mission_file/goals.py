@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from auv_lse_common.mission_file.operating_area import free_m2
@@ -34,6 +34,11 @@ def with_method(parameters: Mapping[str, Any], team: Mapping[str, Any] | None = 
         return dict(parameters)
     method = _method(parameters) if team is None or not is_given(team, "planner.method") else team["planner"]["method"]
     return merge(parameters, {"planner": {"method": method}})
+
+
+def finds_method(goal: str, given: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether the method follows from the goal `line`: no vehicle's nested parameters, as `given`, name one."""
+    return goal == "line" and not any(is_given(own, "planner.method") for own in given)
 
 
 def _method(parameters: Mapping[str, Any]) -> str:

@@ -17,9 +17,9 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
-from auv_lse_common.mission_file.goals import with_method
+from auv_lse_common.mission_file.goals import finds_method, with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
-from auv_lse_common.mission_file.parameters import ParameterError, is_given, merge, nest, section, to_mapping
+from auv_lse_common.mission_file.parameters import ParameterError, merge, nest, section, to_mapping
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings, check_planner
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, in_force
@@ -103,7 +103,7 @@ class Settings(TeamSections):
         team: dict[str, Any] = {name: section(kind, for_all, name, where) for name, kind in TEAM_SECTIONS.items()}
         has_autopilot = any(own.link.kind == "mavlink" for own in vehicles)
         team["motion"] = team["motion"].with_straight_legs(has_autopilot)  # the same for all: they rebuild plans
-        team["finds_method"] = mission.goal == "line" and not any(is_given(own, "planner.method") for own in given)
+        team["finds_method"] = finds_method(mission.goal, given)
         return cls(where=where, common=_vehicle_sections(for_all, where), vehicles=tuple(vehicles), **team)
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:

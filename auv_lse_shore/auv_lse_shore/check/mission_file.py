@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.degrees import AreaReader, with_area_file
-from auv_lse_common.mission_file.goals import with_method
+from auv_lse_common.mission_file.goals import finds_method, with_method
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping, nest, split_refused
 from auv_lse_common.mission_file.sections.mission import MissionConfig
@@ -110,6 +110,7 @@ def _usable_section(
 def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, findings: Findings) -> Settings:
     """The settings from usable values, without those that contradict each other."""
     for_all = parameters_for({p: values for p, values in patterns.items() if owners[p] is None}, "/settings")
+    given = [for_all]
     for_all = with_method(for_all)
     reported: set[str] = set()
     team = _sections(TEAM_SECTIONS, for_all, where, None, reported, findings)
@@ -129,7 +130,8 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
     findings.refused = {(name, owner) for name, owner in findings.refused if owner is None or owner <= mission.vehicles}
     vehicles = []
     for number in range(1, mission.vehicles + 1):
-        own = with_depth(with_method(parameters_for(patterns, f"/auv{number}/settings"), for_all), number)
+        given.append(parameters_for(patterns, f"/auv{number}/settings"))
+        own = with_depth(with_method(given[-1], for_all), number)
         sections = _sections(VEHICLE_SECTIONS, own, where, number, reported, findings)
         if findings.usable("planner", vehicle=number):  # refused steps have their default, which is always possible
             try:
@@ -141,6 +143,7 @@ def _settings(patterns: Patterns, owners: Mapping[str, int | None], where: str, 
                     reported.add(str(error))
                     findings.error(str(error).replace(where, f"{where} (auv{number})", 1))
         vehicles.append(VehicleSections(**sections))
+    team["finds_method"] = finds_method(mission.goal, given)
     return Settings(where=where, common=common, vehicles=tuple(vehicles), **team)
 
 
