@@ -13,6 +13,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.methods import coverage, tour_candidates
 from auv_lse_planner.methods.method import Followed, Situation
 from auv_lse_planner.methods.single_routes import single_routes_m
+from auv_lse_planner.methods.tour import Tour
 from auv_lse_planner.methods.tour_candidates import (
     FINER_BENDS,
     NO_FLOOR,
@@ -323,6 +324,21 @@ def test_incumbent_is_followed_without_a_search_between_optimizations():
     searched = [d.leg.step for d in decisions if d.statistics.evaluations > 1]
     assert searched == [0, 4, 8]
     assert all(d.bound.incumbent_kept for d in decisions if d.leg.step not in searched)
+
+
+def test_plans_are_evaluated_only_where_one_is_searched_and_at_the_end(monkeypatch):
+    evaluated, reward = [], Tour.map_reward
+
+    def spy(self, situation):
+        evaluated.append(situation.step)
+        return reward(self, situation)
+
+    monkeypatch.setattr(Tour, "map_reward", spy)
+    planner = _planner(planner={"tour_interval": 4})
+    bounds = [d.bound for d in _travel(planner, STEPS, _growing())]
+    assert evaluated == [0, 4, 8, STEPS - 1]
+    assert {b.expected_total for b in bounds[4:8]} == {bounds[4].expected_total}
+    assert bounds[8].expected_total != bounds[7].expected_total
 
 
 def _candidates(planner):
