@@ -6,6 +6,7 @@ The posterior on the grid is cached (`CachedMoments`). The last centers are prov
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -238,12 +239,11 @@ class DepthMap:
             field: The posterior on the grid; None: `field`.
         """
         field = field or self.field()
-        with np.errstate(invalid="ignore", divide="ignore"):
-            score = (field.mean_m - self.level_set.level_m) / np.maximum(field.std_m, 1e-9)
+        level_m, half_m = self.level_set.level_m, BAND_SIGMAS * field.std_m
         return Isobath(
-            lines=contours(self.grid, field.mean_m, self.level_set.level_m),
-            shallow_edge=contours(self.grid, score, -BAND_SIGMAS),
-            deep_edge=contours(self.grid, score, BAND_SIGMAS),
+            lines=contours(self.grid, field.mean_m, level_m),
+            shallow_edge=contours(self.grid, field.mean_m + half_m, level_m),
+            deep_edge=contours(self.grid, field.mean_m - half_m, level_m),
             band_probability=BAND_PROBABILITY,
         )
 
@@ -289,10 +289,35 @@ def field_of(
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:
-    """Contour lines at `level` of values (ny, nx), each (n, 2): north, east (m); closed ones repeat their start."""
+    """Contour lines at `level` of values (ny, nx), each (n, 2): north, east (m); closed ones repeat their start.
+
+    They go on through the first cell beyond the area's border: between it and the last cell's center there is ground,
+    and on a steep bank all of the isobath.
+    """
     from contourpy import contour_generator
 
     if min(values.shape) < 2:
         return []
-    generator = contour_generator(x=grid.east_m, y=grid.north_m, z=np.ma.masked_invalid(values))
-    return [np.asarray(line)[:, ::-1] for line in generator.lines(level)]
+    first, cell = np.array([grid.north_m[0], grid.east_m[0]]) - grid.resolution_m, grid.resolution_m
+    z = np.ma.masked_invalid(beyond_border(np.pad(values, 1, constant_values=np.nan)))
+    north, east = (start + cell * np.arange(n) for start, n in zip(first, z.shape, strict=True))
+    return [np.asarray(line)[:, ::-1] for line in contour_generator(x=east, y=north, z=z).lines(level)]
+
+
+def beyond_border(values: Array) -> Array:
+    """Values (R, C) with each NaN beside known ones extrapolated linearly from pairs of cells, nearer ones more."""
+    around = np.pad(values, 2, constant_values=np.nan)
+    rows, columns = np.nonzero(np.isnan(values))
+    total, weights = np.zeros(len(rows)), np.zeros(len(rows))
+    for down, right in itertools.product((-1, 0, 1), repeat=2):
+        if not (down or right):
+            continue
+        beside = around[rows + 2 + down, columns + 2 + right]
+        there = 2.0 * beside - around[rows + 2 + 2 * down, columns + 2 + 2 * right]
+        weight = np.where(np.isnan(there), 0.0, 1.0 / math.hypot(down, right))
+        total += weight * np.nan_to_num(there)
+        weights += weight
+    filled = values.copy()
+    with np.errstate(invalid="ignore"):
+        filled[rows, columns] = total / weights
+    return filled

@@ -12,6 +12,7 @@ from auv_lse_common.vocabulary.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.inference.roughness import variance_scales
+from auv_lse_gp.map.depth_map import beyond_border
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -161,6 +162,7 @@ def test_isobath_and_its_band():
         points = max(edge, key=len)
         offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
         assert np.all(offset > 0.0)
+        points = points[AREA.contains(points)]  # without the extrapolated half cell
         mean, std = depth_map.gp.predict(points)
         gp = depth_map.gp
         std = std * np.sqrt(variance_scales(gp.posterior, gp.config, points, std**2))
@@ -177,6 +179,32 @@ def test_contours_of_a_cone():
     assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
     assert lines[0][0].tolist() == lines[0][-1].tolist()
     assert contours(grid, np.full(grid.inside.shape, np.nan), 50.0) == []
+
+
+@pytest.mark.parametrize("at_m", [-1.5, 201.5])
+def test_a_contour_between_the_last_cell_and_the_border_is_drawn(at_m):
+    """Cells of 4 m: the last centers are at 2 and 198 m, and a bank may cross the level in the outer half of a cell."""
+    grid = AREA.grid(4.0)
+    north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
+    (line,) = contours(grid, north + 0.0 * east, at_m)
+    assert line[:, 0] == pytest.approx(at_m)
+    assert np.ptp(line[:, 1]) >= 240.0
+    assert contours(grid, north, at_m + np.sign(at_m - 100.0)) == []  # but not farther
+
+
+def test_a_contour_goes_on_into_a_hole_by_one_cell():
+    """A no-go zone has no values."""
+    hole = (100.0, 60.0, 160.0, 60.0, 160.0, 160.0, 100.0, 160.0)
+    area = OperatingArea(AreaConfig(polygon_m=AREA.config.polygon_m, no_go={"hole": hole}))
+    grid = area.grid(4.0)
+    north, _ = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
+    values = np.where(grid.inside, north, np.nan)
+    hole = values[25:40, 15:40]
+    assert np.isnan(hole).all()
+    filled = beyond_border(values)[25:40, 15:40]
+    assert filled[0] == pytest.approx(102.0)
+    assert filled[:, 0] == pytest.approx(north[25:40, 0])
+    assert np.isnan(filled[1:-1, 1:-1]).all()
 
 
 @pytest.mark.parametrize(("side_m", "factor"), [(500.0, 1.0), (2000.0, 3.2)])
