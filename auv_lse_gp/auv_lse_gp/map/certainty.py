@@ -27,7 +27,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_gp.map.depth_map import DepthField, beyond_border
 
 Array = NDArray[np.float64]
 
@@ -174,7 +174,8 @@ def evidence(
         at = [(at_m[:, 0] - grid.north_m[0]) / grid.resolution_m, (at_m[:, 1] - grid.east_m[0]) / grid.resolution_m]
         return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"), dtype=float)
 
-    mean, std = _filled(field.mean_m), _filled(field.std_m)
+    # two cells beyond the border, so that the ground has its slope in the first
+    mean, std = _filled(beyond_border(beyond_border(field.mean_m))), _filled(field.std_m)
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)

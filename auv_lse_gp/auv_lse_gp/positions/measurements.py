@@ -24,6 +24,8 @@ _MIN_GATE = 2.0
 RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
 #: Shorter ranges (m) are not used: position errors dominate their direction, and the depth difference matters.
 NEAREST_M = 20.0
+#: Ranges sent or received more than this time (s) before or after what is known of a vehicle's track are rejected.
+BESIDE_TRACK_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,10 +139,17 @@ class Ranges:
         return len(self._rows)
 
     def plausible(self) -> Ranges:
-        """The ranges that the prior can explain."""
+        """The ranges between known parts of tracks that the prior can explain."""
         zero = np.zeros(self._model.size)
         kept = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)) <= RANGE_SIGMAS
+        kept &= np.array([self._is_between_tracks(row) for row in self._rows], dtype=bool)
         return self if kept.all() else Ranges(self._model, list(compress(self._rows, kept.tolist())))
+
+    def _is_between_tracks(self, row: RangeMeasurement) -> bool:
+        """Whether both vehicles' tracks are known at the time; without one, they would seem to have stopped."""
+        ends = ((row.sender, row.sent_s), (row.receiver, row.arrived_s))
+        tracks = [(self._model.vehicles[number].track, stamp_s) for number, stamp_s in ends]
+        return all(t.start_s - BESIDE_TRACK_S <= stamp_s <= t.end_s + BESIDE_TRACK_S for t, stamp_s in tracks)
 
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, ordered by pairs."""

@@ -89,6 +89,26 @@ def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
     return run
 
 
+def test_ranges_beyond_the_end_of_a_track_are_refused(synthetic_run):
+    """The recording of one vehicle ends with its INS; its mate hears it, and is heard, for as long again."""
+    run = dived(synthetic_run)
+    one, other = run.vehicles
+    end_s = float(np.median(one.dead_reckoning[:, 0]))
+    one.dead_reckoning = one.dead_reckoning[one.dead_reckoning[:, 0] <= end_s]
+    one.soundings = one.soundings[one.soundings.stamp_s <= end_s]
+    whole = adjust([copy.deepcopy(run)])
+    late = sum(mate.stamp_s > end_s + 2.0 for v in run.vehicles for mate in v.mates)
+    assert late >= 3
+    for vehicle in run.vehicles:
+        vehicle.mates = [mate for mate in vehicle.mates if mate.stamp_s <= end_s + 2.0]
+    without = adjust([run])
+    assert whole.refused == without.refused + late
+    for a, b in zip(whole.runs[0].vehicles, without.runs[0].vehicles, strict=True):
+        assert np.array_equal(a.soundings.locations_m, b.soundings.locations_m)
+    assert whole.ranges > whole.refused
+    assert other.soundings.stamp_s[-1] > end_s
+
+
 def off(vehicle, recorded):
     """Root mean square distance (m) of a vehicle's soundings from where they were taken."""
     apart = vehicle.soundings.locations_m - true_positions(recorded).locations_m
