@@ -22,7 +22,8 @@ if TYPE_CHECKING:
         expected_bayes_risk,
         p_safe,
     )
-    from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath, contours
+    from auv_lse_gp.level_set.lines import contours
+    from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
     from auv_lse_gp.map.gate import SoundingError
     from auv_lse_gp.map.online import Counts, OnlineGp
     from auv_lse_gp.map.store import Outcome
@@ -64,7 +65,7 @@ __getattr__ = lazy_exports(
         "inference.centers": ("Centers",),
         "inference.point_posteriors": ("PointPosteriors",),
         "auv_lse_common.mission_file.sections.gp": ("GpConfig",),
-        "map.depth_map": ("DepthField", "DepthMap", "Isobath", "contours"),
+        "map.depth_map": ("DepthField", "DepthMap", "Isobath"),
         "inference.factor": ("IllConditionedError",),
         "map.gate": ("SoundingError",),
         "inference.cached_points": ("CachedPoints",),
@@ -80,6 +81,7 @@ __getattr__ = lazy_exports(
             "expected_bayes_risk",
             "p_safe",
         ),
+        "level_set.lines": ("contours",),
         "soundings": ("read_soundings",),
     },
 )

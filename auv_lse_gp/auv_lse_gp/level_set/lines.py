@@ -1,7 +1,9 @@
-"""Isobaths as lines of locations: resampled, and what lies near them."""
+"""Isobaths as lines of locations: drawn on a map, resampled, and what lies near them."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -35,3 +37,46 @@ def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[
         return lambda locations_m: np.zeros(len(locations_m), dtype=bool)
     tree = cKDTree(points)
     return lambda locations_m: np.asarray(tree.query(locations_m, distance_upper_bound=within_m)[0] <= within_m)
+
+
+def contours(north_m: Array, east_m: Array, values: Array, level: float) -> list[Array]:
+    """Contour lines of a map; closed ones repeat their start.
+
+    They go on through the first cell beyond the area's border: between it and the last cell's center there is ground,
+    and on a steep bank all of the isobath.
+
+    Args:
+        north_m: North of the rows, equally spaced, shape (R,).
+        east_m: East of the columns, as far apart, shape (C,).
+        values: A value of each cell, shape (R, C); NaN outside the area.
+        level: Value on the lines.
+
+    Returns:
+        Lines, each of shape (n, 2): north, east (m).
+    """
+    from contourpy import contour_generator  # takes 20 ms: when a map is first drawn
+
+    if min(values.shape) < 2:
+        return []
+    z = np.ma.masked_invalid(beyond_border(np.pad(values, 1, constant_values=np.nan)))
+    north, east = (np.concatenate([2.0 * x[:1] - x[1], x, 2.0 * x[-1:] - x[-2]]) for x in (north_m, east_m))
+    return [np.asarray(line)[:, ::-1] for line in contour_generator(x=east, y=north, z=z).lines(level)]
+
+
+def beyond_border(values: Array) -> Array:
+    """Values (R, C) with each NaN beside known ones extrapolated linearly from pairs of cells, nearer ones more."""
+    around = np.pad(values, 2, constant_values=np.nan)
+    rows, columns = np.nonzero(np.isnan(values))
+    total, weights = np.zeros(len(rows)), np.zeros(len(rows))
+    for down, right in itertools.product((-1, 0, 1), repeat=2):
+        if not (down or right):
+            continue
+        beside = around[rows + 2 + down, columns + 2 + right]
+        there = 2.0 * beside - around[rows + 2 + 2 * down, columns + 2 + 2 * right]
+        weight = np.where(np.isnan(there), 0.0, 1.0 / math.hypot(down, right))
+        total += weight * np.nan_to_num(there)
+        weights += weight
+    filled = values.copy()
+    with np.errstate(invalid="ignore"):
+        filled[rows, columns] = total / weights
+    return filled

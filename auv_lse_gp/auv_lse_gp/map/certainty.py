@@ -27,7 +27,8 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from auv_lse_gp.map.depth_map import DepthField, beyond_border
+from auv_lse_gp.level_set.lines import beyond_border
+from auv_lse_gp.map.depth_map import DepthField
 
 Array = NDArray[np.float64]
 

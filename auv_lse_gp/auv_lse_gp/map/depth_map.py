@@ -6,7 +6,6 @@ The posterior on the grid is cached (`CachedMoments`). The last centers are prov
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -23,6 +22,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.inference.tiled_posterior import TiledMoments
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.level_set.lines import contours
 from auv_lse_gp.map.online import Counts, OnlineGp
 from auv_lse_gp.map.store import MERGE_WINDOW, Outcome
 
@@ -240,10 +240,11 @@ class DepthMap:
         """
         field = field or self.field()
         level_m, half_m = self.level_set.level_m, BAND_SIGMAS * field.std_m
+        axes = self.grid.north_m, self.grid.east_m
         return Isobath(
-            lines=contours(self.grid, field.mean_m, level_m),
-            shallow_edge=contours(self.grid, field.mean_m + half_m, level_m),
-            deep_edge=contours(self.grid, field.mean_m - half_m, level_m),
+            lines=contours(*axes, field.mean_m, level_m),
+            shallow_edge=contours(*axes, field.mean_m + half_m, level_m),
+            deep_edge=contours(*axes, field.mean_m - half_m, level_m),
             band_probability=BAND_PROBABILITY,
         )
 
@@ -286,38 +287,3 @@ def field_of(
         variance_scale=float(scales.mean()) if len(scales) else 1.0,
         revision=revision,
     )
-
-
-def contours(grid: Grid, values: Array, level: float) -> list[Array]:
-    """Contour lines at `level` of values (ny, nx), each (n, 2): north, east (m); closed ones repeat their start.
-
-    They go on through the first cell beyond the area's border: between it and the last cell's center there is ground,
-    and on a steep bank all of the isobath.
-    """
-    from contourpy import contour_generator
-
-    if min(values.shape) < 2:
-        return []
-    first, cell = np.array([grid.north_m[0], grid.east_m[0]]) - grid.resolution_m, grid.resolution_m
-    z = np.ma.masked_invalid(beyond_border(np.pad(values, 1, constant_values=np.nan)))
-    north, east = (start + cell * np.arange(n) for start, n in zip(first, z.shape, strict=True))
-    return [np.asarray(line)[:, ::-1] for line in contour_generator(x=east, y=north, z=z).lines(level)]
-
-
-def beyond_border(values: Array) -> Array:
-    """Values (R, C) with each NaN beside known ones extrapolated linearly from pairs of cells, nearer ones more."""
-    around = np.pad(values, 2, constant_values=np.nan)
-    rows, columns = np.nonzero(np.isnan(values))
-    total, weights = np.zeros(len(rows)), np.zeros(len(rows))
-    for down, right in itertools.product((-1, 0, 1), repeat=2):
-        if not (down or right):
-            continue
-        beside = around[rows + 2 + down, columns + 2 + right]
-        there = 2.0 * beside - around[rows + 2 + 2 * down, columns + 2 + 2 * right]
-        weight = np.where(np.isnan(there), 0.0, 1.0 / math.hypot(down, right))
-        total += weight * np.nan_to_num(there)
-        weights += weight
-    filled = values.copy()
-    with np.errstate(invalid="ignore"):
-        filled[rows, columns] = total / weights
-    return filled

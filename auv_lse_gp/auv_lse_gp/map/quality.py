@@ -22,7 +22,7 @@ from auv_lse_gp.inference.roughness import variance_scales_in_parts
 from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
 from auv_lse_gp.inference.work import FUNCTION, Work, finish
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.level_set.lines import contours, near
 from auv_lse_gp.map.certainty import (
     FOUND,
     MAX_STD_M,
@@ -33,7 +33,7 @@ from auv_lse_gp.map.certainty import (
     length_of,
     lines_of,
 )
-from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, contours, field_of
+from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, field_of
 from auv_lse_gp.map.online import MAX_DENSE
 from auv_lse_gp.map.undiscovered import KERNEL, Undiscovered, coarse_grid, undiscovered_in_parts
 
@@ -86,7 +86,7 @@ class QualityJudge:
         moments = yield from self._moments(centers)
         field = field_of(self._grid, moments, self._levels, banks, self._config.signal_std_m, revision)
         yield FUNCTION * len(self._locations_m)
-        lines = contours(self._grid, field.mean_m, level_m)
+        lines = contours(self._grid.north_m, self._grid.east_m, field.mean_m, level_m)
         soundings = np.column_stack([centers.locations_m, np.zeros(len(centers))])
         yield FUNCTION * len(self._locations_m)
         pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=banks is not None)

@@ -12,7 +12,7 @@ from auv_lse_common.vocabulary.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.inference.roughness import variance_scales
-from auv_lse_gp.map.depth_map import beyond_border
+from auv_lse_gp.level_set.lines import beyond_border
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -174,11 +174,11 @@ def test_isobath_and_its_band():
 def test_contours_of_a_cone():
     grid = AREA.grid(2.0)
     north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
-    lines = contours(grid, np.hypot(north - 100.0, east - 120.0), 50.0)
+    lines = contours(grid.north_m, grid.east_m, np.hypot(north - 100.0, east - 120.0), 50.0)
     assert len(lines) == 1
     assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
     assert lines[0][0].tolist() == lines[0][-1].tolist()
-    assert contours(grid, np.full(grid.inside.shape, np.nan), 50.0) == []
+    assert contours(grid.north_m, grid.east_m, np.full(grid.inside.shape, np.nan), 50.0) == []
 
 
 @pytest.mark.parametrize("at_m", [-1.5, 201.5])
@@ -186,10 +186,10 @@ def test_a_contour_between_the_last_cell_and_the_border_is_drawn(at_m):
     """Cells of 4 m: the last centers are at 2 and 198 m, and a bank may cross the level in the outer half of a cell."""
     grid = AREA.grid(4.0)
     north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
-    (line,) = contours(grid, north + 0.0 * east, at_m)
+    (line,) = contours(grid.north_m, grid.east_m, north + 0.0 * east, at_m)
     assert line[:, 0] == pytest.approx(at_m)
     assert np.ptp(line[:, 1]) >= 240.0
-    assert contours(grid, north, at_m + np.sign(at_m - 100.0)) == []  # but not farther
+    assert contours(grid.north_m, grid.east_m, north, at_m + np.sign(at_m - 100.0)) == []  # but not farther
 
 
 def test_a_contour_goes_on_into_a_hole_by_one_cell():

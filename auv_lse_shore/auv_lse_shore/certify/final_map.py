@@ -20,7 +20,7 @@ from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.inference.banks import Banks
 from auv_lse_gp.inference.centers import Centers
-from auv_lse_gp.level_set.lines import near
+from auv_lse_gp.level_set.lines import contours, near
 from auv_lse_gp.map import certainty
 from auv_lse_gp.map.certainty import Piece
 from auv_lse_gp.map.depth_map import DepthField
@@ -28,7 +28,6 @@ from auv_lse_gp.map.undiscovered import Undiscovered, coarse_grid, undiscovered
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.certify.dense import DenseMap, DensePrior, Measurements, dense_map
 from auv_lse_shore.certify.recorded import Recorded
-from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.judge.team_map import sounded_locations
 from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged
@@ -133,7 +132,7 @@ def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
     given = _joined(parts)
     found = dense_map(prior, given, grid.locations_m)
     field = _field(grid, found, level_set)
-    lines = trace(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
+    lines = contours(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
     shore_known = prior.bank is not None
     pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_locations(run), shore_known=shore_known)
     counts = given.counts

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from auv_lse_gp.level_set.lines import contours
 from auv_lse_shore.export.content import Export
-from auv_lse_shore.judge.isobath import length_m, trace, write_geojson
+from auv_lse_shore.judge.isobath import length_m, write_geojson
 
 #: Largest number of levels that an interval may give.
 MAX_LEVELS = 1000
@@ -22,7 +23,7 @@ def write(export: Export) -> str:
         return "contours.geojson: skipped; give --contours or --contour-interval"
     features = []
     for level in levels:
-        lines = trace(field.grid.north_m, field.grid.east_m, field.mean_m, level)
+        lines = contours(field.grid.north_m, field.grid.east_m, field.mean_m, level)
         if lines:
             properties = {"name": f"{level:g} m contour", "depth_m": level, "length_m": round(length_m(lines), 1)}
             features.append((properties, lines))

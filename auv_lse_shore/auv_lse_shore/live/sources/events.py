@@ -31,10 +31,10 @@ from auv_lse_common.vocabulary import stamps
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
+from auv_lse_gp.level_set.lines import contours
 from auv_lse_gp.map.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_gp.map.depth_map import BAND_SIGMAS, DepthField
 from auv_lse_record.message_types import stamp_of
-from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
 from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import PlanLines, decimetres
@@ -177,14 +177,13 @@ class MissionEvents:
         level_m = self._settings.level_set.level_m
         apart = thinning(*layers["risk"].shape)
         shown = {name: values[::apart, ::apart] for name, values in layers.items()}
-        with np.errstate(invalid="ignore", divide="ignore"):
-            score = (shown["depth"] - level_m) / np.maximum(shown["std"], 1e-9)
+        axes, half_m = (north_m[::apart], east_m[::apart]), BAND_SIGMAS * shown["std"]
         coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
         pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
-            "shallow_edge": trace(north_m[::apart], east_m[::apart], score, -BAND_SIGMAS),
-            "deep_edge": trace(north_m[::apart], east_m[::apart], score, BAND_SIGMAS),
+            "shallow_edge": contours(*axes, shown["depth"] + half_m, level_m),
+            "deep_edge": contours(*axes, shown["depth"] - half_m, level_m),
         }
         return {
             "kind": "map",
@@ -218,7 +217,7 @@ class MissionEvents:
             variance_scale=scale,
             revision=0,
         )
-        lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
+        lines = contours(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
         return classify(lines, field, self._settings.vehicle(vehicle).gp.signal_std_m, np.empty((0, 3)))
 
     def _plan(self, vehicle: int, stamp_s: float, report: PlanReport) -> list[Event]:
