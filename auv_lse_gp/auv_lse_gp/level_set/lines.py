@@ -18,6 +18,9 @@ POINT_SPACING_M = 2.0
 #: A location of the true isobath counts as found if the estimate passes within this distance (m).
 FOUND_WITHIN_M = 10.0
 
+#: Number of cells beyond the area's border through which contours go on.
+BEYOND_CELLS = 2
+
 
 def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Array:
     """Locations (n, 2) at equal distances of about `spacing_m` along lines, each for an equal length."""
@@ -42,8 +45,8 @@ def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[
 def contours(north_m: Array, east_m: Array, values: Array, level: float) -> list[Array]:
     """Contour lines of a map; closed ones repeat their start.
 
-    They go on through the first cell beyond the area's border: between it and the last cell's center there is ground,
-    and on a steep bank all of the isobath.
+    They go on through `BEYOND_CELLS` cells beyond the area's border: on a steep bank all of the isobath may lie between
+    the last cell's center and the shore.
 
     Args:
         north_m: North of the rows, equally spaced, shape (R,).
@@ -58,13 +61,22 @@ def contours(north_m: Array, east_m: Array, values: Array, level: float) -> list
 
     if min(values.shape) < 2:
         return []
-    z = np.ma.masked_invalid(beyond_border(np.pad(values, 1, constant_values=np.nan)))
-    north, east = (np.concatenate([2.0 * x[:1] - x[1], x, 2.0 * x[-1:] - x[-2]]) for x in (north_m, east_m))
+    n, cell_m = BEYOND_CELLS, float(north_m[1] - north_m[0])
+    z = np.ma.masked_invalid(beyond_border(np.pad(values, n, constant_values=np.nan)))
+    first_m = north_m[0] - n * cell_m, east_m[0] - n * cell_m
+    north, east = (first + cell_m * np.arange(size) for first, size in zip(first_m, z.shape, strict=True))
     return [np.asarray(line)[:, ::-1] for line in contour_generator(x=east, y=north, z=z).lines(level)]
 
 
-def beyond_border(values: Array) -> Array:
-    """Values (R, C) with each NaN beside known ones extrapolated linearly from pairs of cells, nearer ones more."""
+def beyond_border(values: Array, cells: int = BEYOND_CELLS) -> Array:
+    """Values (R, C) with NaN up to `cells` from known ones extrapolated, linearly and one cell after another."""
+    for _ in range(cells):
+        values = _one_beyond(values)
+    return values
+
+
+def _one_beyond(values: Array) -> Array:
+    """Values (R, C) with each NaN beside two known ones in a row extrapolated: the mean over rows, near ones first."""
     around = np.pad(values, 2, constant_values=np.nan)
     rows, columns = np.nonzero(np.isnan(values))
     total, weights = np.zeros(len(rows)), np.zeros(len(rows))

@@ -27,7 +27,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from auv_lse_gp.level_set.lines import beyond_border
+from auv_lse_gp.level_set.lines import BEYOND_CELLS, beyond_border
 from auv_lse_gp.map.depth_map import DepthField
 
 Array = NDArray[np.float64]
@@ -175,8 +175,9 @@ def evidence(
         at = [(at_m[:, 0] - grid.north_m[0]) / grid.resolution_m, (at_m[:, 1] - grid.east_m[0]) / grid.resolution_m]
         return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"), dtype=float)
 
-    # two cells beyond the border, so that the ground has its slope in the first
-    mean, std = _filled(beyond_border(beyond_border(field.mean_m))), _filled(field.std_m)
+    # beyond the border, where lines go on, the ground has its slope, and the uncertainty does not shrink
+    mean, std = _filled(beyond_border(field.mean_m, BEYOND_CELLS + 1)), _filled(field.std_m)
+    std = np.maximum(std, _filled(beyond_border(field.std_m)))
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)

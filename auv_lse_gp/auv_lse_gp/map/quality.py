@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from auv_lse_gp.inference.roughness import variance_scales_in_parts
 from auv_lse_gp.inference.tiled_posterior import TiledMoments, TiledPosterior
 from auv_lse_gp.inference.work import FUNCTION, Work, finish
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.level_set.lines import contours, near
+from auv_lse_gp.level_set.lines import contours, near, resample
 from auv_lse_gp.map.certainty import (
     FOUND,
     MAX_STD_M,
@@ -30,7 +31,6 @@ from auv_lse_gp.map.certainty import (
     MIN_LENGTH_M,
     classify,
     found_within_m,
-    length_of,
     lines_of,
 )
 from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, field_of
@@ -59,7 +59,7 @@ class QualityJudge:
 
     def __init__(self, config: GpConfig, level_set: LevelSetConfig, area: OperatingArea) -> None:
         importlib.import_module("scipy.optimize")  # takes 50 ms, which no slice of a judgement has
-        self._config, self._levels = config, LevelSet.of(level_set)
+        self._config, self._levels, self._area = config, LevelSet.of(level_set), area
         grid = area.grid(config.map_resolution_m, "gp.map_resolution_m")
         cells = int(np.count_nonzero(grid.inside))
         if cells > MANY_CELLS:
@@ -91,16 +91,25 @@ class QualityJudge:
         yield FUNCTION * len(self._locations_m)
         pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=banks is not None)
         yield FUNCTION * len(self._locations_m)
-        located = near(lines_of(pieces, FOUND))
+        found = lines_of(pieces, FOUND)
+        located = near(found)
         missing = yield from undiscovered_in_parts(
             self._config, centers, level_m, self._coarse, located, self._prior.banks
         )
         return Quality(
-            found_share=share_found(length_of(pieces, FOUND), missing),
+            found_share=share_found(self._length_inside_m(found), missing),
             undiscovered_m=missing.limit_m,
             deviation_m=found_within_m(pieces),
             revision=revision,
         )
+
+    def _length_inside_m(self, lines: Sequence[Array]) -> float:
+        """Length of lines within the area; beyond its border nothing is counted as missing."""
+        points = resample(lines)
+        if not len(points):
+            return 0.0
+        length_m = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines)
+        return length_m * float(self._area.contains(points).mean())
 
     def _moments(self, centers: Centers) -> Work[Moments]:
         """The posterior at the grid's cells: of a small map as a whole, else tile by tile."""

@@ -181,19 +181,24 @@ def test_contours_of_a_cone():
     assert contours(grid.north_m, grid.east_m, np.full(grid.inside.shape, np.nan), 50.0) == []
 
 
-@pytest.mark.parametrize("at_m", [-1.5, 201.5])
-def test_a_contour_between_the_last_cell_and_the_border_is_drawn(at_m):
-    """Cells of 4 m: the last centers are at 2 and 198 m, and a bank may cross the level in the outer half of a cell."""
+@pytest.mark.parametrize("at_m", [-1.5, -5.5, 201.5, 205.5])
+def test_a_contour_goes_on_through_two_cells_beyond_the_border(at_m):
+    """Cells of 4 m: the last centers are at 2 and 198 m, and a bank may cross the level between them and the shore."""
     grid = AREA.grid(4.0)
     north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
     (line,) = contours(grid.north_m, grid.east_m, north + 0.0 * east, at_m)
     assert line[:, 0] == pytest.approx(at_m)
     assert np.ptp(line[:, 1]) >= 240.0
-    assert contours(grid.north_m, grid.east_m, north, at_m + np.sign(at_m - 100.0)) == []  # but not farther
 
 
-def test_a_contour_goes_on_into_a_hole_by_one_cell():
-    """A no-go zone has no values."""
+@pytest.mark.parametrize("at_m", [-6.5, 206.5])
+def test_a_contour_farther_beyond_the_border_is_not_drawn(at_m):
+    grid = AREA.grid(4.0)
+    north, _ = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
+    assert contours(grid.north_m, grid.east_m, north, at_m) == []
+
+
+def test_values_go_on_into_a_no_go_zone():
     hole = (100.0, 60.0, 160.0, 60.0, 160.0, 160.0, 100.0, 160.0)
     area = OperatingArea(AreaConfig(polygon_m=AREA.config.polygon_m, no_go={"hole": hole}))
     grid = area.grid(4.0)
@@ -203,8 +208,9 @@ def test_a_contour_goes_on_into_a_hole_by_one_cell():
     assert np.isnan(hole).all()
     filled = beyond_border(values)[25:40, 15:40]
     assert filled[0] == pytest.approx(102.0)
-    assert filled[:, 0] == pytest.approx(north[25:40, 0])
-    assert np.isnan(filled[1:-1, 1:-1]).all()
+    assert filled[1] == pytest.approx(106.0)
+    assert filled[:, 1] == pytest.approx(north[25:40, 0])
+    assert np.isnan(filled[2:-2, 2:-2]).all()
 
 
 @pytest.mark.parametrize(("side_m", "factor"), [(500.0, 1.0), (2000.0, 3.2)])

@@ -80,7 +80,9 @@ def opening(s: Summary) -> list[str]:
         s.isobath_undiscovered_limit_m,
     )
     if s.isobath_found is not None and s.isobath_true_m:
-        found = found.replace(" of isobath", f" of isobath ({_percent(s.isobath_found)} of the true isobath)")
+        found = found.replace(
+            " of isobath", f" of isobath ({_percent(s.isobath_found)} of the true isobath in the area)"
+        )
         missing += f" (actually {_m((1.0 - s.isobath_found) * s.isobath_true_m)})"
     if s.isobath_found_within_m is not None and s.isobath_found_error_p95_m is not None:
         exactly += f" (actually {s.isobath_found_error_p95_m:.1f} m)"
@@ -238,7 +240,8 @@ def _found(e: Evaluation) -> str:
             f"{s.isobath_found_error_p95_m:.1f} m of the true isobath."
         )
     if s.isobath_found is not None and s.isobath_true_m:
-        text += f" It covers {_percent(s.isobath_found)} of the true isobath, which is {_m(s.isobath_true_m)} long."
+        found, whole = _percent(s.isobath_found), _m(s.isobath_true_m)
+        text += f" It covers {found} of the true isobath in the area, which is {whole} long."
     return text
 
 

@@ -53,7 +53,10 @@ def text_of(evaluation):
 def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     s = other.summary
     found, exactly, missing, risk, loss, packets = headlines(s, 30)
-    assert f"{s.isobath_found_m:,.0f} m of isobath ({100 * s.isobath_found:.0f} % of the true isobath)" in found
+    assert (
+        f"{s.isobath_found_m:,.0f} m of isobath ({100 * s.isobath_found:.0f} % of the true isobath in the area)"
+        in found
+    )
     assert f"within {s.isobath_found_within_m:.1f} m" in exactly
     assert f"(actually {s.isobath_found_error_p95_m:.1f} m)" in exactly
     assert f"{s.isobath_undiscovered_m:,.0f} m of isobath expected, at most " in missing
