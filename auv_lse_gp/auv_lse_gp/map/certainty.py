@@ -6,7 +6,8 @@ from the prior, not from the lake. The class of a location of the line follows f
 - *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
   the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
   shifts the ground as a whole: together sqrt((s / g)^2 + p^2). Near a known shore it does not: the shore stays where it
-  is, and a sounding on ground of slope q < g moves the line by q / g p.
+  is, and a sounding on ground of slope q < g moves the line by q / g p. At a distance d beyond the area's last cells,
+  where the mean is extrapolated, d / 2 is added likewise.
 - *Data.* The share of the variance of open ground that the soundings and a known shore have removed, by the prior's own
   scale. Without it a steep prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
@@ -44,6 +45,10 @@ MIN_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
 
 #: A stretch shorter than this (m) takes the higher class of its two neighbors if that is lower than its own.
 MIN_LENGTH_M = 15.0
+
+#: Horizontal standard deviation of a line beyond the area's last cells, as a share of its distance from them: the slope
+#: there is uncertain by half of it.
+BEYOND_STD = 0.5
 
 #: Spacing (m) of the locations along a line at which its class is computed.
 SPACING_M = 5.0
@@ -84,7 +89,7 @@ class Evidence:
     """Evidence for locations of a line; arrays (n,).
 
     Attributes:
-        depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g.
+        depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g, and beyond the area to extrapolation.
         position_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
         informed: Share of the variance of open ground that the soundings, and a known shore, have removed.
         nearest_m: Distance (m) to the nearest sounding.
@@ -169,18 +174,23 @@ def evidence(
     locations: Array, field: DepthField, signal_std_m: float, soundings: Array, *, shore_known: bool = False
 ) -> Evidence:
     """Evidence for locations (n, 2) of the isobath; other arguments as of `classify`."""
-    grid = field.grid
+    grid, margin = field.grid, BEYOND_CELLS + 1
+    origin_m = np.array([grid.north_m[0], grid.east_m[0]]) - margin * grid.resolution_m
 
     def value(values: Array, at_m: Array = locations) -> Array:
-        at = [(at_m[:, 0] - grid.north_m[0]) / grid.resolution_m, (at_m[:, 1] - grid.east_m[0]) / grid.resolution_m]
+        at = ((at_m - origin_m) / grid.resolution_m).T
         return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"), dtype=float)
 
+    known, std, prior_std = (
+        np.pad(values, margin, constant_values=np.nan) for values in (field.mean_m, field.std_m, field.prior_std_m)
+    )
     # beyond the border, where lines go on, the ground has its slope, and the uncertainty does not shrink
-    mean, std = _filled(beyond_border(field.mean_m, BEYOND_CELLS + 1)), _filled(field.std_m)
-    std = np.maximum(std, _filled(beyond_border(field.std_m)))
+    mean = _filled(beyond_border(known, margin))
+    std = np.maximum(_filled(std), _filled(beyond_border(std)))
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)
+    beyond_m = grid.resolution_m * value(ndimage.distance_transform_edt(np.isnan(known)))
     position_std, nearest = np.zeros(len(locations)), np.full(len(locations), np.inf)
     if len(soundings):
         nearest, index = cKDTree(soundings[:, :2]).query(locations)
@@ -189,12 +199,13 @@ def evidence(
             there = np.hypot(value(northward, soundings[index, :2]), value(eastward, soundings[index, :2]))
             position_std *= np.minimum(np.divide(there, slope, out=np.ones_like(slope), where=slope > 0.0), 1.0)
     with np.errstate(divide="ignore"):
-        return Evidence(
-            depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
-            position_std_m=position_std,
-            informed=1.0 - (value(_filled(field.prior_std_m)) / signal_std_m) ** 2,
-            nearest_m=nearest,
-        )
+        depth_std_m = np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
+    return Evidence(
+        depth_std_m=np.hypot(depth_std_m, BEYOND_STD * beyond_m),
+        position_std_m=position_std,
+        informed=1.0 - (value(_filled(prior_std)) / signal_std_m) ** 2,
+        nearest_m=nearest,
+    )
 
 
 def _filled(values: Array) -> Array:

@@ -69,6 +69,15 @@ def test_nothing_is_claimed_where_nobody_measured():
     assert 200.0 <= isobath.length_m(certainty.lines_of(pieces, FOUND)) < 237.5
 
 
+def test_a_line_beyond_the_border_is_less_sure_by_half_its_distance():
+    """The last cells' centers are at north 157.5 m, and the line is 7.5 m beyond."""
+    area = OperatingArea(AreaConfig(polygon_m=(156.0, 0.0, 300.0, 0.0, 300.0, 600.0, 156.0, 600.0)))
+    whole, beyond = (classified(slope(0.0, 601.0), area=each, std_soundings=0.0) for each in (AREA, area))
+    assert {p.kind for p in beyond} == {FOUND}
+    std_m, more_m = (float(np.median(np.concatenate([p.std_m for p in pieces]))) for pieces in (whole, beyond))
+    assert more_m == pytest.approx(np.hypot(std_m, 3.75), rel=0.05)
+
+
 def test_a_steep_prior_finds_nothing_by_itself():
     one = np.array([[10.0, 10.0, 1.0]])
     plane = {"mean": "plane", "mean_depth_m": 0.0, "mean_slope_north": 0.1, "signal_std_m": 0.9}
@@ -94,7 +103,7 @@ def test_a_known_shore_finds_the_isobath_beside_sounded_ground():
     on_the_isobath = np.column_stack([np.full(len(along), 10.0), along, np.full(len(along), 15.0)])
     both = np.concatenate([track, on_the_isobath])
     sounded = [p for p in classified(both, area=OperatingArea(shore)) if p.line[:, 0].max() < 60.0]
-    assert max(p.std_m.max() for p in sounded if p.kind == FOUND) < 3.0
+    assert max(p.std_m[AREA.contains(p.line)].max() for p in sounded if p.kind == FOUND) < 3.0
     # A track on flat ground may lie elsewhere, the shore does not. Soundings on the bank move the line with them.
     moved = [p for p in classified(track, 15.0, OperatingArea(shore)) if p.line[:, 0].max() < 60.0]
     assert certainty.length_of(moved, FOUND) > 500.0
