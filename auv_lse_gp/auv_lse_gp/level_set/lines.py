@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Spacing (m) of the points along isobaths between which distances are measured.
 POINT_SPACING_M = 2.0
@@ -42,17 +43,18 @@ def near(lines: Sequence[Array], within_m: float = FOUND_WITHIN_M) -> Callable[[
     return lambda locations_m: np.asarray(tree.query(locations_m, distance_upper_bound=within_m)[0] <= within_m)
 
 
-def contours(north_m: Array, east_m: Array, values: Array, level: float) -> list[Array]:
+def contours(north_m: Array, east_m: Array, values: Array, level: float, informed: Mask) -> list[Array]:
     """Contour lines of a map; closed ones repeat their start.
 
-    They go on through `BEYOND_CELLS` cells beyond the area's border: on a steep bank all of the isobath may lie between
-    the last cell's center and the shore.
+    Beside informed ground they go on through `BEYOND_CELLS` cells beyond the area's border: on a steep bank all of the
+    isobath may lie between the last cell's center and the shore.
 
     Args:
         north_m: North of the rows, equally spaced, shape (R,).
         east_m: East of the columns, as far apart, shape (C,).
         values: A value of each cell, shape (R, C); NaN outside the area.
         level: Value on the lines.
+        informed: Where the ground is known from data, shape (R, C) (`DepthField.informed`).
 
     Returns:
         Lines, each of shape (n, 2): north, east (m).
@@ -62,17 +64,27 @@ def contours(north_m: Array, east_m: Array, values: Array, level: float) -> list
     if min(values.shape) < 2:
         return []
     n, cell_m = BEYOND_CELLS, float(north_m[1] - north_m[0])
-    z = np.ma.masked_invalid(beyond_border(np.pad(values, n, constant_values=np.nan)))
+    z = np.ma.masked_invalid(beyond_border(np.pad(values, n, constant_values=np.nan), n, np.pad(informed, n)))
     first_m = north_m[0] - n * cell_m, east_m[0] - n * cell_m
     north, east = (first + cell_m * np.arange(size) for first, size in zip(first_m, z.shape, strict=True))
     return [np.asarray(line)[:, ::-1] for line in contour_generator(x=east, y=north, z=z).lines(level)]
 
 
-def beyond_border(values: Array, cells: int = BEYOND_CELLS) -> Array:
-    """Values (R, C) with NaN up to `cells` from known ones extrapolated, linearly and one cell after another."""
+def beyond_border(values: Array, cells: int, informed: Mask | None = None) -> Array:
+    """Values (R, C) with NaN up to `cells` from informed ones extrapolated, linearly and one cell after another.
+
+    Args:
+        values: Values of the cells; NaN outside the area.
+        cells: How far they go on.
+        informed: Cells from which they go on (R, C); None: all.
+    """
+    outside = np.isnan(values)
+    used = outside if informed is None else outside | informed
+    known = values if informed is None else np.where(used, values, np.nan)
     for _ in range(cells):
-        values = _one_beyond(values)
-    return values
+        found = _one_beyond(known)
+        known = found if informed is None else np.where(used, found, np.nan)
+    return np.where(outside, known, values)
 
 
 def _one_beyond(values: Array) -> Array:

@@ -186,7 +186,7 @@ def evidence(
     )
     # beyond the border, where lines go on, the ground has its slope, and the uncertainty does not shrink
     mean = _filled(beyond_border(known, margin))
-    std = np.maximum(_filled(std), _filled(beyond_border(std)))
+    std = np.maximum(_filled(std), _filled(beyond_border(std, margin)))
     northward, eastward = np.gradient(mean, grid.resolution_m, axis=0), np.gradient(mean, grid.resolution_m, axis=1)
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)

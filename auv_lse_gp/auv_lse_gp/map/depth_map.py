@@ -27,6 +27,7 @@ from auv_lse_gp.map.online import Counts, OnlineGp
 from auv_lse_gp.map.store import MERGE_WINDOW, Outcome
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Probability that the true isobath lies within the band of `DepthMap.isobath`, at any one location along it.
 BAND_PROBABILITY = 0.95
@@ -34,6 +35,8 @@ BAND_PROBABILITY = 0.95
 BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
+#: Least share of the variance of open ground that data have removed where contours go on beyond the border.
+MIN_INFORMED = 0.5
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
 RECENT_WORK = 2e10
 
@@ -59,6 +62,15 @@ class DepthField:
     p_safe: Array
     variance_scale: float
     revision: int
+
+    def informed(self, signal_std_m: float) -> Mask:
+        """Where data have removed at least `MIN_INFORMED` of the variance of open ground, (ny, nx).
+
+        Args:
+            signal_std_m: Standard deviation of the depth of open ground before the first sounding, `gp.signal_std_m`.
+        """
+        with np.errstate(invalid="ignore"):
+            return np.asarray(1.0 - (self.prior_std_m / signal_std_m) ** 2 >= MIN_INFORMED)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -240,11 +252,11 @@ class DepthMap:
         """
         field = field or self.field()
         level_m, half_m = self.level_set.level_m, BAND_SIGMAS * field.std_m
-        axes = self.grid.north_m, self.grid.east_m
+        axes, informed = (self.grid.north_m, self.grid.east_m), field.informed(self.gp.config.signal_std_m)
         return Isobath(
-            lines=contours(*axes, field.mean_m, level_m),
-            shallow_edge=contours(*axes, field.mean_m + half_m, level_m),
-            deep_edge=contours(*axes, field.mean_m - half_m, level_m),
+            lines=contours(*axes, field.mean_m, level_m, informed),
+            shallow_edge=contours(*axes, field.mean_m + half_m, level_m, informed),
+            deep_edge=contours(*axes, field.mean_m - half_m, level_m, informed),
             band_probability=BAND_PROBABILITY,
         )
 

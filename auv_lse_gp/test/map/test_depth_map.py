@@ -174,11 +174,11 @@ def test_isobath_and_its_band():
 def test_contours_of_a_cone():
     grid = AREA.grid(2.0)
     north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
-    lines = contours(grid.north_m, grid.east_m, np.hypot(north - 100.0, east - 120.0), 50.0)
+    lines = contours(grid.north_m, grid.east_m, np.hypot(north - 100.0, east - 120.0), 50.0, grid.inside)
     assert len(lines) == 1
     assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
     assert lines[0][0].tolist() == lines[0][-1].tolist()
-    assert contours(grid.north_m, grid.east_m, np.full(grid.inside.shape, np.nan), 50.0) == []
+    assert contours(grid.north_m, grid.east_m, np.full(grid.inside.shape, np.nan), 50.0, grid.inside) == []
 
 
 @pytest.mark.parametrize("at_m", [-1.5, -5.5, 201.5, 205.5])
@@ -186,16 +186,17 @@ def test_a_contour_goes_on_through_two_cells_beyond_the_border(at_m):
     """Cells of 4 m: the last centers are at 2 and 198 m, and a bank may cross the level between them and the shore."""
     grid = AREA.grid(4.0)
     north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
-    (line,) = contours(grid.north_m, grid.east_m, north + 0.0 * east, at_m)
+    (line,) = contours(grid.north_m, grid.east_m, north + 0.0 * east, at_m, grid.inside)
     assert line[:, 0] == pytest.approx(at_m)
     assert np.ptp(line[:, 1]) >= 240.0
+    assert contours(grid.north_m, grid.east_m, north, at_m, np.zeros_like(grid.inside)) == []  # unknown ground
 
 
 @pytest.mark.parametrize("at_m", [-6.5, 206.5])
 def test_a_contour_farther_beyond_the_border_is_not_drawn(at_m):
     grid = AREA.grid(4.0)
     north, _ = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
-    assert contours(grid.north_m, grid.east_m, north, at_m) == []
+    assert contours(grid.north_m, grid.east_m, north, at_m, grid.inside) == []
 
 
 def test_values_go_on_into_a_no_go_zone():
@@ -206,11 +207,16 @@ def test_values_go_on_into_a_no_go_zone():
     values = np.where(grid.inside, north, np.nan)
     hole = values[25:40, 15:40]
     assert np.isnan(hole).all()
-    filled = beyond_border(values)[25:40, 15:40]
+    filled = beyond_border(values, 2)[25:40, 15:40]
     assert filled[0] == pytest.approx(102.0)
     assert filled[1] == pytest.approx(106.0)
     assert filled[:, 1] == pytest.approx(north[25:40, 0])
     assert np.isnan(filled[2:-2, 2:-2]).all()
+    informed = north < 150.0  # only from the south
+    filled = beyond_border(values, 2, informed)
+    assert filled[25, 15:40] == pytest.approx(102.0)
+    assert np.isnan(filled[38:40, 20:35]).all()
+    assert np.array_equal(filled[grid.inside], values[grid.inside])
 
 
 @pytest.mark.parametrize(("side_m", "factor"), [(500.0, 1.0), (2000.0, 3.2)])

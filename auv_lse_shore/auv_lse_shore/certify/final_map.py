@@ -132,7 +132,8 @@ def final_map(recorded: Recorded, run: RunData, locations: str) -> FinalMap:
     given = _joined(parts)
     found = dense_map(prior, given, grid.locations_m)
     field = _field(grid, found, level_set)
-    lines = contours(grid.north_m, grid.east_m, field.mean_m, level_set.level_m)
+    informed = field.informed(gp.signal_std_m)
+    lines = contours(grid.north_m, grid.east_m, field.mean_m, level_set.level_m, informed)
     shore_known = prior.bank is not None
     pieces = certainty.classify(lines, field, gp.signal_std_m, sounded_locations(run), shore_known=shore_known)
     counts = given.counts

@@ -21,9 +21,9 @@ def write(export: Export) -> str:
     if not levels:
         path.unlink(missing_ok=True)
         return "contours.geojson: skipped; give --contours or --contour-interval"
-    features = []
+    features, informed = [], field.informed(export.team.settings.gp.signal_std_m)
     for level in levels:
-        lines = contours(field.grid.north_m, field.grid.east_m, field.mean_m, level)
+        lines = contours(field.grid.north_m, field.grid.east_m, field.mean_m, level, informed)
         if lines:
             properties = {"name": f"{level:g} m contour", "depth_m": level, "length_m": round(length_m(lines), 1)}
             features.append((properties, lines))

@@ -32,7 +32,7 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
 from auv_lse_gp.level_set.lines import contours
-from auv_lse_gp.map.certainty import CLASSES, Piece, classify, lines_of
+from auv_lse_gp.map.certainty import CLASSES, classify, lines_of
 from auv_lse_gp.map.depth_map import BAND_SIGMAS, DepthField
 from auv_lse_record.message_types import stamp_of
 from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
@@ -179,11 +179,15 @@ class MissionEvents:
         shown = {name: values[::apart, ::apart] for name, values in layers.items()}
         axes, half_m = (north_m[::apart], east_m[::apart]), BAND_SIGMAS * shown["std"]
         coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
-        pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
+        field, signal_std_m = _field_of(north_m, east_m, layers, scale), self._settings.vehicle(vehicle).gp.signal_std_m
+        informed = field.informed(signal_std_m)
+        estimate = contours(north_m, east_m, layers["depth"], level_m, informed)
+        # as the report's pieces, but without position errors
+        pieces = classify(estimate, field, signal_std_m, np.empty((0, 3)))
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
-            "shallow_edge": contours(*axes, shown["depth"] + half_m, level_m),
-            "deep_edge": contours(*axes, shown["depth"] - half_m, level_m),
+            "shallow_edge": contours(*axes, shown["depth"] + half_m, level_m, informed[::apart, ::apart]),
+            "deep_edge": contours(*axes, shown["depth"] - half_m, level_m, informed[::apart, ::apart]),
         }
         return {
             "kind": "map",
@@ -198,27 +202,6 @@ class MissionEvents:
             "layers": coder.code(shown),
             **{name: [decimetres(line) for line in found] for name, found in lines.items()},
         }
-
-    def _pieces(
-        self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
-    ) -> list[Piece]:
-        """The estimated isobath in pieces of one certainty each.
-
-        As the report's, but without position errors, and with the mean variance factor of the map at every position.
-        """
-        inside = np.isfinite(layers["depth"])
-        field = DepthField(
-            grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
-            mean_m=layers["depth"],
-            std_m=layers["std"],
-            prior_std_m=layers["std"] / np.sqrt(scale),
-            risk=layers["risk"],
-            p_safe=layers["p_safe"],
-            variance_scale=scale,
-            revision=0,
-        )
-        lines = contours(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
-        return classify(lines, field, self._settings.vehicle(vehicle).gp.signal_std_m, np.empty((0, 3)))
 
     def _plan(self, vehicle: int, stamp_s: float, report: PlanReport) -> list[Event]:
         plan = report.plan
@@ -365,3 +348,18 @@ def seconds(stamp: Any) -> float:
 def _number(value: Any, digits: int = 3) -> float | None:
     """A rounded number; None for NaN and infinity, which JSON lacks."""
     return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _field_of(north_m: Array, east_m: Array, layers: dict[str, Array], scale: float) -> DepthField:
+    """A published map's field, with the mean variance factor of the map at every location."""
+    inside = np.isfinite(layers["depth"])
+    return DepthField(
+        grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
+        mean_m=layers["depth"],
+        std_m=layers["std"],
+        prior_std_m=layers["std"] / np.sqrt(scale),
+        risk=layers["risk"],
+        p_safe=layers["p_safe"],
+        variance_scale=scale,
+        revision=0,
+    )
