@@ -88,7 +88,10 @@ def beyond_border(values: Array, cells: int, informed: Mask | None = None) -> Ar
 
 
 def _one_beyond(values: Array) -> Array:
-    """Values (R, C) with each NaN beside two known ones in a row extrapolated: the mean over rows, near ones first."""
+    """Values (R, C) with each NaN extrapolated from the two cells next to it in a direction, if both are known.
+
+    Of several directions, also diagonal ones, it is the mean, with weights of 1 / distance.
+    """
     around = np.pad(values, 2, constant_values=np.nan)
     rows, columns = np.nonzero(np.isnan(values))
     total, weights = np.zeros(len(rows)), np.zeros(len(rows))

@@ -35,7 +35,8 @@ BAND_PROBABILITY = 0.95
 BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
-#: Least share of the variance of open ground that data have removed where contours go on beyond the border.
+#: Least share of the variance of open ground that data have removed where contours go on beyond the border; a likely
+#: piece of the isobath has it (`certainty.py`).
 MIN_INFORMED = 0.5
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
 RECENT_WORK = 2e10

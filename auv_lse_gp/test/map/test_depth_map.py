@@ -162,7 +162,7 @@ def test_isobath_and_its_band():
         points = max(edge, key=len)
         offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
         assert np.all(offset > 0.0)
-        points = points[AREA.contains(points)]  # without the extrapolated half cell
+        points = points[AREA.contains(points)]  # without the cells beyond the border
         mean, std = depth_map.gp.predict(points)
         gp = depth_map.gp
         std = std * np.sqrt(variance_scales(gp.posterior, gp.config, points, std**2))
