@@ -371,12 +371,14 @@ def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path)
         b.start("auv_lse_record", "recorder_node", PARAMETERS + f"    record: {{folder: {tmp_path / 'bag'}}}\n", "/")
         odometry = b.node.create_publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)
         b.until(odometry.get_subscription_count, "the recorder as a reader")
-        odometry.publish(Odometry(header=header(12.5)))
-        b.spin(0.5)
+        for _ in range(10):  # the writer may know the reader before the reader knows it; what comes between is lost
+            odometry.publish(Odometry(header=header(12.5)))
+            b.spin(0.1)
     with AnyReader([tmp_path / "bag"]) as reader:
         connections = [c for c in reader.connections if c.topic == "/auv1/odometry"]
         stamps = [reader.deserialize(d, c.msgtype).header.stamp.sec for c, _, d in reader.messages(connections)]
-    assert stamps == [12]
+    assert len(stamps) > 5
+    assert set(stamps) == {12}
 
 
 @pytest.mark.parametrize(
