@@ -78,6 +78,21 @@ def test_a_line_beyond_the_border_is_less_sure_by_half_its_distance():
     assert more_m == pytest.approx(np.hypot(std_m, 3.75), rel=0.05)
 
 
+def test_a_bank_beyond_the_last_cells_stays_found_as_more_is_measured():
+    """A bank of 0.5 m per m, 15 m deep 4 m beyond the border: a better map must not lose its line."""
+    along = np.arange(10.0, 600.0, 12.0)
+    lanes = [
+        np.column_stack([np.full(len(along), n), along, 17.0 + 0.5 * np.full(len(along), n)]) for n in (8.0, 20, 32)
+    ]
+    truth = np.column_stack([np.full(101, -4.0), np.linspace(0.0, 600.0, 101)])
+    shares = []
+    for number in (2, 3):
+        found = certainty.lines_of(classified(np.concatenate(lanes[:number])), FOUND)
+        shares.append(isobath.compare(found, [truth]).found)
+    assert shares[0] > 0.95
+    assert shares[1] >= shares[0]
+
+
 def test_a_steep_prior_finds_nothing_by_itself():
     one = np.array([[10.0, 10.0, 1.0]])
     plane = {"mean": "plane", "mean_depth_m": 0.0, "mean_slope_north": 0.1, "signal_std_m": 0.9}
