@@ -79,11 +79,10 @@ def beyond_border(values: Array, cells: int, informed: Mask | None = None) -> Ar
         informed: Cells from which they go on (R, C); None: all.
     """
     outside = np.isnan(values)
-    used = outside if informed is None else outside | informed
-    known = values if informed is None else np.where(used, values, np.nan)
+    used = np.ones_like(outside) if informed is None else outside | informed
+    known = np.where(used, values, np.nan)
     for _ in range(cells):
-        found = _one_beyond(known)
-        known = found if informed is None else np.where(used, found, np.nan)
+        known = np.where(used, _one_beyond(known), np.nan)
     return np.where(outside, known, values)
 
 

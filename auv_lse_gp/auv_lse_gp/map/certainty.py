@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from auv_lse_gp.level_set.lines import BEYOND_CELLS, beyond_border
-from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_gp.map.depth_map import INFORMED, DepthField
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ CLASSES = (FOUND, LIKELY, GUESSED)
 MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}
 
 #: Least share of the variance of open ground that the soundings, and a known shore, must have removed there.
-MIN_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
+MIN_INFORMED = {FOUND: 0.75, LIKELY: INFORMED}
 
 #: A stretch shorter than this (m) takes the higher class of its two neighbors if that is lower than its own.
 MIN_LENGTH_M = 15.0

@@ -35,9 +35,9 @@ BAND_PROBABILITY = 0.95
 BAND_SIGMAS = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
 #: Number of cells beyond which a map is published less often.
 MANY_CELLS = 50_000
-#: Least share of the variance of open ground that data have removed where contours go on beyond the border; a likely
-#: piece of the isobath has it (`certainty.py`).
-MIN_INFORMED = 0.5
+#: Least share of the variance of open ground that data have removed where contours go on beyond the border, and below a
+#: likely piece of the isobath.
+INFORMED = 0.5
 #: Number of multiplications for the tiles of `DepthMap.recent_field`: about a second.
 RECENT_WORK = 2e10
 
@@ -65,13 +65,13 @@ class DepthField:
     revision: int
 
     def informed(self, signal_std_m: float) -> Mask:
-        """Where data have removed at least `MIN_INFORMED` of the variance of open ground, (ny, nx).
+        """Where data have removed at least `INFORMED` of the variance of open ground, (ny, nx).
 
         Args:
             signal_std_m: Standard deviation of the depth of open ground before the first sounding, `gp.signal_std_m`.
         """
         with np.errstate(invalid="ignore"):
-            return np.asarray(1.0 - (self.prior_std_m / signal_std_m) ** 2 >= MIN_INFORMED)
+            return np.asarray(1.0 - (self.prior_std_m / signal_std_m) ** 2 >= INFORMED)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -29,8 +29,10 @@ from auv_lse_gp.map.certainty import (
     MAX_STD_M,
     MIN_INFORMED,
     MIN_LENGTH_M,
+    Piece,
     classify,
     found_within_m,
+    length_of,
     lines_of,
 )
 from auv_lse_gp.map.depth_map import MANY_CELLS, Moments, field_of
@@ -92,25 +94,21 @@ class QualityJudge:
         yield FUNCTION * len(self._locations_m)
         pieces = classify(lines, field, self._config.signal_std_m, soundings, shore_known=banks is not None)
         yield FUNCTION * len(self._locations_m)
-        found = lines_of(pieces, FOUND)
-        located = near(found)
+        located = near(lines_of(pieces, FOUND))
         missing = yield from undiscovered_in_parts(
             self._config, centers, level_m, self._coarse, located, self._prior.banks
         )
         return Quality(
-            found_share=share_found(self._length_inside_m(found), missing),
+            found_share=share_found(self._found_inside_m(pieces), missing),
             undiscovered_m=missing.limit_m,
             deviation_m=found_within_m(pieces),
             revision=revision,
         )
 
-    def _length_inside_m(self, lines: Sequence[Array]) -> float:
-        """Length of lines within the area; beyond its border nothing is counted as missing."""
-        points = resample(lines)
-        if not len(points):
-            return 0.0
-        length_m = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines)
-        return length_m * float(self._area.contains(points).mean())
+    def _found_inside_m(self, pieces: Sequence[Piece]) -> float:
+        """Length (m) found within the area; beyond its border nothing is counted as missing."""
+        points = resample(lines_of(pieces, FOUND))
+        return length_of(pieces, FOUND) * float(self._area.contains(points).mean()) if len(points) else 0.0
 
     def _moments(self, centers: Centers) -> Work[Moments]:
         """The posterior at the grid's cells: of a small map as a whole, else tile by tile."""

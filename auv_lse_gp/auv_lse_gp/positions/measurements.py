@@ -24,7 +24,8 @@ _MIN_GATE = 2.0
 RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
 #: Shorter ranges (m) are not used: position errors dominate their direction, and the depth difference matters.
 NEAREST_M = 20.0
-#: Ranges sent or received more than this time (s) before or after what is known of a vehicle's track are rejected.
+#: Ranges sent or received more than this time (s) before or after what is known of a vehicle's track are rejected; a
+#: packet may come before the next dead-reckoned position, one second later.
 BESIDE_TRACK_S = 2.0
 
 
