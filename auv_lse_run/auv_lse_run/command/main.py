@@ -10,6 +10,7 @@ import importlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -39,6 +40,7 @@ class CommandError(ValueError):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a verb; returns its exit code, 2 if it cannot be run, 130 after Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
         code = _run(words)
@@ -54,7 +56,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     finally:
+        sys.unraisablehook = report_dropped
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
+
+
+def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
+    """Sends Ctrl-C again if it fell into a finalizer or a callback of garbage collection, whose errors Python drops."""
+    if isinstance(dropped.exc_value, KeyboardInterrupt):
+        again = threading.Timer(0.05, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(dropped)
 
 
 def _complain(text: str) -> None:

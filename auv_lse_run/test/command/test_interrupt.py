@@ -119,3 +119,18 @@ def test_a_caught_interrupt_within_an_evaluated_string_keeps_the_exit_code(tmp_p
     with start(tmp_path, run_of(text)) as process:
         process.communicate(timeout=30)
     assert process.returncode == 7
+
+
+#: Python drops an error of these with a warning, Ctrl-C's as well.
+DROPPED = {
+    "finalizer": "class A:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\nA()\n",
+    "garbage collection": "gc.callbacks.append(lambda phase, info: signal.raise_signal(signal.SIGINT))\ngc.collect()\n",
+}
+
+
+@pytest.mark.parametrize("begin", DROPPED.values(), ids=DROPPED)
+def test_a_ctrl_c_that_python_drops_is_answered_all_the_same(tmp_path: Path, begin: str) -> None:
+    text = f"import gc, signal\n{begin}gc.callbacks.clear()\ntime.sleep(60)"
+    with start(tmp_path, run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
