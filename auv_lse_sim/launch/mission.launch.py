@@ -27,6 +27,7 @@ from auv_lse_run.process.domain import ONE_THREAD, dive_on, simulation_domain, w
 from auv_lse_run.process.processes import LAST_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
+from auv_lse_sim.ground.ground_source import shared_ground
 
 #: Launch argument, the parameter that it sets where it is not empty, and how its text becomes the value.
 _OVERRIDES = (("vehicles", "mission.vehicles", int), ("steps", "mission.steps", int), ("seed", "mission.seed", int))
@@ -56,6 +57,7 @@ def _nodes(context):
     settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
     domain = _RESERVED.enter_context(simulation_domain(wanted_domain(None), folder))
     variables = confined(domain) | {DIVE_VARIABLE: dive_on(domain), COPY_VARIABLE: own_copy(), **ONE_THREAD}
+    variables |= _RESERVED.enter_context(shared_ground())
     print(f"to watch from another terminal: export {watch_variables(domain)}")
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     note_software(folder)

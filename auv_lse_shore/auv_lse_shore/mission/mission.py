@@ -44,7 +44,7 @@ from auv_lse_shore.mission.vehicle_file import write_vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.ground.chart import with_chart
-from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.ground_source import ground_of, shared_ground
 from auv_lse_sim.ground.navigable import fit_to_ground
 from auv_lse_sim.ground.reach import clip_to_reachable
 
@@ -60,6 +60,11 @@ def _complain(console: Console, error: object) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Runs a mission. Returns 0, 1, 2 or 130, see --help."""
+    with shared_ground():
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
     console = Console(stderr=False)
     if options.parameters:
         print_parameters(console)

@@ -43,7 +43,7 @@ NEGLIGIBLE_LOSS = 5e-4
 _REASONS = {
     NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m",
     POSITIONS_UNCERTAIN: "positions were uncertain",
-    FLAT: "the ground is too flat to location the line",
+    FLAT: "the ground is too flat to locate the line",
 }
 
 

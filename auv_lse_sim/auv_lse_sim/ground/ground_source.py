@@ -1,8 +1,13 @@
-"""Loads the ground of a mission."""
+"""Loads the ground of a mission, once for all of its processes."""
 
 from __future__ import annotations
 
-import functools
+import contextlib
+import os
+import pickle
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig, LakeConfig
@@ -10,6 +15,24 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.ground.ground_files import load_ground
 from auv_lse_sim.ground.lake import SyntheticLake
+
+#: Environment variable of a mission's processes: the file in which the first that needs the ground leaves it.
+GROUND_VARIABLE = "AUV_LSE_GROUND"
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a ground is built from; a changed file has another `file_version`: its size and time of change."""
+
+    config: LakeConfig | BathymetryConfig
+    seed: int = 0
+    origin: tuple[float, float] | None = None
+    file_version: tuple[int, int] | None = None
+
+    def build(self) -> Ground:
+        if isinstance(self.config, LakeConfig):
+            return SyntheticLake(self.config, self.seed)
+        return load_ground(self.config.file, self.config, self.origin)
 
 
 def ground_of(settings: Settings) -> Ground:
@@ -21,20 +44,61 @@ def ground_of(settings: Settings) -> Ground:
     """
     config = settings.sim.bathymetry
     if not config.file:
-        return _lake(settings.sim.lake, settings.mission.seed)
+        return _ground(_Source(settings.sim.lake, seed=settings.mission.seed))
     lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     origin = (lat, lon) if lat is not None and lon is not None else None
     path = Path(config.file)
     about = path.stat() if path.is_file() else None
-    return _of_file(config, origin, None if about is None else (about.st_size, about.st_mtime_ns))
+    version = None if about is None else (about.st_size, about.st_mtime_ns)
+    return _ground(_Source(config, origin=origin, file_version=version))
 
 
-@functools.lru_cache(maxsize=1)
-def _lake(config: LakeConfig, seed: int) -> Ground:
-    return SyntheticLake(config, seed)
+@contextlib.contextmanager
+def shared_ground() -> Iterator[dict[str, str]]:
+    """While it lasts, this process and those started with these environment variables build the ground once."""
+    with tempfile.TemporaryDirectory(prefix="auv_lse_ground_", ignore_cleanup_errors=True) as folder:
+        variables = {GROUND_VARIABLE: str(Path(folder) / "ground.pickle")}
+        os.environ |= variables
+        try:
+            yield variables
+        finally:
+            os.environ.pop(GROUND_VARIABLE, None)
 
 
-@functools.lru_cache(maxsize=1)
-def _of_file(config: BathymetryConfig, origin: tuple[float, float] | None, version: tuple[int, int] | None) -> Ground:
-    """The ground of a file; `version` (size, time of change) tells a changed file from the one built last."""
-    return load_ground(config.file, config, origin)
+@dataclass(frozen=True)
+class _Built:
+    source: _Source
+    ground: Ground
+
+    def fits(self, source: _Source) -> bool:
+        """Whether `source` builds the same: also about the origin that was found in the file."""
+        return source in (self.source, replace(self.source, origin=self.ground.origin))
+
+
+#: The ground that this process used last.
+_last: _Built | None = None
+
+
+def _ground(source: _Source) -> Ground:
+    global _last
+    if _last is None or not _last.fits(source):
+        _last = _shared(source)
+    return _last.ground
+
+
+def _shared(source: _Source) -> _Built:
+    """What another process of the mission built; else builds it, and leaves it to the others."""
+    name = os.environ.get(GROUND_VARIABLE)
+    if not name:
+        return _Built(source, source.build())
+    file = Path(name)
+    with contextlib.suppress(OSError, EOFError, pickle.UnpicklingError):
+        found: _Built = pickle.loads(file.read_bytes())
+        if found.fits(source):
+            return found
+    built = _Built(source, source.build())
+    with contextlib.suppress(OSError):  # without space, each process builds its own
+        part = file.with_suffix(f".{os.getpid()}")
+        part.write_bytes(pickle.dumps(built, pickle.HIGHEST_PROTOCOL))
+        part.replace(file)
+    return built
