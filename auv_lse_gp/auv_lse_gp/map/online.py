@@ -162,15 +162,12 @@ class OnlineGp:
         Returns:
             A mask (n,), and the standard deviations (n,) with which those that fit are consistent with each other.
         """
-        mean, variance = self.posterior.moments(soundings[:, :2])
-        if self.banks is not None:
-            mean, std = self.depths(soundings[:, :2], mean, variance)
-            variance = std**2
-        fit = within_gate(self.config, soundings[:, 2], mean, variance, sigmas)
-        noise, used = np.full(len(soundings), self.config.noise_std_m), np.flatnonzero(fit)
-        for block in blocks_of(packets[used]):
-            own = used[block]
-            covariance, residuals = _compared(self._posterior, soundings[own])
+        fit, noise = np.empty(len(soundings), dtype=bool), np.full(len(soundings), self.config.noise_std_m)
+        for block in blocks_of(packets):
+            covariance, residuals = _compared(self.posterior, soundings[block])
+            fits = within_gate(self.config, residuals, np.zeros_like(residuals), np.diag(covariance), sigmas)
+            fit[block], own = fits, block[fits]
+            covariance, residuals = covariance[np.ix_(fits, fits)], residuals[fits]
             noise[own] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[own])
         return fit, noise
 
