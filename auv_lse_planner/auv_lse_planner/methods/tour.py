@@ -102,7 +102,7 @@ class Tour(Method):
         void_value = reference if void and reference is not None else math.nan
         found = Candidates(deadline_hit=due and incumbent is not None and s.out_of_time)
         floor = NO_FLOOR if reference is None or renewed else reference - self.budget
-        problem = TourProblem(s, reward, floor, self._stages)
+        problem = TourProblem(s, reward, floor, path_reward, self._stages)
         if due and not found.deadline_hit:
             found = self._search(problem, last, heads, renewed)
             self._optimized_at = s.step
@@ -268,8 +268,10 @@ class Tour(Method):
         score = np.array([0.0 if self._follows else c.value.weighted for c in candidates])
         share = 1.0 if self._follows else s.planner.own_share
         if share and len(candidates) > 1:
-            reward, legs = path_reward(), s.planner.horizon
-            locations = [c.path.leg_locations_m[:legs].reshape(-1, 2) for c in candidates]
-            own = [reward.value(reward.posterior.at(m)) for m in locations]
-            score = score + share * np.array(own)
+            score = score + share * np.array([self._next_legs(s, c.path, path_reward) for c in candidates])
         return candidates[int(np.argmax(score))]
+
+    def _next_legs(self, s: Situation, path: PlannedPath, path_reward: Callable[[], PathReward]) -> float:
+        """Path reward of a path's next legs."""
+        reward = path_reward()
+        return reward.value(reward.posterior.at(path.leg_locations_m[: s.planner.horizon].reshape(-1, 2)))

@@ -13,7 +13,7 @@ and its waypoints are optimized instead.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from auv_lse_planner.methods.stages import Stages
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.tour import Found, TourSearch
 from auv_lse_planner.search.uct import Actions
 
@@ -71,12 +72,14 @@ class TourProblem:
 
     Attributes:
         floor: Lowest allowed expected end.
+        path_reward: Gives the paper's reward of paths, conditional on the mates' plans.
         stages: The stages of a long mission; None: all remaining legs are planned in detail.
     """
 
     situation: Situation
     reward: AnytimeReward
     floor: float
+    path_reward: Callable[[], PathReward]
     stages: Stages | None = None
 
     @property

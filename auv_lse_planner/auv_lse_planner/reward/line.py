@@ -18,7 +18,6 @@ derivatives. Tests compare it with contours of draws from the posterior.
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
@@ -104,14 +103,8 @@ class LineLoss:
 
     def __init__(self, level_m: float, cell_m: float) -> None:
         """For an isobath at `level_m` and cells of side `cell_m` on the fine grid."""
-        self._level_m, self._cell_m, self._unknown_share = level_m, cell_m, 1.0
+        self._level_m, self._cell_m = level_m, cell_m
         self._slopes: WeakKeyDictionary[CachedPoints, CachedSlopes] = WeakKeyDictionary()
-
-    def doubting(self, unknown_share: float) -> LineLoss:
-        """The same, but length expected on ground without data counts by a share; it does not telescope."""
-        other = copy.copy(self)
-        other._unknown_share = unknown_share
-        return other
 
     def of(self, points: CachedPoints, scale: float = 1.0, inflation: float = 1.0) -> LineLosses:
         """The losses per cell of the fine grid; each of `points` stands for `scale` of them."""
@@ -121,9 +114,6 @@ class LineLoss:
         density, mean_slope, slope_std = self._slopes[points].on_level(now, self._level_m, self._cell_m**2 * scale)
         after_m2 = np.minimum(now.planned_var_m2, now.data_var_m2)
         step_m = np.maximum(np.sqrt(after_m2), LEAST_STD_M) / NODES
-        prior_m2 = points.posterior.kernel.variance(now.scaled)
-        unknown = np.clip(now.data_var_m2 / prior_m2, 0.0, 1.0)
-        density = density * (1.0 - (1.0 - self._unknown_share) * unknown)
         losses = _tabulated(self._cell_m**2 * density, mean_slope, slope_std, step_m)
         return LineLosses(losses[0][:, -1], step_m, *losses)
 

@@ -71,6 +71,24 @@ def test_the_first_plan_is_expected_to_locate_no_less_than_the_best_naive_path()
     assert record.lower_bound == pytest.approx(max(ends), rel=1e-6)
 
 
+def test_of_the_plans_that_the_budget_allows_the_one_with_the_largest_path_reward_wins() -> None:
+    planner, decided = planner_of(24), []
+    method = planner._method_of("line")
+    best = method._best
+
+    def observed(situation, candidates, path_reward):
+        chosen = best(situation, candidates, path_reward)
+        reward, horizon = path_reward(), planner.planner.horizon
+        at = [reward.posterior.at(c.path.leg_locations_m[:horizon].reshape(-1, 2)) for c in candidates]
+        decided.append((len(candidates), reward.value(at[candidates.index(chosen)]), max(map(reward.value, at))))
+        return chosen
+
+    method._best = observed
+    travelled(planner, 12)
+    assert max(number for number, _, _ in decided) > 5, "routes and heads are candidates between two searches, too"
+    assert all(own == most for _, own, most in decided)
+
+
 def test_a_route_follows_near_stretches_first_and_is_no_longer_than_it_may_be() -> None:
     near = np.column_stack([np.full(11, 30.0), np.arange(0.0, 110.0, 10.0)])
     far = near + np.array([300.0, 0.0])

@@ -348,7 +348,8 @@ def _candidates(planner):
 def _problem(planner, floor):
     """The problem of the second decision."""
     s = Situation(planner=planner.planner, now_s=1.0, step=1, state=planner.path.states[0])
-    return TourProblem(s, planner._context.map_reward(s), floor)
+    context = planner._context
+    return TourProblem(s, context.map_reward(s), floor, lambda: context.path_reward(s, np.empty((0, 2))))
 
 
 def test_bend_favors_early_reward_within_the_expected_end(monkeypatch):
