@@ -308,7 +308,11 @@ def test_the_page_pairs_missions_ground_by_ground() -> None:
         }
         for ground, missed_m in (("a", 40.0), ("b", 90.0)) for planner, end in (("line", 0.9), ("plain", 0.6))
     ]  # fmt: skip
+    lines[0]["found"][10:] = [0.6, 0.9]
     text = page.page(lines, ["plain"])
+    means = text.splitlines()[text.splitlines().index("## 1 vehicle") + 2 :][:4]
+    assert means[0].split(" | ")[9] == "fell by"
+    assert [row.split(" | ")[9] for row in means[2:]] == ["0.15", "0.00"], "the largest fall of the planner's missions"
     assert "| line | 2 | +0.30 (+0.30 to +0.30)" in text
     assert "| a | 0.90 | 0.60 |" in text
     assert "| misses 40 m | longest missed (m) |" in text
@@ -325,7 +329,7 @@ def test_a_ground_whose_file_is_missing_is_left_out_with_a_sentence_unless_it_is
     left_out: list[str] = []
     found = grounds.read(Path("config/planner_grounds.yaml"), tmp_path, "reporting", leave_out=left_out.append)
     assert len(found) == 6
-    assert len(left_out) == 2
+    assert len(left_out) == 6
     assert "Lake Caputh: there is no file" in left_out[0]
     with pytest.raises(ValueError, match="Lake Caputh: there is no file"):
         grounds.read(Path("config/planner_grounds.yaml"), tmp_path, "reporting", ["Lake Caputh"], left_out.append)

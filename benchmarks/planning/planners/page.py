@@ -17,6 +17,7 @@ COLUMNS = (
     ("third", "found at 1/3", 2),
     ("two_thirds", "at 2/3", 2),
     ("end", "at the end", 2),
+    ("fell", "fell by", 2),
     ("risk", "end risk", 3),
     ("true_loss", "true loss", 3),
     ("false_share", "false claims", 3),
@@ -25,6 +26,8 @@ COLUMNS = (
     ("missed_m", "longest missed (m)", 0),
     ("cpu_s", "processor time (s)", 0),
 )
+#: Columns that show the largest value of a planner's missions, not the mean.
+LARGEST = ("fell", "missed_m")
 #: A mission misses a piece of the isobath if a connected piece longer than this (m) is not found.
 MISSED_M = 40.0
 #: Columns of the paired differences.
@@ -48,7 +51,8 @@ def rows_of(lines: Sequence[Row]) -> list[dict[str, Any]]:
     for line in lines:
         found = line["found"]
         n = len(found)
-        derived = {"third": found[n // 3 - 1], "two_thirds": found[2 * n // 3 - 1], "end": found[-1]}
+        fell = max(before - after for i, before in enumerate(found) for after in found[i:])
+        derived = {"fell": fell, "third": found[n // 3 - 1], "two_thirds": found[2 * n // 3 - 1], "end": found[-1]}
         if "missed_m" in line:
             derived["misses"] = float(line["missed_m"] > MISSED_M)
         rows.append({**line, **derived, "never_80": float(found[-1] < 0.8)})
@@ -75,7 +79,8 @@ def _preface(lines: Sequence[Row]) -> list[str]:
         f"{SIMULATIONS[lines[0]['simulation']]} Distances are shares of the mission's legs; a "
         "mission that never gets there counts as 1. *False claims*: share of the line called found that is more "
         f"than 20 m off. *Misses {MISSED_M:.0f} m*: share of missions that miss a connected piece longer than this; "
-        "*longest missed*: in the worst of them.",
+        "*longest missed*: in the worst of them. *Fell by*: the most by which the share found fell during a mission; "
+        "more data should not find less.",
     ]
 
 
@@ -88,7 +93,7 @@ def _means(rows: Sequence[Row]) -> list[str]:
         cells = [name, str(len(mine))]
         for key, _, digits in COLUMNS:
             known = [row[key] for row in mine if row.get(key) is not None and row[key] == row[key]]
-            value = max(known, default=0.0) if key == "missed_m" else sum(known) / max(len(known), 1)
+            value = max(known, default=0.0) if key in LARGEST else sum(known) / max(len(known), 1)
             cells.append(f"{value:.{digits}f}" if known else "")
         text.append("| " + " | ".join(cells) + " |")
     return text
