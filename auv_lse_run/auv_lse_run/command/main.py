@@ -138,9 +138,12 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
     Raises:
         CommandError: for one of the module's `ERRORS`.
         KeyboardInterrupt: with the module's text.
+        BrokenPipeError: if the reader of the output has ended.
     """
     try:
         return int(module.run(options) or 0)
+    except BrokenPipeError:  # no error of the verb, though its `ERRORS` may have OSError
+        raise
     except (ConfinementError, *getattr(module, "ERRORS", ())) as error:
         raise CommandError(error_text(error)) from error
     except KeyboardInterrupt:
