@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
@@ -21,11 +21,13 @@ class ClockFacts:
         start: The first log's first day, or for times from an unknown start, its first moment; None if unknown.
         ahead_h: Hours by which a local clock is ahead of UTC; None if unknown.
         today: To recognize dates that cannot be right.
+        used: Names of those that some log needed.
     """
 
     start: datetime | None = None
     ahead_h: float | None = None
     today: date = date.max
+    used: set[str] = field(default_factory=set, compare=False)
 
 
 def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
@@ -60,15 +62,20 @@ def _to_utc(content: LogContent, facts: ClockFacts, days_s: float) -> str:
     if content.clock is Clock.DAY:
         if facts.start is None:
             return "the log has times of day and no date: --date 2026-06-14 gives it"
-        content.clock = Clock.UTC
+        _shift_to_utc(content, facts)
     elif content.clock is Clock.LOCAL:
-        content.shift(-3600.0 * (facts.ahead_h or 0.0))
-        content.clock = Clock.UTC
+        _shift_to_utc(content, facts)
         if facts.ahead_h is None:
             return "times have no zone and are taken as UTC: --utc-offset gives the hours that a local clock is ahead"
     if facts.start is None:
         return date_question(first_s, last_s, facts.today)
     return ""
+
+
+def _shift_to_utc(content: LogContent, facts: ClockFacts) -> None:
+    facts.used.add("utc_offset")
+    content.shift(-3600.0 * (facts.ahead_h or 0.0))
+    content.clock = Clock.UTC
 
 
 def start_of(text: str) -> datetime:

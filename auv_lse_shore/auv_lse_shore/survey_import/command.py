@@ -27,6 +27,18 @@ _REWRITE_S, _LINE_S = 0.3, 5.0
 _BAR = 30
 
 ERRORS = (ValueError, OSError)
+
+#: Options that only some logs need, and what they are for.
+NEEDED_BY = {
+    "columns": "tables",
+    "depth_unit": "tables",
+    "surface": "tables with elevations",
+    "crs": "tables with positions in metres",
+    "day_first": "tables with times",
+    "utc_offset": "logs with local times",
+    "accept_checksums": "NMEA sentences",
+}
+
 INTERRUPTED = "stopped; nothing is written"
 
 
@@ -118,7 +130,9 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         MissingPackageError: if a package that a format needs is missing.
         OSError: if a file cannot be read or written.
     """
-    found = gather(options.logs, user_facts(options), _progress())
+    facts = user_facts(options)
+    found = gather(options.logs, facts, _progress())
+    _refuse_unused(options, facts.read.used | facts.clock.used)
     yield from found.lines
     vehicles = vehicles_of(found.placed, options.position_std)
     run, area = survey_run(vehicles, found.origin, options.level, found.depth_std_m)
@@ -132,6 +146,15 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
     after = next_lines(folder, dive["/**"], note)
     write_survey(run, area, table, dive, folder, [*found.lines, *lines, *after])
     yield from after
+
+
+def _refuse_unused(options: argparse.Namespace, used: set[str]) -> None:
+    """Raises LogError for an option that no log needed; its user expects something of it."""
+    defaults = parser()
+    for name, use in NEEDED_BY.items():
+        value, default = getattr(options, name), defaults.get_default(name)
+        if name not in used and value is not default and value != default:
+            raise LogError(f"--{name.replace('_', '-')} is for {use}, and there are none. Leave it out.")
 
 
 def user_facts(options: argparse.Namespace) -> UserFacts:

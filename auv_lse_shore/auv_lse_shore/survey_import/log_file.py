@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -92,6 +92,7 @@ class ReadOptions:
         day_first: Whether 3/4/2026 is in April; None: as the dates show.
         surface_m: Elevation of the water surface, for tables of elevations; NaN: unknown.
         crs: Coordinate reference system of a table in metres; "" if unknown.
+        used: Names of those that some log needed.
     """
 
     accept_checksums: bool = False
@@ -100,3 +101,4 @@ class ReadOptions:
     day_first: bool | None = None
     surface_m: float = float("nan")
     crs: str = ""
+    used: set[str] = field(default_factory=set, compare=False)

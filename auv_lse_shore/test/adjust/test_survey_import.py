@@ -249,6 +249,31 @@ def test_an_unusable_log_is_refused_in_one_sentence(tmp_path, capsys, content, w
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "option", "use"),
+    [
+        ("a.nmea", ["--columns", "lat,lon,depth"], "tables"),
+        ("a.nmea", ["--depth-unit", "ft"], "tables"),
+        ("a.csv", ["--surface", "400"], "tables with elevations"),
+        ("a.csv", ["--crs", "EPSG:32632"], "tables with positions in metres"),
+        ("a.BIN", ["--no-day-first"], "tables with times"),
+        ("a.tlog", ["--utc-offset", "2"], "logs with local times"),
+        ("a.csv", ["--accept-checksums"], "NMEA sentences"),
+    ],
+)
+def test_an_option_that_no_log_needs_is_refused(tmp_path, capsys, name, option, use):
+    assert main([str(written(tmp_path, name)), "--out", str(tmp_path / "run"), *option]) == 2
+    word = option[0].replace("no-day", "day")
+    assert capsys.readouterr().err == f"error: {word} is for {use}, and there are none. Leave it out.\n"
+    assert not (tmp_path / "run").exists()
+    assert main([str(written(tmp_path, name)), "--dry-run"]) == 0
+
+
+def test_an_option_that_one_of_several_logs_needs_is_used(tmp_path):
+    logs = [str(written(tmp_path, "a.nmea")), str(written(tmp_path, "a.csv"))]
+    assert main([*logs, "--dry-run", "--depth-unit", "m", "--accept-checksums"]) == 0
+
+
 def test_what_is_missing_is_named(tmp_path, capsys, monkeypatch):
     assert main([str(tmp_path / "absent.bin")]) == 2
     assert "absent.bin: No such file" in capsys.readouterr().err

@@ -146,6 +146,8 @@ def test_local_times_are_asked_about(tmp_path):
     found = gathered(tmp_path, data)
     assert "times have no zone and are taken as UTC: --utc-offset" in found.lines[-1]
     checked(gathered(tmp_path, data, "--utc-offset", "2"))
+    of_day = lines("lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t + 7200)[11:19]}")
+    checked(gathered(tmp_path, of_day, "--utc-offset", "2", "--date", "2026-05-03"))
 
 
 @pytest.mark.parametrize("zone", ["+02", "+0200", "+02:00", " +02:00"])

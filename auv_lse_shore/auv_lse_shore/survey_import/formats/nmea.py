@@ -27,6 +27,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         OSError: if it cannot be read.
     """
     content = LogContent(file.path.name)
+    options.used.add("accept_checksums")
     reader = SentenceReader(content, options.accept_checksums)
     data, start = _plain(file.data), 0
     while start < len(data):

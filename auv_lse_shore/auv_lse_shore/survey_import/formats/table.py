@@ -39,6 +39,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     dialect = dialect_of(text[: tv.SAMPLE_LETTERS])
     if dialect is None:
         raise LogError(f"{file.path} has no columns of numbers.")
+    options.used.add("columns")
     columns = columns_for(file.path, dialect, options.columns, text)
     return _contents(file, text, dialect, columns, options)
 

@@ -59,6 +59,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         if count % _PIECE == 0:
             file.progress(at / len(data))
     if sentences:
+        options.used.add("accept_checksums")
         reader = SentenceReader(content, options.accept_checksums)
         arrived = np.array(elapsed_s)
         by_time = (lambda at: arrived[np.searchsorted(edges, at, side="right") - 1]) if elapsed_s[-1] else None

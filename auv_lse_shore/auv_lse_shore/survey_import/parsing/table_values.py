@@ -224,6 +224,7 @@ def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
     positions = np.column_stack([values[north], values[east]])
     known = positions[np.isfinite(positions).all(axis=1)]
     if options.crs:
+        options.used.add("crs")
         from pyproj import Transformer
         from pyproj.exceptions import ProjError
 
@@ -250,6 +251,7 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     """Depths (m), positive down, NaN where missing; and what they are measured from."""
     role = next(role for role in ("depth", "elevation", "z") if role in table.columns)
     column, values = table.columns[role], np.array(table.values[role], dtype=float)
+    options.used.add("depth_unit")
     factor = options.depth_unit_m or UNITS.get(column.unit, 0.0)
     marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
     content.left_out["depths with a value that marks missing data"] += int(marked.sum())
@@ -275,6 +277,7 @@ def _from_elevations(
 ) -> Array:
     """Depths from elevations, or from a column z that may be either."""
     surface_m = options.surface_m
+    options.used.add("surface")
     if np.isfinite(surface_m):
         return surface_m - values
     if not len(known) or (known <= 0.0).mean() > 0.9:
@@ -291,6 +294,7 @@ def _from_elevations(
 def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
     """Times (s), NaN where missing; sets the content's clock."""
     best: tuple[Clock, Array] | None = None
+    options.used.add("day_first")
     order = (Clock.UTC, Clock.LOCAL, Clock.DAY, Clock.ELAPSED)
     candidates = [role for role in table.columns if role.startswith("datetime")]
     for role in candidates or ["date"] * ("date" in table.columns):
