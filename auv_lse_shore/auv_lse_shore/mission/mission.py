@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from auv_lse_common.mission_file.parameters import describe
+from auv_lse_common.mission_file.parameters import ParameterError, describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import DIVE_VARIABLE
@@ -104,6 +104,11 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     areas = AreaFiles()
     mission = options.mission or shipped_file("missions/default.yaml")
     settings = Settings.load(mission, overrides_of(options), areas)
+    for flag in ("depths", "elevations", "water_level"):
+        if getattr(options, flag) not in (None, False) and not settings.sim.bathymetry.file:
+            raise ParameterError(
+                f"--{flag.replace('_', '-')} is for a bathymetry, and there is none: --bathymetry FILE"
+            )
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
         fitted, notes = clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
     else:

@@ -22,6 +22,7 @@ from auv_lse_shore.mission.options import add_mission_options
 from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
 from auv_lse_sim.engine.processes import mission_processes
+from auv_lse_sim.ground.ground_source import shared_ground
 
 #: Mission file of separate vehicles in the run folder.
 VEHICLES = "vehicles.yaml"
@@ -79,6 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
     root = project_folder()
     with ExitStack() as reserved:
+        reserved.enter_context(shared_ground())
         try:
             settings, notes = prepare(options)
             domain = reserved.enter_context(simulator_domain(wanted_domain(options.domain)))

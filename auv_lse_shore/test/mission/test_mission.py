@@ -403,6 +403,8 @@ def _pids(folder: Path, executable: str) -> list[int]:
         (["--method", "psychic"], "psychic"),
         (["--packet-loss", "1.5"], "packet_loss"),
         (["--bathymetry", "nowhere.csv"], "nowhere.csv"),
+        (["--water-level", "372"], "--water-level is for a bathymetry, and there is none"),
+        (["--depths"], "--depths is for a bathymetry, and there is none"),
         (["nowhere.yaml"], "nowhere.yaml"),
     ],
 )
