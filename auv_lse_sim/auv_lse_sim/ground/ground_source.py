@@ -56,13 +56,16 @@ def ground_of(settings: Settings) -> Ground:
 @contextlib.contextmanager
 def shared_ground() -> Iterator[dict[str, str]]:
     """While it lasts, this process and those started with these environment variables build the ground once."""
-    with tempfile.TemporaryDirectory(prefix="auv_lse_ground_", ignore_cleanup_errors=True) as folder:
-        variables = {GROUND_VARIABLE: str(Path(folder) / "ground.pickle")}
-        os.environ |= variables
+    with contextlib.ExitStack() as stack:
         try:
-            yield variables
-        finally:
-            os.environ.pop(GROUND_VARIABLE, None)
+            new = tempfile.TemporaryDirectory(prefix="auv_lse_ground_", ignore_cleanup_errors=True)
+        except OSError:  # nowhere to leave it: each process builds its own
+            yield {}
+            return
+        variables = {GROUND_VARIABLE: str(Path(stack.enter_context(new)) / "ground.pickle")}
+        os.environ |= variables
+        stack.callback(os.environ.pop, GROUND_VARIABLE, None)
+        yield variables
 
 
 @dataclass(frozen=True)

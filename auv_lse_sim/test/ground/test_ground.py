@@ -58,6 +58,10 @@ def test_the_processes_of_a_mission_build_its_ground_once(monkeypatch):
     assert GROUND_VARIABLE not in os.environ
     of_another_process(settings)
     assert len(built) == 4
+    monkeypatch.setattr(ground_source.tempfile, "tempdir", "/nowhere")
+    with shared_ground() as variables:
+        assert of_another_process(settings) is not first
+    assert variables == {}
 
 
 def test_a_ground_about_the_origin_of_its_file_is_built_once(tmp_path, monkeypatch):
