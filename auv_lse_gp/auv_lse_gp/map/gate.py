@@ -45,6 +45,6 @@ def plausible(config: GpConfig, rows: Array) -> Mask:
     return np.asarray(np.isfinite(rows).all(axis=1) & deep & near)
 
 
-def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
-    """Mask (P,) of the soundings (P,) within `sigmas` standard deviations of their predictions (P,), noise included."""
-    return np.asarray(np.abs(depths_m - mean_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))
+def within_gate(config: GpConfig, residuals_m: Array, variance_m2: Array, sigmas: float) -> Mask:
+    """Mask (P,) of soundings whose residuals (P,), of variances (P,) plus the noise's, are within `sigmas`."""
+    return np.asarray(np.abs(residuals_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))

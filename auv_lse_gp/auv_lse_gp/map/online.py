@@ -165,7 +165,7 @@ class OnlineGp:
         fit, noise = np.empty(len(soundings), dtype=bool), np.full(len(soundings), self.config.noise_std_m)
         for block in blocks_of(packets):
             covariance, residuals = _compared(self.posterior, soundings[block])
-            fits = within_gate(self.config, residuals, np.zeros_like(residuals), np.diag(covariance), sigmas)
+            fits = within_gate(self.config, residuals, np.diag(covariance), sigmas)
             fit[block], own = fits, block[fits]
             covariance, residuals = covariance[np.ix_(fits, fits)], residuals[fits]
             noise[own] = noise_of_samples(covariance, residuals, self.config.noise_std_m, sigmas, packets[own])
@@ -179,8 +179,7 @@ class OnlineGp:
         predicted = []  # numbers, covariance and residuals of the soundings of each tile that fit
         for members, posterior in self.tiled.near(soundings[:, :2]):
             covariance, residuals = _compared(posterior, soundings[members])
-            variance = np.diag(covariance)
-            fit[members] = within_gate(self.config, residuals, np.zeros_like(residuals), variance, sigmas)
+            fit[members] = within_gate(self.config, residuals, np.diag(covariance), sigmas)
             rows = np.flatnonzero(fit[members])
             predicted.append((members[rows], covariance[np.ix_(rows, rows)], residuals[rows]))
         used = np.flatnonzero(fit)

@@ -248,10 +248,7 @@ class Tour(Method):
         """The best sequences of a tree search for the path reward, given the mates' positions."""
         early = s.step < HEADS_FROM_SHARE * self.context.horizon.end and not self._follows
         early = early or (self._stages is not None and not self._stages.is_last)
-        return [] if early else self._searched_heads(s, path_reward)
-
-    def _searched_heads(self, s: Situation, path_reward: Callable[[], PathReward]) -> list[Actions]:
-        if not s.planner.tour_interval or s.out_of_time:
+        if early or not s.planner.tour_interval or s.out_of_time:
             return []
         problem = self.context.search_problem(s, self._seeds)
         found = search_path(problem, self.context.space, self.context.rollout, path_reward())

@@ -18,10 +18,13 @@ from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_run.process.domain import node_environment
 from auv_lse_shore.mission import mission
 from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.vehicle_file import vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
+from auv_lse_sim.ground import ground_source
+from auv_lse_sim.ground.ground_source import GROUND_VARIABLE
 
 main = verb_main("mission")
 
@@ -173,6 +176,22 @@ def test_a_disk_without_room_for_the_recording_refuses_the_mission(
     assert main(["--out", str(tmp_path / "run")]) == 2
     assert "record.folder has 10 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().out
     assert not (tmp_path / "run").exists()
+
+
+def test_the_nodes_of_a_mission_find_the_ground_that_the_command_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ground_source, "_last", None)
+    found: list[Path] = []
+
+    def fly(*_: object, **__: object) -> int:
+        found.append(Path(node_environment(3)[GROUND_VARIABLE]))
+        assert found[0].stat().st_size > 1000
+        return 0
+
+    monkeypatch.setattr(mission, "fly", fly)
+    assert main(["--out", str(tmp_path / "run")]) == 0
+    assert not found[0].exists()
 
 
 @pytest.mark.parametrize(
