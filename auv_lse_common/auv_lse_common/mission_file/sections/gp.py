@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter
 KERNELS = ("matern52", "squared_exponential", "wendland_c2")
 
 #: While the recorder alone reads the maps, one is computed every so many `publish_period_s`.
-UNWATCHED_PERIODS = 2
+UNWATCHED_PERIODS = 4
 
 #: Prior means, see `prior_mean.py`.
 MEANS = ("constant", "plane", "survey")
@@ -77,7 +77,7 @@ class GpConfig:
         above=0.0,
         unit="s",
         help="Node: time between diagnostics, and maps below 50,000 cells; "
-        "twice as long between maps that only the recorder reads.",
+        "four times as long between maps that only the recorder reads.",
     )
 
     def __post_init__(self) -> None:
