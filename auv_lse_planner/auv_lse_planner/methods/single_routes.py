@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 #: Numbers of nodes, relative to the one whose spacing is that of lanes over the whole area: smallest, largest, and how
 #: many are tried.
-NODES = (0.7, 1.35, 14)
+NODES = (0.7, 1.35, 10)
 #: Most nodes; with more, the routes would take too long to compute.
 MAX_NODES = 400
 

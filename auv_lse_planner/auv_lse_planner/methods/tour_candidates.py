@@ -47,9 +47,11 @@ START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 #: Share by which a team's tour may be behind the best naive path and still get more iterations.
 FAR_BEHIND = 0.003
-#: Rounds of bending the starts for the mission's end, iterations of each bend, and bends of the best one with as many
-#: locations per leg as its value.
-START_BENDS, START_BEND_ITERATIONS = 4, 40
+#: Iterations of optimizing each route of a single vehicle.
+ROUTE_ITERATIONS = 10
+#: Rounds of bending the starts for the mission's end, each the best one of so many starts, iterations of each bend, and
+#: bends of the best one with as many locations per leg as its value.
+START_BENDS, KEPT_ONE_OF, START_BEND_ITERATIONS = 3, 3, 40
 FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The
 #: mission's start tries all. Later decisions try `SHARES_TRIED` of them, beginning near the last allowed one, because
@@ -194,21 +196,21 @@ class TourCandidates:
     def _bend_alone(self, problem: TourProblem, result: Candidates) -> None:
         """Bends the routes of a single vehicle and the optimized tours for the mission's end, several times.
 
-        Each round bends the better half of those before it, the first one the better half of the optimized starts.
+        Each round bends the best third of those before it, the first one the best third of the optimized starts.
         """
         s, legs, aim = problem.situation, problem.reward.legs, problem.reward.weighing(0.0)
         lines_m = single_routes_m(self._context, s.state[1:], legs, s.deadline)
         starts = [c.waypoints_m for c in result.plans if c.waypoints_m is not None] if lines_m else []
         bends: list[list[Candidate]] = []  # of each start
         for line_m in [*starts, *lines_m]:
-            found = self._search.improve(self._search.resampled(line_m, legs), legs, aim, START_ITERATIONS, s.deadline)
+            found = self._search.improve(self._search.resampled(line_m, legs), legs, aim, ROUTE_ITERATIONS, s.deadline)
             bends.append([self._through(problem, found.waypoints_m)])
             if found.deadline_hit:
                 result.add(bends[-1][0], found)
                 return
         kept = bends
         for _ in range(START_BENDS if bends else 0):
-            kept = sorted(kept, key=lambda b: -best_of(b).value.expected_end)[: (len(kept) + 1) // 2]
+            kept = sorted(kept, key=lambda b: -best_of(b).value.expected_end)[: -(-len(kept) // KEPT_ONE_OF)]
             for bent in kept:
                 bent.append(self._bent_for_end(problem, bent[-1].path, self._search, result))
                 if result.deadline_hit:

@@ -164,8 +164,8 @@ def test_a_team_does_not_optimize_a_tour_further_that_is_far_behind_the_naive_pa
 
 
 @pytest.mark.skipif(not USE_NUMBA, reason="a single vehicle's routes need compiled code")
-def test_each_round_bends_the_better_half_of_the_starts(monkeypatch):
-    """The first round too: it bends the better half of the optimized starts."""
+def test_each_round_bends_the_best_third_of_the_starts(monkeypatch):
+    """The first round too: it bends the best third of the optimized starts."""
     optimized, bends, bent, routes_m = [], [], TourCandidates._bent_for_end, single_routes_m
 
     def routes(*arguments):
@@ -184,10 +184,10 @@ def test_each_round_bends_the_better_half_of_the_starts(monkeypatch):
     monkeypatch.setattr(TourCandidates, "_through", through)
     monkeypatch.setattr(TourCandidates, "_bent_for_end", spy)
     _travel(_planner(steps=30), 1)
-    starts, first = len(optimized), -(-len(optimized) // 2)
+    starts, first = len(optimized), -(-len(optimized) // 3)
     ends = [c.value.expected_end for _, c, finer in bends if not finer]
     assert starts >= 4
-    assert len(ends) == sum(-(-starts // 2**k) for k in range(1, START_BENDS + 1))
+    assert len(ends) == sum(-(-starts // 3**k) for k in range(1, START_BENDS + 1))
     better = sorted(optimized, key=lambda c: -c.value.expected_end)[:first]
     assert [id(path) for path, *_ in bends[:first]] == [id(c.path) for c in better]
     assert max(ends[first:]) > max(ends[:first]), "further bends improve the best"
