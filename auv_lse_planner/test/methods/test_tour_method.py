@@ -334,7 +334,7 @@ def test_plans_are_evaluated_only_where_one_is_searched_and_at_the_end(monkeypat
         return reward(self, situation)
 
     monkeypatch.setattr(Tour, "map_reward", spy)
-    planner = _planner(planner={"tour_interval": 4})
+    planner = _planner(planner={"tour_interval": 4}, vehicle_section={"surfacings": 0})
     bounds = [d.bound for d in _travel(planner, STEPS, _growing())]
     assert evaluated == [0, 4, 8, STEPS - 1]
     assert {b.expected_total for b in bounds[4:8]} == {bounds[4].expected_total}
