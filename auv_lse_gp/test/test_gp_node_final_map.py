@@ -121,11 +121,11 @@ def test_gp_node_computes_maps_as_often_as_they_are_looked_at(tmp_path: Path, mo
 
         assert maps(0.0, 25.0) == [], "nobody reads them"
         readers.update(field=1, risk_map=1, isobath=1)
-        assert maps(25.0, 66.0) == [25.0, 45.0, 65.0], "the recorder alone"
+        assert maps(25.0, 106.0) == [25.0, 65.0, 105.0], "the recorder alone"
         readers.update(risk_map=2)
-        assert maps(66.0, 96.0) == [75.0, 85.0, 95.0], "somebody looks at the risk"
+        assert maps(106.0, 136.0) == [115.0, 125.0, 135.0], "somebody looks at the risk"
         readers.update(risk_map=1)
-        assert maps(96.0, 116.0) == [115.0]
+        assert maps(136.0, 176.0) == [175.0]
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

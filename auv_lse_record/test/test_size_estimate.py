@@ -12,9 +12,9 @@ DAY = {
 
 
 def test_a_default_mission_takes_the_size_that_was_measured() -> None:
-    """Seed 1, 100 legs: 12 MB."""
+    """Seed 1, 100 legs: 8 MB."""
     size = size_of(Settings.load(None, {}))
-    assert 12.0 / 1.2 < size.mission_mb < 12.0 * 1.2
+    assert 8.0 / 1.2 < size.mission_mb < 8.0 * 1.2
     assert size.mission_mb / 3.0 < size.vehicle_mb < size.mission_mb / 2.5
 
 

@@ -360,11 +360,11 @@ def test_the_recordings_size_is_estimated_and_the_vehicles_disk_is_checked(
 ) -> None:
     path = tmp_path / "mission.yaml"
     path.write_text("/**:\n  ros__parameters:\n    record: {folder: bag}\n")
-    monkeypatch.setattr("auv_lse_shore.check.machine.free_mb", lambda folder: 203.0)
-    assert ("note", "recording: about 4 MB on each vehicle, 12 MB of a simulated mission") in check(path).rows
+    monkeypatch.setattr("auv_lse_shore.check.machine.free_mb", lambda folder: 202.0)
+    assert ("note", "recording: about 3 MB on each vehicle, 8 MB of a simulated mission") in check(path).rows
     assert not any("record.folder" in text for _, text in check(path).rows), "another machine's disk"
     assert any(
-        level == "error" and text.startswith("record.folder has 3 MB of free space beyond")
+        level == "error" and text.startswith("record.folder has 2 MB of free space beyond")
         for level, text in check(path, "auv1").rows
     )
 

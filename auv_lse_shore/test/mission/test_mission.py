@@ -234,7 +234,7 @@ def test_computed_again_from_its_recording_the_mission_is_the_same(
     assert replay([str(folder), "--recompute", "gp,planner"]) == 0
     out = capsys.readouterr().out
     assert f"planner: {3 * STEPS} decisions compared, 0 differ" in out
-    assert re.search(r"gp: [1-9]\d+ maps compared, 0 differ", out)
+    assert re.search(r"gp: [1-9]\d* maps compared, 0 differ", out)
     assert replay([str(folder / "bag"), "--recompute", "gp", "--set", "gp.length_scale_m=60.0"]) == 1
     out = capsys.readouterr().out
     assert "changed: gp.length_scale_m: 85.0 -> 60.0" in out

@@ -172,9 +172,9 @@ def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixtur
 def test_a_disk_without_room_for_the_recording_refuses_the_mission(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(mission, "free_mb", lambda folder: 210.0)
+    monkeypatch.setattr(mission, "free_mb", lambda folder: 205.0)
     assert main(["--out", str(tmp_path / "run")]) == 2
-    assert "record.folder has 10 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().out
+    assert "record.folder has 5 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().out
     assert not (tmp_path / "run").exists()
 
 
