@@ -48,6 +48,9 @@ LEAST_WEIGHT = 0.01
 MAX_CENTERS = 1200
 #: Least expected length per area (m per m2) of ground that is listed: 1 m in a cell of 10 m.
 LEAST_DENSITY = 0.01
+#: Cells whose expected depth is more standard deviations off the level are neither in the expected length nor drawn: of
+#: a normal distribution 1e-15 is that far off, and of the draws, whose standard deviations vary, far less than one.
+NEAR_STD = 8.0
 #: Largest number of cells, or a few more.
 MAX_CELLS = 5000
 #: Draws for the upper limit, the waves that they are made of, and the limit's probability.
@@ -196,15 +199,17 @@ def undiscovered_in_parts(
 ) -> Work[Undiscovered]:
     """As `undiscovered`."""
     cells = grid.locations_m
-    missing = np.flatnonzero(~located(cells))
+    is_located = located(cells)
     found = yield from hypotheses_in_parts(config, centers, banks)
     lengths = np.zeros(len(cells))
     drawn: list[float] = []
     for hypothesis, count in zip(found, _shares([h.weight for h in found]), strict=True):
         posterior = hypothesis.posterior
-        relative, variance, _ = yield from moments_in_parts(posterior, cells)
+        relative, variance, position_variance = yield from moments_in_parts(posterior, cells)
         scales = yield from variance_scales_in_parts(posterior, config, cells, variance)
         scales = scales + width_factor(banks, cells, relative, config.signal_std_m)
+        near = np.abs(level_m - relative) <= NEAR_STD * np.sqrt(scales * variance + position_variance)
+        missing, drawn_at = np.flatnonzero(near & ~is_located), np.flatnonzero(near)
         each = (2.0 * posterior.data_rows + 15.0 * FUNCTION) * posterior.data_rows
         rows = rows_per_part(each)
         for first in range(0, len(missing), rows):
@@ -213,8 +218,9 @@ def undiscovered_in_parts(
             lengths[part] += hypothesis.weight * expected
             yield each * len(part)
         freedom = degrees_of_freedom(posterior, config)
-        for depth in (yield from draws_in_parts(posterior, cells, scales, count, freedom)):
-            drawn.append(outside_m(grid, depth, level_m, located))
+        for depths in (yield from draws_in_parts(posterior, cells[drawn_at], scales[drawn_at], count, freedom)):
+            relative[drawn_at] = depths
+            drawn.append(outside_m(grid, relative, level_m, located))
             yield 10.0 * FUNCTION * len(cells)
     expected_m, mean_m = float(lengths.sum()), float(np.mean(drawn))
     # Contours on cells are a little too short, the expected length is not: the draws give its relative limit.
