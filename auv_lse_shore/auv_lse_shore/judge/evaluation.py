@@ -140,12 +140,14 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_
     beside = run_in_background(replayed) if on_two_cores else replayed
     try:
         final = make_map()
+        own = zip(run.vehicles, settings, strict=True)
+        local = [local_map(vehicle, of_vehicle, area, _tick_s(run)).field() for vehicle, of_vehicle in own]
     except BaseException:
         if on_two_cores:
             with contextlib.suppress(Exception):  # the first error is the one to report
                 beside()
         raise
-    curves, local, ideal, alone_risk = beside()
+    curves, ideal, alone_risk = beside()
     return Evaluation(
         run=run,
         settings=settings,
@@ -169,16 +171,11 @@ def _thinned(grid: Grid, scored: Mask) -> Array:
 
 def _replayed(
     run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, some: Array, bounds: int
-) -> tuple[Curves, list[DepthField], DepthField | None, tuple[float, ...]]:
-    """What does not need the team's map.
-
-    These are the curves, each vehicle's own map, the map at true positions, and each vehicle's risk at locations
-    `some` (P, 2) alone.
-    """
+) -> tuple[Curves, DepthField | None, tuple[float, ...]]:
+    """Half of the work: curves, map at true positions, each vehicle's risk at `some` (P, 2) from its own soundings."""
     curves = reward_curves(run, settings, area, bounds, some)
-    own = list(zip(run.vehicles, settings, strict=True))
-    local = [local_map(v, s, area, _tick_s(run)).field() for v, s in own]
-    return curves, local, _ideal(run, settings[0], area), tuple(_risk_alone(v, s, some) for v, s in own)
+    alone = tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True))
+    return curves, _ideal(run, settings[0], area), alone
 
 
 def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:

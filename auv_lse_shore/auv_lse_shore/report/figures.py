@@ -66,7 +66,8 @@ def save(figure: Figure, path: Path) -> None:
     """Writes a figure as PNG; it is laid out once, where `savefig` by itself would lay it out twice."""
     FigureCanvasAgg(figure)
     figure.set_dpi(DPI)
-    figure.draw_without_rendering()
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
     figure.set_layout_engine("none")
     figure.savefig(path, dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
 
