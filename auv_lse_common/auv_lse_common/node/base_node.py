@@ -21,11 +21,13 @@ from auv_lse_common.mission_file.parameters import describe, merge, nest, to_map
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import ForeignMessages, own_dive
 from auv_lse_common.node.heartbeat import Heartbeat
+from auv_lse_common.node.intra_process import TOGETHER_VARIABLE
 from auv_lse_common.node.senders import Senders, take_with_sender
 from auv_lse_common.topics.quality import INTRODUCTIONS, writer_quality
 from auv_lse_common.topics.ros_conversions import header, message_class
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.health import NewProblems
+from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 
 #: A clock that is never set back.
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -87,6 +89,12 @@ class BaseNode(Node):
     def lockstep(self) -> bool:
         """Whether the simulator drives this node tick by tick (`sim.lockstep`)."""
         return bool(self.parameters.get("sim", {}).get("lockstep", False))
+
+    @property
+    def together(self) -> frozenset[str]:
+        """Names of the nodes that share a process in each vehicle; empty where each has a process of its own."""
+        is_shared = self.lockstep and os.environ.get(TOGETHER_VARIABLE) == "1"
+        return frozenset(name for _, name in vehicle_nodes(modem=False, link=False)) if is_shared else frozenset()
 
     @property
     def recorded(self) -> int:

@@ -1,7 +1,8 @@
 """Messages between the nodes of one process, without ROS.
 
 In lockstep a vehicle's nodes share a process. Topics with a single writer among them (`Topic.writer`) reach the other
-nodes of the process through `INTRA_PROCESS`, without serialization. DDS carries them only to other processes.
+nodes of the process through `INTRA_PROCESS`, without serialization. DDS carries them only to other processes. A topic
+that is written elsewhere is subscribed to once, for all nodes of the process that read it.
 Messages are delivered in the order in which they were sent, and never during a callback: the callback that sends a
 message ends before the message is read.
 """
@@ -15,7 +16,11 @@ from typing import Any, Protocol
 from auv_lse_common.node.lockstep import Answers
 from auv_lse_common.topics.table import Topic
 
-Take = Callable[[Any], None]
+Take = Callable[..., None]
+
+#: Set to "1" where the nodes of each vehicle, its drivers excepted, share a process: writers in other processes then
+#: wait for one reader of the vehicle and not for each node.
+TOGETHER_VARIABLE = "AUV_LSE_TOGETHER"
 
 
 class IntraProcessDelivery:
@@ -30,7 +35,7 @@ class IntraProcessDelivery:
         self.nodes: frozenset[str] = frozenset()
         self.answers = Answers()
         self._readers: dict[str, list[Take]] = {}
-        self._waiting: deque[tuple[Take, Any]] = deque()
+        self._waiting: deque[tuple[Take, tuple[Any, ...]]] = deque()
         self._delivering = False
 
     def share(self, nodes: Collection[str]) -> None:
@@ -49,10 +54,15 @@ class IntraProcessDelivery:
         """Whether a node of this process reads topic `name`."""
         return bool(self._readers.get(name))
 
-    def send(self, name: str, message: Any) -> None:
-        """Queues a message for every reader of topic `name`; it must not change afterwards."""
+    def send(self, name: str, *message: Any) -> None:
+        """Queues a message for every reader of topic `name`, maybe with its sender; it must not change afterwards."""
         for take in self._readers.get(name, ()):
             self._waiting.append((take, message))
+
+    def receive(self, name: str, *message: Any) -> None:
+        """Delivers a message that another process has sent; arguments as of `send`."""
+        self.send(name, *message)
+        self.deliver()
 
     def deliver(self) -> None:
         """Delivers all queued messages, and those sent meanwhile. Does nothing during a delivery."""
@@ -62,7 +72,7 @@ class IntraProcessDelivery:
         try:
             while self._waiting:
                 take, message = self._waiting.popleft()
-                take(message)
+                take(*message)
         finally:
             self._delivering = False
 

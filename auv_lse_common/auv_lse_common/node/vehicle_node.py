@@ -23,7 +23,7 @@ from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.state_file import NODES, StateFile, open_state
 from auv_lse_common.support.free_memory import return_free_memory
-from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
+from auv_lse_common.topics.quality import reader_quality, writer_quality
 from auv_lse_common.topics.records import HealthReport
 from auv_lse_common.topics.ros_conversions import encoded, message_class
 from auv_lse_common.topics.table import MISSION_TOPICS, PHASES, VEHICLE_TOPICS, Topic, reader_count
@@ -188,7 +188,7 @@ class VehicleNode(BaseNode):
         topic = VEHICLE_TOPICS[name]
         publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
         outside = [node for node in self._possible_readers() if not self._is_beside(node, topic)]
-        readers, recorders = reader_count(topic, outside), self.recorded * topic.recorded
+        readers, recorders = reader_count(topic, outside, self.together), self.recorded * topic.recorded
         self._readers[publisher] = readers + recorders
         if recorders and not readers:
             self._only_recorded.append(publisher)
@@ -257,20 +257,24 @@ class VehicleNode(BaseNode):
 
         self._subscribe(topic, receive)
 
-    def _subscribe(self, topic: Topic, take: Callable[[Any], None]) -> None:
+    def _subscribe(self, topic: Topic, take: Callable[..., None]) -> None:
         if self._is_beside(self._role, topic):
             INTRA_PROCESS.read(topic.name, take)
-        else:
-            quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
-            kind = message_class(topic.kind)
-            if not topic.is_standard:
-                self.create_subscription(kind, topic.name, take, quality)
-                return
+            return
+        if topic.is_standard:
             if not self._introducers:
                 self.get_introduced(self._vehicle, self.wake)
             running = self._possible_readers()
             self._introducers.add(next((name for name in topic.writer.split("|") if name in running), topic.writer))
-            self.subscribe_with_sender(kind, topic.name, take, quality)
+        if self._role in self.together:
+            is_first = not INTRA_PROCESS.has_readers(topic.name)
+            INTRA_PROCESS.read(topic.name, take)
+            if not is_first:
+                return
+            take = partial(INTRA_PROCESS.receive, topic.name)
+        quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
+        subscribe = self.subscribe_with_sender if topic.is_standard else self.create_subscription
+        subscribe(message_class(topic.kind), topic.name, take, quality)
 
     def _check_reader(self, topic: Topic) -> None:
         if not any(self._role in reader.split("|") for reader in topic.readers):
@@ -312,7 +316,7 @@ class VehicleNode(BaseNode):
             return
         self._ticks = Ticks(tuple(self._handlers))
         self._check_reader(MISSION_TOPICS["/lockstep/tick"])
-        self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
+        self._subscribe(MISSION_TOPICS["/lockstep/tick"], self._on_tick)
         for topic in VEHICLE_TOPICS.values():
             if topic.lockstep and self._role in topic.readers:
                 self._subscribe(topic, partial(self._on_done, topic))

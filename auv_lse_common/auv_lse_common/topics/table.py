@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -355,14 +355,16 @@ def full_name(topic: Topic, vehicle: int) -> str:
     return topic.name if topic.name.startswith("/") else f"/auv{vehicle}/{topic.name}"
 
 
-def reader_count(topic: Topic, nodes: Sequence[str]) -> int:
+def reader_count(topic: Topic, nodes: Sequence[str], together: Collection[str] = ()) -> int:
     """Number of running nodes that read the topic.
 
     Args:
         nodes: Names of the running nodes: of one vehicle (and "sim_node") for a vehicle's topic, else of all.
+        together: Names of nodes that share a process in each vehicle, which reads a topic once.
     """
     present = [next((name for name in reader.split("|") if name in nodes), "") for reader in topic.readers]
-    return sum(nodes.count(name) for name in present)
+    shared = max((nodes.count(name) for name in present if name in together), default=0)
+    return shared + sum(nodes.count(name) for name in present if name not in together)
 
 
 def recorded_topics(vehicles: int) -> dict[str, Topic]:

@@ -53,6 +53,21 @@ def test_messages_keep_their_order_and_never_interrupt_a_reader() -> None:
     assert told == ["first a begins", "first a ends", "second a", "first b begins", "first b ends", "second b"]
 
 
+def test_message_of_another_process_reaches_every_reader_with_its_sender() -> None:
+    delivery = IntraProcessDelivery()
+    told: list[tuple[str, str]] = []
+
+    def first(message: str, sender: str = "unknown") -> None:
+        told.append((message, sender))
+        if message == "a":
+            delivery.receive("topic", "b")
+
+    delivery.read("topic", first)
+    delivery.read("topic", lambda message, sender="unknown": told.append((message, sender)))
+    delivery.receive("topic", "a", "sim_node")
+    assert told == [("a", "sim_node"), ("a", "sim_node"), ("b", "unknown"), ("b", "unknown")]
+
+
 def test_failing_reader_does_not_affect_the_others() -> None:
     delivery = IntraProcessDelivery()
     told: list[str] = []

@@ -23,6 +23,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import DIVE_VARIABLE
+from auv_lse_common.node.intra_process import TOGETHER_VARIABLE
 from auv_lse_common.support import compiled
 from auv_lse_common.support.confinement import watch_variables
 from auv_lse_common.support.missing_packages import missing
@@ -163,7 +164,8 @@ def fly(
     started = time.monotonic()
     try:
         with reserved_domain as domain:
-            environment = node_environment(domain) | {DIVE_VARIABLE: dive_on(domain) or ""}
+            together = {TOGETHER_VARIABLE: "1"} if any(process.beside for process in processes) else {}
+            environment = node_environment(domain) | {DIVE_VARIABLE: dive_on(domain) or "", **together}
             if live is not None:
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             _say(console, f"to watch from another terminal: export {watch_variables(domain)}")

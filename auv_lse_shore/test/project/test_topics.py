@@ -33,8 +33,8 @@ def strings(node: ast.AST) -> str:
 
 
 def topic_names(call: ast.Call) -> list[str]:
-    """The texts among a call's arguments: a topic's name, whatever else it takes."""
-    return [strings(argument) for argument in call.args if isinstance(argument, ast.Constant)]
+    """The texts among a call's arguments: a topic's name, or the row with this name of a table."""
+    return [strings(argument) for argument in call.args if isinstance(argument, ast.Constant | ast.Subscript)]
 
 
 def subscriptions() -> dict[str, set[str]]:
@@ -131,6 +131,9 @@ def test_readers_are_counted_among_the_nodes_that_run() -> None:
     assert reader_count(VEHICLE_TOPICS["modem/tx"], direct) == 1, "the simulator"
     assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its position"
     assert reader_count(MISSION_TOPICS["/lockstep/tick"], 3 * direct[:3] + ["recorder_node"]) == 10
+    assert reader_count(VEHICLE_TOPICS["sounding"], direct, together=direct) == 1, "one process reads it once"
+    everyone, together = [*3 * emulated, "recorder_node"], direct
+    assert reader_count(MISSION_TOPICS["/lockstep/tick"], everyone, together) == 7, "drivers have their own processes"
 
 
 def test_the_recorder_records_every_vehicles_topics_and_the_truth() -> None:

@@ -77,7 +77,7 @@ class SimNode(BaseNode):
     def _publisher(self, name: str) -> Publisher:
         topic = MISSION_TOPICS[name]
         publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
-        self._readers[publisher] = reader_count(topic, self._nodes) + self.recorded * topic.recorded
+        self._readers[publisher] = reader_count(topic, self._nodes, self.together) + self.recorded * topic.recorded
         return publisher
 
     def _connect(self, k: int) -> VehicleTopics:

@@ -36,8 +36,9 @@ class VehicleTopics:
         if simulation.origin_deg is not None and vehicle not in simulation.links.autopilots:
             names += ("navsat",)
         self._publishers = {name: self._publisher(VEHICLE_TOPICS[name]) for name in names}
-        introduction = VEHICLE_TOPICS["dive"]
-        self.readers[node.introduce(vehicle)] = self._reader_count(introduction)
+        introduction = VEHICLE_TOPICS["dive"]  # each node reads it for itself
+        readers = reader_count(introduction, simulation.nodes(vehicle)) + node.recorded * introduction.recorded
+        self.readers[node.introduce(vehicle)] = readers
         self._truth = self._publisher(TRUTH_TOPIC)
         self._transforms = TransformPublisher(node, vehicle)
 
@@ -48,7 +49,8 @@ class VehicleTopics:
         return publisher
 
     def _reader_count(self, topic: Topic) -> int:
-        return reader_count(topic, self._sim.nodes(self._vehicle)) + self._node.recorded * topic.recorded
+        nodes, together = self._sim.nodes(self._vehicle), self._node.together
+        return reader_count(topic, nodes, together) + self._node.recorded * topic.recorded
 
     def _publish(self, name: str, value: Any) -> None:
         self._publishers[name].publish(self._message(VEHICLE_TOPICS[name], value))
