@@ -207,12 +207,13 @@ class OnlineGp:
         """Moves each center by (n, 2), with what was merged into it; the soundings are not compared with the map again.
 
         Raises:
-            ValueError: if the map is not tiled.
+            ValueError: for another number of centers.
         """
-        if not self.is_tiled or by_m.shape != (len(self), 2):
-            raise ValueError(f"shift: {by_m.shape} cannot be shifted; needs shape ({len(self)}, 2) and a tiled map")
+        if by_m.shape != (len(self), 2):
+            raise ValueError(f"shift: {by_m.shape} is not the shape of the centers, ({len(self)}, 2)")
         self._store.shift(by_m)
-        self._tiled.shift(by_m)
+        if self.is_tiled:
+            self._tiled.shift(by_m)
         self.revision += 1
 
     def clear(self) -> None:

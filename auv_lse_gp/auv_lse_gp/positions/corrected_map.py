@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 #: In a map in tiles, positions are checked at every so many centers of a vehicle's track. The centers between two of
-#: these move if one of the two has.
-CHECKED_EVERY = 16
-#: A map in tiles is rebuilt when more than this share of its centers has shifted by more than this share of their
+#: these move if one of the two has. In other maps they are checked at each.
+CHECKED_EVERY = 8
+#: A map is rebuilt when more than this share of its centers has shifted by more than this share of their
 #: spacing since the last rebuild.
 MANY_CENTERS, FAR_SHIFT = 0.1, 0.5
 
@@ -61,19 +61,13 @@ class CorrectedMap:
     def follow(self, correction: Correction, moved_m: float) -> bool:
         """Moves the soundings to their corrected positions if one of them has moved by more than `moved_m` (m).
 
-        A map in tiles keeps its centers, which move with their first soundings, until many have moved far since the
-        last rebuild (`MANY_CENTERS`, `FAR_SHIFT`). Then it is rebuilt, as are other maps at once.
+        The map keeps its centers, which move with their first soundings, until many have moved far since the last
+        rebuild (`MANY_CENTERS`, `FAR_SHIFT`). Then it is rebuilt.
 
         Returns:
             Whether the map was rebuilt.
         """
         gp, seeds = self.map.gp, self.seeds
-        if not gp.is_tiled:
-            positions = self.log.corrected_m(correction)
-            if _lengths_m(positions - self.log.mapped_m).max(initial=0.0) <= moved_m:
-                return False
-            self.rebuild(positions)
-            return True
         moved = self._moved(correction, seeds, moved_m)
         if not len(moved):
             return False
@@ -93,12 +87,13 @@ class CorrectedMap:
     def _moved(self, correction: Correction, seeds: Numbers, moved_m: float) -> Numbers:
         """Numbers of the centers that are more than `moved_m` (m) from their corrected positions, and those near them.
 
-        Positions are checked at every `CHECKED_EVERY`th center along each vehicle's track.
+        In a map in tiles, positions are checked at every `CHECKED_EVERY`th center along each vehicle's track.
         """
+        every = CHECKED_EVERY if self.map.gp.is_tiled else 1
         found = [np.zeros(0, dtype=np.int64)]
         for _, own in self.log.by_vehicle(seeds):
             along = own[np.argsort(self.log.stamps_s[seeds[own]], kind="stable")]
-            checked = np.unique(np.append(np.arange(0, len(along), CHECKED_EVERY), len(along) - 1))
+            checked = np.unique(np.append(np.arange(0, len(along), every), len(along) - 1))
             numbers = seeds[along[checked]]
             by = self.log.corrected_m(correction, numbers) - self.log.mapped_m[numbers]
             far = np.flatnonzero(_lengths_m(by) > moved_m)
@@ -147,8 +142,6 @@ class CorrectedMap:
         gp, seeds = self.map.gp, self.seeds
         if not len(seeds):
             return None
-        if not gp.is_tiled:
-            self._sensitivity.forget()
         self._sensitivity.update(correction, gp.slopes(), seeds)
         # Round to the 32 bits of the message to the planner.
         return np.asarray(self._sensitivity.effect(vehicle).astype(np.float32).astype(float))

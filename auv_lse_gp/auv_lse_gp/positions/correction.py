@@ -76,13 +76,14 @@ class Correction:
         measured = position @ self.covariance @ position.T + self.model.config.fix_std_m**2 * np.eye(2)
         return np.asarray(np.linalg.solve(np.linalg.cholesky(measured), position))
 
-    def position_covariance_m2(self, vehicle: int, stamp_s: float, raw_position_m: Array) -> Array:
-        """Covariance (2, 2) of one of `positions`, north and east (m2); zeros for an unknown vehicle."""
-        row = self.own_jacobian(vehicle, np.array([stamp_s]), np.asarray(raw_position_m, dtype=float).reshape(1, 2))
-        if row is None:
-            return np.zeros((2, 2))
-        block = self.model.vehicles[vehicle].block
-        return np.asarray(row[0] @ self.covariance[block, block] @ row[0].T)
+    def position(self, vehicle: int, stamp_s: float, raw_position_m: Array) -> tuple[Array, Array]:
+        """One of `positions` (2,), and its covariance (2, 2), north and east (m2): zeros for an unknown vehicle."""
+        raw = np.asarray(raw_position_m, dtype=float).reshape(1, 2)
+        if vehicle not in self.model.vehicles:
+            return raw[0].copy(), np.zeros((2, 2))
+        found, block = self._positions(vehicle, np.array([stamp_s]), raw), self.model.vehicles[vehicle].block
+        row = found.jacobian(self.theta)[0]
+        return found.positions(self.theta)[0], np.asarray(row @ self.covariance[block, block] @ row.T)
 
     def position_std_m(self, vehicle: int, stamps_s: Array, raw_positions_m: Array) -> Array:
         """Standard deviations (n, 2) of `positions`, north and east (m); NaN for an unknown vehicle."""

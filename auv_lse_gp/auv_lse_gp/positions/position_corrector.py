@@ -1,8 +1,8 @@
 """Adds a vehicle's soundings to its map at corrected positions.
 
 New soundings are placed by the latest correction. Every `positions.interval_s` the smoother estimates all positions and
-their uncertainty; in a long mission it waits for `LONG_INTERVALS`, unless a fix comes. If a position has moved by more
-than `positions.moved_m`, the map is rebuilt.
+their uncertainty; in a long mission it waits for `LONG_INTERVALS`, unless a fix comes. Centers of the map that have
+moved by more than `positions.moved_m` follow.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from auv_lse_gp.positions.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
-#: A tiled map is rebuilt after one correction for so many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
+#: The map is rebuilt after one correction for so many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
 #: a restart repeats those since the last rebuild, and a rebuild, whose cost grows with the map, is shared by them.
 CENTERS_PER_REPEATED = 40
 MIN_REPEATED, MAX_REPEATED = 20, 100
@@ -94,8 +94,8 @@ class PositionCorrector:
             return None
         stamp_s = self.smoother.clock.monotonic_s(self._raw.stamp_s)
         raw_m = np.array([[self._raw.north_m, self._raw.east_m]])
-        north_m, east_m = self.correction.positions(self.vehicle, np.array([stamp_s]), raw_m)[0].tolist()
-        (north, north_east), (_, east) = self.correction.position_covariance_m2(self.vehicle, stamp_s, raw_m).tolist()
+        position_m, covariance_m2 = self.correction.position(self.vehicle, stamp_s, raw_m)
+        (north_m, east_m), ((north, north_east), (_, east)) = position_m.tolist(), covariance_m2.tolist()
         return CorrectedPosition(
             stamp_s=self._raw.stamp_s,
             heading_rad=self._raw.heading_rad,
@@ -186,7 +186,7 @@ class PositionCorrector:
         self.correction = self.smoother.smooth(terrain)
         self._repeated += 1
         most = min(max(len(gp) // CENTERS_PER_REPEATED, MIN_REPEATED), MAX_REPEATED)
-        if rebuild or (gp.is_tiled and self._repeated >= most):
+        if rebuild or self._repeated >= most:
             self.corrected_map.rebuild(self.log.corrected_m(self.correction))
             rebuilt = True
         else:

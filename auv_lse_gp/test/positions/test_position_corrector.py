@@ -168,7 +168,7 @@ def test_rebuilt_map_equals_a_map_of_the_corrected_soundings():
     intake = played(team, ground, PositionsConfig(correct=True, moved_m=0.0))
     corrector = intake.corrector
     assert corrector is not None
-    corrector.correct()
+    corrector.correct(rebuild=True)
     fresh = DepthMap(GP, LevelSet(), AREA)
     fresh.add_soundings(np.column_stack([corrector.log.stamps_s, corrector.log.mapped_m, corrector.log.depths_m]))
     assert np.array_equal(intake.map.centers.locations_m, fresh.centers.locations_m)

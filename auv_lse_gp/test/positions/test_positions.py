@@ -141,7 +141,7 @@ def test_unknown_vehicle_keeps_its_raw_positions():
     assert correction.positions(7, np.zeros(2), np.ones((2, 2))).tolist() == np.ones((2, 2)).tolist()
     assert not correction.jacobian(7, np.zeros(2), np.ones((2, 2))).any()
     assert np.isnan(correction.position_std_m(7, np.zeros(2), np.ones((2, 2)))).all()
-    assert not correction.position_covariance_m2(7, 0.0, np.ones(2)).any()
+    assert not correction.position(7, 0.0, np.ones(2))[1].any()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -187,7 +187,7 @@ def test_smoother_agrees_with_a_batch_solution_with_all_tracks(seed: int):
     for k, sailed in enumerate(team):
         ours = correction.positions(k + 1, sailed.times, sailed.raw)
         std = correction.position_std_m(k + 1, sailed.times, sailed.raw)
-        last = correction.position_covariance_m2(k + 1, float(sailed.times[-1]), sailed.raw[-1])
+        last = correction.position(k + 1, float(sailed.times[-1]), sailed.raw[-1])[1]
         assert np.sqrt(np.diag(last)) == pytest.approx(std[-1])
         apart = np.abs(ours - positions(k, batch.x))
         # What differs is a mate's way between its packets: a part of what the answer itself leaves uncertain.
