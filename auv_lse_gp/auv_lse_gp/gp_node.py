@@ -15,6 +15,7 @@ from auv_lse_common.mission_file.sections.gp import UNWATCHED_PERIODS, GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig
 from auv_lse_common.mission_file.sections.positions import positions_of
+from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
@@ -61,6 +62,8 @@ class GpNode(VehicleNode):
         self._maps_took_s = 0.0
         self._is_over = self._is_final_map_due = False  # the mission is; its complete map is not published yet
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "positions": positions})
+        recording = section(RecordConfig, self.parameters, "record", self.where)
+        self._is_rationed = recording.map_bytes_per_s > 0.0
         self._revisions = 0  # number of revisions published, which count from 0
         self._positions = 0  # number of corrected positions published
         self._placed_s = -float("inf")
@@ -101,7 +104,7 @@ class GpNode(VehicleNode):
         taken = self._intake.step(now_s) if write is None else self._intake.step_in_journal(now_s, write)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
-            self._centers.publish(_centers_report(now_s, self._map))
+            self._centers.publish(_centers_report(now_s, self._map), keep_back=self._is_only_recorded())
         position = None if self._intake.corrector is None else self._intake.corrector.position
         if position is not None and position.stamp_s != self._placed_s:
             self._placed_s, self._positions = position.stamp_s, self._positions + 1
@@ -144,6 +147,10 @@ class GpNode(VehicleNode):
         """Lockstep: whether this tick's share of a judgement is done."""
         return self._slices <= 0
 
+    def _is_only_recorded(self) -> bool:
+        """Whether no other process needs the centers but a recorder, which wants them with a map only."""
+        return self.lockstep and self._is_rationed and self._centers.readers <= self.recorded
+
     def _is_map_due(self, now_s: float) -> bool:
         """Whether to compute a map now: not without readers, and less often for the recorder alone."""
         if not self._maps.is_due(now_s):
@@ -157,6 +164,7 @@ class GpNode(VehicleNode):
         began = time.perf_counter()
         field, level_set = self._map.field() if self._is_over else self._map.recent_field(), self._map.level_set
         report = _field_report(now_s, field, level_set.level_m)
+        self._centers.send_kept_back()
         self._field.publish(report)
         self._risk.publish((report, level_set.largest_risk))
         if self._isobath.has_readers():

@@ -80,14 +80,17 @@ def means(groups: Groups) -> list[str]:
 
 
 def pairs(groups: Groups) -> list[str]:
-    """The first setting of each scene against the others, lake by lake, in Markdown: percent; found: the difference."""
+    """The first setting of each scene against the others, lake by lake, in Markdown: percent; found: the difference.
+
+    A single lake has no interval and is left out.
+    """
     lines = ["| against | lakes | " + " | ".join(title for _, title, _ in PAIRED) + " | found |"]
     lines.append("|---" * (len(PAIRED) + 3) + "|")
     first: dict[str, str] = {}
     for label in groups:
         own = first.setdefault(label.split(":")[0], label)
         both = sorted(set(groups[own]) & set(groups[label]))
-        if own == label or not both:
+        if own == label or len(both) < 2:
             continue
         cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
         more = [value(groups[own][s], FOUND) - value(groups[label][s], FOUND) for s in both]

@@ -104,22 +104,35 @@ class TopicPublisher:
         self._topic = topic
         self._delivery = delivery
         self._make = make
+        self._kept_back: Any = None  # the last message, if readers in other processes have not got it
 
     @property
     def readers(self) -> int:
         """Number of its readers in other processes."""
         return self._publisher.get_subscription_count()
 
-    def publish(self, value: Any) -> None:
-        """Publishes a value as a message, which is built only if it has readers, or the topic is latched."""
-        if self.has_readers():
-            self.publish_message(self._make(value))
+    def publish(self, value: Any, *, keep_back: bool = False) -> None:
+        """Publishes a value as a message, which is built only if it has readers, or the topic is latched.
 
-    def publish_message(self, message: Any) -> None:
+        Args:
+            keep_back: Whether readers in other processes do not get it before `send_kept_back`, or never, if a later
+                message replaces it.
+        """
+        if self.has_readers():
+            self.publish_message(self._make(value), keep_back=keep_back)
+
+    def publish_message(self, message: Any, *, keep_back: bool = False) -> None:
         """Publishes a message, which must not change afterwards; with ROS only if it has readers or is latched."""
         self._delivery.send(self._topic.name, message)
-        if self._has_outside_readers():
+        self._kept_back = message if keep_back else None
+        if not keep_back and self._has_outside_readers():
             self._publisher.publish(message)
+
+    def send_kept_back(self) -> None:
+        """Sends the last message to readers in other processes, if it was kept back."""
+        if self._kept_back is not None:
+            self._publisher.publish(self._kept_back)
+            self._kept_back = None
 
     def has_readers(self) -> bool:
         """Whether the topic has readers, or may have later ones of its last message."""

@@ -98,6 +98,26 @@ def test_ros_carries_topics_with_outside_readers_and_latched_ones() -> None:
     assert told == ["a", "a", "a"]
 
 
+def test_message_kept_back_stays_in_the_process_until_it_is_sent() -> None:
+    delivery, ros = IntraProcessDelivery(), Ros(1)
+    told: list[str] = []
+    delivery.read("kernel_centers", told.append)
+    publisher = TopicPublisher(ros, VEHICLE_TOPICS["kernel_centers"], delivery, str)
+    publisher.send_kept_back()
+    publisher.publish("a", keep_back=True)
+    publisher.publish("b", keep_back=True)
+    assert ros.sent == []
+    publisher.send_kept_back()
+    publisher.send_kept_back()
+    assert ros.sent == ["b"]
+    publisher.publish("c", keep_back=True)
+    publisher.publish("d")
+    publisher.send_kept_back()
+    assert ros.sent == ["b", "d"], "the later one replaces it"
+    delivery.deliver()
+    assert told == ["a", "b", "c", "d"]
+
+
 def test_node_name_is_that_of_its_module() -> None:
     def make() -> Any: ...
 
