@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 #: In a map in tiles, positions are checked at every so many centers of a vehicle's track. The centers between two of
-#: these move if one of the two has. In other maps they are checked at each.
+#: these move if one of the two has.
 CHECKED_EVERY = 8
 #: A map is rebuilt when more than this share of its centers has shifted by more than this share of their
 #: spacing since the last rebuild.
@@ -85,15 +85,18 @@ class CorrectedMap:
         return False
 
     def _moved(self, correction: Correction, seeds: Numbers, moved_m: float) -> Numbers:
-        """Numbers of the centers that are more than `moved_m` (m) from their corrected positions, and those near them.
+        """Numbers of the centers to move, because some are more than `moved_m` (m) from their corrected positions: all.
 
-        In a map in tiles, positions are checked at every `CHECKED_EVERY`th center along each vehicle's track.
+        In a map in tiles, these are only the ones that are too far off and those near them. Positions are checked at
+        every `CHECKED_EVERY`th center along each vehicle's track.
         """
-        every = CHECKED_EVERY if self.map.gp.is_tiled else 1
+        if not self.map.gp.is_tiled:
+            by = self.log.corrected_m(correction, seeds) - self.log.mapped_m[seeds]
+            return np.arange(len(seeds) if _lengths_m(by).max(initial=0.0) > moved_m else 0)
         found = [np.zeros(0, dtype=np.int64)]
         for _, own in self.log.by_vehicle(seeds):
             along = own[np.argsort(self.log.stamps_s[seeds[own]], kind="stable")]
-            checked = np.unique(np.append(np.arange(0, len(along), every), len(along) - 1))
+            checked = np.unique(np.append(np.arange(0, len(along), CHECKED_EVERY), len(along) - 1))
             numbers = seeds[along[checked]]
             by = self.log.corrected_m(correction, numbers) - self.log.mapped_m[numbers]
             far = np.flatnonzero(_lengths_m(by) > moved_m)
