@@ -82,7 +82,7 @@ def means(groups: Groups) -> list[str]:
 def pairs(groups: Groups) -> list[str]:
     """The first setting of each scene against the others, lake by lake, in Markdown: percent; found: the difference.
 
-    A single lake has no interval and is left out.
+    A single lake has no interval.
     """
     lines = ["| against | lakes | " + " | ".join(title for _, title, _ in PAIRED) + " | found |"]
     lines.append("|---" * (len(PAIRED) + 3) + "|")
@@ -90,14 +90,13 @@ def pairs(groups: Groups) -> list[str]:
     for label in groups:
         own = first.setdefault(label.split(":")[0], label)
         both = sorted(set(groups[own]) & set(groups[label]))
-        if own == label or len(both) < 2:
+        if own == label or not both:
             continue
         cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
         more = [value(groups[own][s], FOUND) - value(groups[label][s], FOUND) for s in both]
-        found = interval(more)
-        cells.append(
-            f"{found.mean:+z.2f} ({found.low:+z.2f}..{found.high:+z.2f}; lower on {sum(m < 0.0 for m in more)})"
-        )
+        found, lower = interval(more), f"lower on {sum(m < 0.0 for m in more)}"
+        between = f" ({found.low:+z.2f}..{found.high:+z.2f}; {lower})" if len(more) > 1 else ""
+        cells.append(f"{found.mean:+z.2f}{between}")
         lines.append(f"| {own} against {label.split(':')[-1].strip()} | {len(both)} | " + " | ".join(cells) + " |")
     return lines
 
@@ -113,6 +112,8 @@ def _compared(changes: Sequence[float]) -> str:
     found: Interval = interval(known)
     if not known:
         return "–"
+    if len(known) == 1:
+        return f"{found.mean:+z.0f} %"
     lower = sum(c < 0.0 for c in known)
     return f"{found.mean:+z.0f} % ({found.low:+z.0f}..{found.high:+z.0f}; worst {max(known):+z.0f}; lower on {lower})"
 

@@ -1,8 +1,8 @@
 """Adds a vehicle's soundings to its map at corrected positions.
 
 New soundings are placed by the latest correction. Every `positions.interval_s` the smoother estimates all positions and
-their uncertainty; in a long mission it waits for `LONG_INTERVALS`, unless a fix comes. Centers of the map that have
-moved by more than `positions.moved_m` follow.
+their uncertainty; in a long mission it waits for `LONG_INTERVALS`, unless a fix comes. The map's centers follow a
+correction that moves one of them by more than `positions.moved_m`.
 """
 
 from __future__ import annotations

@@ -197,6 +197,7 @@ def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, ca
     assert headline_table.main([str(tmp_path)]) == 0
     table = capsys.readouterr().out
     assert "| two: tour against lanes | 1 | +50 %" in table
+    assert "nan" not in table, "one lake has no interval"
     assert table.count("| 3.5 |") == 3, "the root mean square"
     assert headline_table.main([str(tmp_path / "none")]) == 2
 

@@ -28,7 +28,7 @@ class PositionsConfig:
         "unless a fix comes.",
     )
     moved_m: float = parameter(
-        1.0, low=0.0, unit="m", help="Centers of the map that a correction finds farther off than this are moved."
+        1.0, low=0.0, unit="m", help="The map's centers follow a correction that moves one of them by more than this."
     )
     start_std_m: float = parameter(
         1.0, above=0.0, unit="m", help="Standard deviation of the dead-reckoned position at the start, each axis (GPS)."
