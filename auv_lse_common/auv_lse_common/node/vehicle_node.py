@@ -44,6 +44,10 @@ _MEMORY_PERIOD_S = 1.0
 _WAITING_PERIOD_S = 4.0
 
 
+#: The field of LockstepTick that counts the messages of each topic that the simulator writes.
+_TICK_COUNTS = {name: topic.tick_count for name, topic in VEHICLE_TOPICS.items() if topic.tick_count}
+
+
 @dataclass(slots=True)
 class _Handler:
     """What a node does in one phase of a tick, and the tick that it has still to answer."""
@@ -423,8 +427,7 @@ class VehicleNode(BaseNode):
     def _on_tick(self, message: LockstepTick) -> None:
         if self.ignores(MISSION_TOPICS["/lockstep/tick"], message):
             return
-        counted = {row.name: getattr(message, row.tick_count) for row in VEHICLE_TOPICS.values() if row.tick_count}
-        totals = {name: counts[self.vehicle - 1] for name, counts in counted.items()}
+        totals = {name: getattr(message, counts)[self.vehicle - 1] for name, counts in _TICK_COUNTS.items()}
         self._ticks.begin(message.tick, seconds(message.stamp), totals)
         self.wake()
 

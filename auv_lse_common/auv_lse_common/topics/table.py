@@ -293,6 +293,7 @@ _MISSION_ROWS = (
 )  # fmt: skip
 
 
+@functools.cache
 def announces(phase: str) -> tuple[str, ...]:
     """The counts in `LockstepDone.totals` after a phase, in this order: published messages by topic."""
     return (*(row.name for row in _ROWS if row.phase == phase), *PHASES[phase].counts)
