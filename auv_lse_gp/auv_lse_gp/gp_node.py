@@ -102,9 +102,12 @@ class GpNode(VehicleNode):
         began = time.perf_counter()
         write = self.journal.write if self.journal.kept else None
         taken = self._intake.step(now_s) if write is None else self._intake.step_in_journal(now_s, write)
+        keep_back = self._is_only_recorded()
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
-            self._centers.publish(_centers_report(now_s, self._map), keep_back=self._is_only_recorded())
+            self._centers.publish(_centers_report(now_s, self._map), keep_back=keep_back)
+        elif not keep_back:  # somebody else has begun to read
+            self._centers.send_kept_back()
         position = None if self._intake.corrector is None else self._intake.corrector.position
         if position is not None and position.stamp_s != self._placed_s:
             self._placed_s, self._positions = position.stamp_s, self._positions + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -126,6 +127,39 @@ def test_gp_node_computes_maps_as_often_as_they_are_looked_at(tmp_path: Path, mo
         assert maps(106.0, 136.0) == [115.0, 125.0, 135.0], "somebody looks at the risk"
         readers.update(risk_map=1)
         assert maps(136.0, 176.0) == [175.0]
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_centers_for_a_recorder_alone_wait_for_a_map_or_another_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readers, sent = {"field": 1, "kernel_centers": 1}, []
+    monkeypatch.setattr(TopicPublisher, "readers", property(lambda publisher: readers.get(publisher._topic.name, 0)))
+    node = flown(tmp_path, PARAMETERS + "    sim: {lockstep: true}\n    record: {folder: somewhere}\n")
+    try:
+        node._centers._publisher = SimpleNamespace(
+            publish=lambda message: sent.append(len(message.depth_m)), get_subscription_count=lambda: 1
+        )
+
+        def step(now_s: float, *lanes: float) -> list[int]:
+            sent.clear()
+            for east_m in lanes:
+                node._intake.add_soundings(lane(10.0 * east_m, east_m, 0.0))
+            node.step(now_s)
+            return list(sent)
+
+        one = len(lane(0.0, 0.0, 0.0))
+        assert step(1000.0, 100.0) == [one], "with the first map"
+        assert step(1900.0, 300.0) == [], "the next map is not due"
+        readers["kernel_centers"] = 2
+        assert step(1901.0) == [2 * one], "unchanged, but somebody else has begun to read"
+        assert step(1902.0, 500.0) == [3 * one]
+        readers["kernel_centers"] = 1
+        assert step(1903.0, 700.0) == []
+        assert step(5000.0) == [4 * one], "with the next map"
+        assert step(5001.0) == []
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
