@@ -207,6 +207,26 @@ def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProc
             assert a.jbar == b.jbar
 
 
+def test_nodes_in_processes_of_their_own_decide_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a launch file starts them: each node then subscribes for itself."""
+    whole, counts = mission_module.mission_processes, []
+
+    def apart(*arguments: Any, together: bool, **options: Any) -> Any:
+        processes = whole(*arguments, **options)
+        counts.append((together, len(processes)))
+        return processes
+
+    monkeypatch.setattr(mission_module, "mission_processes", apart)
+    folder = tmp_path / "run"
+    size = ["--vehicles", "2", "--steps", "4", "--seed", "5", "--no-report"]
+    assert main([*size, "--out", str(folder)]) == 0
+    assert counts == [(True, 10)], "two vehicles of four nodes, the recorder, the simulator"
+    settings = Settings.load(folder / "mission.yaml")
+    sent = [packet.payload for packet in read_run(folder).sent]
+    assert sent == [packet.payload for packet in Fleet(settings, ground_of(settings)).run().sent]
+    assert len(sent) > 3
+
+
 def test_both_wirings_end_alike_with_the_quality_asked_for(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     asked = ("--set", "mission.until.undiscovered_m=5000.0", "--set", "vehicle.at_end=surface")
