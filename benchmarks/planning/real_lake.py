@@ -1,14 +1,13 @@
 """Real and concave lakes in the whole simulator: navigation, packets, corrected positions (docs/evidence/planner.md).
 
     python -m benchmarks.planning.real_lake FILE
-    python -m benchmarks.planning.real_lake FILE --whole
+    python -m benchmarks.planning.real_lake [FILE] --whole
 
 FILE is a lake's grid or soundings, as `auv_lse mission --bathymetry` takes it. Each of its windows is mown and flown by
-`tour`, with dead-reckoned and corrected positions. With --whole, the file's whole lake and two made-up concave lakes
-are flown by several methods, and by `tour` without the shore that the ground shows (`area.shore`). The recipes of the
-made-up
-lakes were fixed before any was flown: drowned valleys whose banks rise to land, with side valleys and islands. `FRESH`
-is flown with --fresh.
+`tour`, with dead-reckoned and corrected positions. With --whole, the file's whole lake, if one is named, and two
+made-up concave lakes are flown by several methods, and by `tour` without the shore that the ground shows
+(`area.shore`). The recipes of the made-up lakes were fixed before any was flown: drowned valleys whose banks rise to
+land, with side valleys and islands. `FRESH` is flown with --fresh.
 """
 
 from __future__ import annotations
@@ -83,9 +82,10 @@ def flown(settings: Settings, *, open_ground: bool) -> Row:
     return dataclasses.asdict(evaluate(Fleet(fitted, ground).run(), 2).summary)
 
 
-def grounds_of(file: Path, made_up: dict[int, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def grounds_of(file: Path | None, made_up: dict[int, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Settings of the file's whole lake and of made-up lakes (recipes by the seed of the lake), by name."""
-    grounds = {file.stem: {"sim.bathymetry.file": str(file.resolve()), "gp.map_resolution_m": 10.0}}
+    real = [] if file is None else [file]
+    grounds = {f.stem: {"sim.bathymetry.file": str(f.resolve()), "gp.map_resolution_m": 10.0} for f in real}
     return grounds | {f"made up {k}": {**recipe, "sim.lake.seed": k} for k, recipe in made_up.items()}
 
 
@@ -145,7 +145,7 @@ def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the tables. Returns 0, 1 without any window."""
     parser = parser_of("benchmarks.planning.real_lake", __doc__)
-    parser.add_argument("file", type=existing_file, help="the lake's grid or soundings")
+    parser.add_argument("file", type=existing_file, nargs="?", help="the lake's grid or soundings; needed for windows")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
@@ -161,6 +161,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         grounds = grounds_of(options.file, dict.fromkeys(options.lakes or lakes, recipe))
         whole(grounds, options.vehicles, options.methods, options.seeds, options.steps, options.out)
         return 0
+    if options.file is None:
+        parser.error("windows need a FILE to be in; without one, --whole flies made-up lakes")
     found = spread_windows(options.file, "small", options.windows)
     if not found:
         print(f"{options.file}: no window of 400 m x 500 m is known well enough and 20 to 80 % deep", file=sys.stderr)
