@@ -282,3 +282,15 @@ def test_a_state_of_another_version_leaves_out_a_note_and_not_the_run(tmp_path):
         with pytest.raises(RecordingError, match="mission/state"):
             list(recording.values({"mission/state"}))
         assert list(recording.values({"mission/state"}, optional={"mission/state"})) == []
+
+
+def test_a_definition_is_parsed_once_however_many_topics_have_it(tmp_path, synthetic_run, monkeypatch):
+    from rosbags.highlevel import anyreader
+
+    parsed, parse = [], anyreader.get_types_from_msg
+    monkeypatch.setattr(anyreader, "get_types_from_msg", lambda text, kind: parsed.append(kind) or parse(text, kind))
+    write_run(synthetic_run(steps=2), tmp_path / "run")
+    with Recording(recording_in(tmp_path / "run")) as recording:
+        kinds = [topic.kind for topic in recording.topics.values()]
+    assert len(kinds) > len(set(kinds))
+    assert sorted(parsed) == sorted(set(kinds))
