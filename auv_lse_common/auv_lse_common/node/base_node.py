@@ -23,7 +23,7 @@ from auv_lse_common.node.dive import ForeignMessages, own_dive
 from auv_lse_common.node.heartbeat import Heartbeat
 from auv_lse_common.node.intra_process import TOGETHER_VARIABLE
 from auv_lse_common.node.senders import Senders, take_with_sender
-from auv_lse_common.topics.quality import INTRODUCTIONS, writer_quality
+from auv_lse_common.topics.quality import LATCHED_READER, writer_quality
 from auv_lse_common.topics.ros_conversions import header, message_class
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.health import NewProblems
@@ -122,7 +122,7 @@ class BaseNode(Node):
             then()
 
         name, kind = full_name(topic, vehicle), message_class(topic.kind)
-        self.subscribe_with_sender(kind, name, receive, INTRODUCTIONS)
+        self.subscribe_with_sender(kind, name, receive, LATCHED_READER)
 
     def subscribe_with_sender(
         self, kind: type, name: str, receive: Callable[..., None], quality: QoSProfile, *, raw: bool = False

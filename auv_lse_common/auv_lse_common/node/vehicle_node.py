@@ -276,7 +276,7 @@ class VehicleNode(BaseNode):
             if not is_first:
                 return
             take = partial(INTRA_PROCESS.receive, topic.name)
-        quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
+        quality = reader_quality(topic, self.lockstep)
         subscribe = self.subscribe_with_sender if topic.is_standard else self.create_subscription
         subscribe(message_class(topic.kind), topic.name, take, quality)
 

@@ -16,7 +16,7 @@ from rclpy.context import Context
 from auv_lse_common.node import senders as module
 from auv_lse_common.node.executor import StandingExecutor
 from auv_lse_common.node.senders import _PATIENCE_S, _REMEMBERED, Senders, take_with_sender
-from auv_lse_common.topics.quality import EVERY, INTRODUCTIONS, LATCHED
+from auv_lse_common.topics.quality import EVERY, LATCHED, LATCHED_READER
 from auv_lse_msgs.msg import Dive
 
 pytestmark = pytest.mark.ros
@@ -74,7 +74,7 @@ def test_two_participants_on_one_topic_are_told_apart():
         if (sender := senders.sender_of(message.header.frame_id, participant, 0.0)) is not None:
             found.setdefault(message.child_frame_id, set()).add(sender)
 
-    take_with_sender(reader.create_subscription(Dive, "dive", senders.introduce, INTRODUCTIONS))
+    take_with_sender(reader.create_subscription(Dive, "dive", senders.introduce, LATCHED_READER))
     take_with_sender(reader.create_subscription(Odometry, "odometry", receive, EVERY))
     try:
         publishers = []

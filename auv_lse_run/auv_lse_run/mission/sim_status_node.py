@@ -11,7 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.support.ros_logs import init_arguments
-from auv_lse_common.topics.quality import LATCHED
+from auv_lse_common.topics.quality import LATCHED_READER
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_run.process.domain import temporary_environment
 
@@ -41,7 +41,7 @@ class SimStatusWatch:
             self._node = rclpy.create_node("vehicle_supervisor")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED_READER)
         return self._check
 
     def __exit__(

@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.support.ros_logs import init_arguments
-from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.topics.quality import EVERY, LATCHED_READER
 from auv_lse_common.vocabulary.health import LEGS_LEFT
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_msgs.msg import Bound, MapQuality, SimStatus
@@ -49,12 +49,12 @@ class MissionWatch:
             self._node = rclpy.create_node("mission_display")
         self._executor = make_executor()
         self._executor.add_node(self._node)
-        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED_READER)
         for vehicle in range(1, self._progress.vehicles + 1):
             topic = f"/auv{vehicle}/planner/bound"
             self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
             topic = f"/auv{vehicle}/map/quality"
-            self._node.create_subscription(MapQuality, topic, partial(self._on_quality, vehicle), LATCHED)
+            self._node.create_subscription(MapQuality, topic, partial(self._on_quality, vehicle), LATCHED_READER)
             topic = f"/auv{vehicle}/diagnostics"
             self._node.create_subscription(DiagnosticArray, topic, partial(self._on_health, vehicle), EVERY)
         return self

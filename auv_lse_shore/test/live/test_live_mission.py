@@ -18,7 +18,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.topics.quality import EVERY, INTRODUCTIONS, LATCHED
+from auv_lse_common.topics.quality import EVERY, LATCHED, LATCHED_READER
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_msgs.msg import Dive, MissionCommand, SimStatus
 from auv_lse_msgs.srv import RunMission
@@ -61,7 +61,7 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
         for each in (context, foreign):
             rclpy.init(context=each, domain_id=domain)
         node, stranger = Node("mission", context=context), Node("stranger", context=foreign)
-        stranger.create_publisher(Dive, "/auv1/dive", INTRODUCTIONS).publish(Dive(dive="of another dive", node="link"))
+        stranger.create_publisher(Dive, "/auv1/dive", LATCHED_READER).publish(Dive(dive="of another dive", node="link"))
         strangers = stranger.create_publisher(Odometry, "/auv1/odometry", EVERY)
         status = node.create_publisher(SimStatus, "/sim/status", LATCHED)
         odometry = node.create_publisher(Odometry, "/auv1/odometry", EVERY)

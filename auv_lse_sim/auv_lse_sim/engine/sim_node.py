@@ -21,7 +21,7 @@ from auv_lse_common.node.dive import tagged
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
 from auv_lse_common.topics.plan_codecs import decode_run, decode_waypoint
-from auv_lse_common.topics.quality import EVERY, writer_quality
+from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
 from auv_lse_common.topics.ros_conversions import encoded, message_class, stamp
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS, full_name, reader_count
 from auv_lse_common.vocabulary.stamps import seconds
@@ -93,7 +93,7 @@ class SimNode(BaseNode):
 
     def _subscribe(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
         topic = VEHICLE_TOPICS[name]
-        quality = EVERY if name == "waypoint" else writer_quality(topic)  # ignores waypoints of an earlier mission
+        quality = EVERY if name == "waypoint" else reader_quality(topic, lockstep=True)  # ignores waypoints of an earlier mission
 
         def receive(message: Any) -> None:
             if not self.ignores(topic, message):

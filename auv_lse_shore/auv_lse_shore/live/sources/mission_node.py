@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.senders import Senders, take_with_sender
 from auv_lse_common.support.ros_logs import init_arguments
-from auv_lse_common.topics.quality import INTRODUCTIONS, LATCHED, reader_quality, writer_quality
+from auv_lse_common.topics.quality import LATCHED_READER, reader_quality
 from auv_lse_common.topics.ros_conversions import message_class
 from auv_lse_common.topics.table import VEHICLE_TOPICS, find_topic, full_name
 from auv_lse_msgs.msg import Dive, SimStatus
@@ -71,7 +71,7 @@ class MissionListener:
         self._executor: Executor = make_executor()
         self._executor.add_node(self._node)
         self.heard_s = self._began_s = time.monotonic()
-        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED_READER)
         if self._commands is not None:
             self._calls = QueuedCalls(self._node, self._commands, self._vehicles)
         return self
@@ -119,12 +119,12 @@ class MissionListener:
         self._joined = True
         for vehicle in range(1, self._vehicles + 1):
             name = full_name(VEHICLE_TOPICS["dive"], vehicle)
-            take_with_sender(self._node.create_subscription(Dive, name, self._senders.introduce, INTRODUCTIONS))
+            take_with_sender(self._node.create_subscription(Dive, name, self._senders.introduce, LATCHED_READER))
         for topic in topics_of(self._vehicles):
             row, vehicle = find_topic(topic) or (None, 0)
             if row is None or not vehicle or row.name in _LEFT_OUT:
                 continue
             # A driver may publish its odometry best effort; the simulator's is reliable.
-            quality = reader_quality(row) if self.state is None else writer_quality(row)
+            quality = reader_quality(row, lockstep=self.state is not None)
             kind, receive = message_class(row.kind), partial(self._receive, topic)
             take_with_sender(self._node.create_subscription(kind, topic, receive, quality))
