@@ -50,6 +50,8 @@ REPORTED_PA = 200.0
 ZERO_SAMPLES, MOST_SAMPLES = 5, 40
 #: Number of differences for a first offset, and of those whose median is filtered.
 FIRST_DIFFERENCES, DIFFERENCES = 3, 5
+#: A restarted link has this time (s) to learn the offset: for pressures that come once a second.
+SETTLING_S = 8.0
 #: Time constant of the offset (s).
 OFFSET_TIME_S = 5.0
 #: A step of the autopilot's own depth is one of its datum if it is more than this (m), and this much a second (m/s).
@@ -102,7 +104,7 @@ class DepthGauge:
         self._compared_m = (math.nan, math.nan)  # the last depths compared: the autopilot's own, pressure depth
         self._is_alive = True  # whether the last two pressures differ
         self._waiting_m = math.nan  # pressure depth (m) that awaits the autopilot's own
-        self._pressure_s = self._own_s = self._compared_s = -math.inf
+        self._pressure_s = self._own_s = self._compared_s = self._restored_s = -math.inf
         self._depth_m = self._own_m = self._last_pa = math.nan
 
     # ------------------------------------------------------------------ input
@@ -117,9 +119,9 @@ class DepthGauge:
             self._surfaced.clear()
         self._may_zero, self._has_fix = may_zero, has_fix
 
-    def restore(self, zero_pa: float) -> None:
-        """Continues with the zero of an earlier process."""
-        self.zero_pa = zero_pa
+    def restore(self, zero_pa: float, now_s: float = -math.inf) -> None:
+        """Continues at `now_s` (s) with the zero of an earlier process; -inf: long ago."""
+        self.zero_pa, self._restored_s = zero_pa, now_s
 
     def own_depth(self, now_s: float, depth_m: float) -> None:
         """Takes the autopilot's own depth (m, positive down) in its own datum."""
@@ -162,7 +164,7 @@ class DepthGauge:
     def host_stepped(self, now_s: float) -> None:
         """Adjusts stored times after the host's clock was set back to `now_s`."""
         self._pressure_s, self._own_s = min(self._pressure_s, now_s), min(self._own_s, now_s)
-        self._compared_s = min(self._compared_s, now_s)
+        self._compared_s, self._restored_s = min(self._compared_s, now_s), min(self._restored_s, now_s)
 
     # ------------------------------------------------------------------ output
 
@@ -175,6 +177,11 @@ class DepthGauge:
     def is_ready(self) -> bool:
         """Whether zero and offset have been known once, or are not needed."""
         return not self.is_used or self._is_ready
+
+    @property
+    def is_known(self) -> bool:
+        """Whether depths can be trusted as far as the gauge has learned what it needs, or needs nothing."""
+        return not (self.is_used and math.isnan(self.offset_m))
 
     def depth_m(self, now_s: float, own_m: float) -> float:
         """Depth below the surface (m); `own_m` is the autopilot's own, returned if no better one is known."""
@@ -202,8 +209,8 @@ class DepthGauge:
         return self.is_used and math.isnan(self.offset_m) and is_fresh
 
     def problem(self, now_s: float) -> str:
-        """Reason not to trust the depth; "" if there is none."""
-        if not self.is_used:
+        """Reason not to trust the depth; "" if there is none, or if a restarted link is still learning the offset."""
+        if not self.is_used or (not self.is_known and now_s - self._restored_s <= SETTLING_S):
             return ""
         age_s = now_s - self._pressure_s
         if math.isinf(age_s):

@@ -124,7 +124,7 @@ class AutopilotPort:
         if self._sounded_from != self.link.datum:  # positions have shifted with the origin
             self._sounded_from = self.link.datum
             sounder.reset()
-        if self.link.report.depth_problem:  # water depth would be as wrong
+        if self.link.report.depth_problem or not self.link.gauge.is_known:  # water depth would be as wrong
             sounder.counts["without_depth"] += 1
             sounder.reset()
             return []

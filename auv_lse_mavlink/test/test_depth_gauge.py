@@ -6,7 +6,7 @@ import pytest
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.vocabulary.water import gauge_pressure_pa
-from auv_lse_mavlink.depth_gauge import DepthGauge
+from auv_lse_mavlink.depth_gauge import SETTLING_S, DepthGauge
 from auv_lse_mavlink.messages.events import Problem, Surfaced, Zeroed
 
 AIR_PA = 96_000.0
@@ -249,6 +249,28 @@ def test_a_restored_zero_serves_under_water():
     water.wait(5)
     assert water.shown_m == pytest.approx(4.0, abs=0.01)
     assert water.problem == ""
+
+
+def test_a_restarted_link_has_time_to_learn_the_offset():
+    water = Water()
+    water.gauge.restore(AIR_PA, water.now_s)
+    water.depth_m = 4.0
+    assert (water.problem, water.gauge.is_known) == ("", False), "as yet no pressure has come"
+    water.wait(1)
+    assert (water.problem, water.gauge.is_known) == ("", False), "of two pressures"
+    water.wait(1)
+    assert (water.problem, water.gauge.is_known) == ("", True)
+    water.wait(10, pressure=False)
+    assert water.problem.startswith("no SCALED_PRESSURE2 for ")
+
+
+def test_a_restarted_link_without_pressure_reports_it_after_a_while():
+    water = Water()
+    water.gauge.restore(AIR_PA, water.now_s)
+    water.wait(SETTLING_S, pressure=False)
+    assert water.problem == ""
+    water.wait(0.5, pressure=False)
+    assert water.problem == "no SCALED_PRESSURE2 from the autopilot (link.pressure)"
 
 
 def test_a_vehicle_without_a_pressure_sensor_keeps_the_autopilots_depth():

@@ -63,6 +63,7 @@ def test_without_the_message_package_nothing_is_subscribed_to(monkeypatch):
 def test_heights_become_soundings(monkeypatch):
     port = AutopilotPort(LinkConfig(kind="mavlink", endpoint="udpin://127.0.0.1:0"), 1, None)
     monkeypatch.setattr(type(port.link), "report", SimpleNamespace(depth_problem=""))
+    monkeypatch.setattr(type(port.link.gauge), "is_known", True)
     soundings = []
     for tenth in range(100):
         stamp_s = tenth / 10.0
