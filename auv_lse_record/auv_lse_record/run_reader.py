@@ -135,7 +135,8 @@ def _run_in(
     last_s = 0.0
     for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS, optional=_NOTES):
         logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
-        last_s = max(last_s, stamp_s)
+        if topic.writer:  # anybody may publish health, with any clock
+            last_s = max(last_s, stamp_s)
     if not logs:
         raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")
     sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]

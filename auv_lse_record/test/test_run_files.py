@@ -11,9 +11,10 @@ from sim_helpers import other_bag
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.topics.records import Odometry
-from auv_lse_common.topics.table import find_topic
+from auv_lse_common.topics.records import HealthReport, Odometry
+from auv_lse_common.topics.table import VEHICLE_TOPICS, find_topic
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.vocabulary.health import Level
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import run_writer
 from auv_lse_record.bag_writer import BagWriter
@@ -117,6 +118,19 @@ def test_recording_with_the_old_name_of_the_naive_path_is_read(tmp_path, synthet
     write_run(run, tmp_path / "run")
     back = read_run(tmp_path / "run")
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
+
+
+def test_health_with_another_clock_does_not_extend_a_mission(tmp_path, synthetic_run, monkeypatch):
+    run, records = synthetic_run(steps=2), run_writer._records
+    health = HealthReport(stamp_s=1.8e9, name="/auv1/gp_node", level=Level.WARN, text="of another dive", values={})
+
+    def with_health(run):
+        yield from records(run)
+        yield run_writer._record(VEHICLE_TOPICS["diagnostics"], 20.0, health, 1)
+
+    monkeypatch.setattr(run_writer, "_records", with_health)
+    write_run(run, tmp_path / "run")
+    assert read_run(tmp_path / "run").sim_s == pytest.approx(run.sim_s)
 
 
 def test_mcap_library_reads_the_recording(tmp_path, synthetic_run):
