@@ -200,9 +200,13 @@ def intruded(name: str, folder: Path, alone: Path, intruder: Callable[[int], Abs
                 if named_s is None and any(_NAMED in line for line in mission.text):
                     named_s = time.monotonic() - began_s
                 time.sleep(0.05)
-        mission.wait(60.0)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            mission.wait(60.0)
+        has_ended = mission.process.poll() is not None
     wrong = []
-    if mission.process.returncode != 0:
+    if not has_ended:
+        wrong.append("the mission has not ended")
+    elif mission.process.returncode != 0:
         wrong.append(f"exit code {mission.process.returncode}: {''.join(mission.text)[-1000:]}")
     elif changed := _changed(_summary(folder / "run"), _summary(alone)):
         wrong.append(f"changed: {', '.join(changed)}")

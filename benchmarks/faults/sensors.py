@@ -35,6 +35,8 @@ from benchmarks.faults.report import Report
 SMALL = ("--seeds", "5")
 #: Travel depth, time to reach it, length of a run, and the times between which a fault begins.
 DEPTH_M, DIVE_S, RUN_S, BEGIN_S = 5.0, 30, 240, (5.0, 120.0)
+#: Length of a leg (m): an ArduSub follows the straight line to its target, so it is at its depth at the end of the first.
+LEG_M = 20.0
 #: How well the vehicle keeps its depth, and how well a sounding fits the ground (m).
 KEEPING_M, SOUNDING_M = 0.3, 1.0
 #: Accepted share of wrong soundings.
@@ -203,13 +205,12 @@ class _Run:
         self._watch = SafetyWatch(SafetyConfig(), Fence((0.0, 0.0, 0.0, 1e4, 1e4, 1e4), 1e4), DEPTH_M + 5.0, True)
         self._run = MissionRun(True, Stop(action=Action.SURFACE))
         self._sounder, self._gate = Sounder(1.0, 1), SoundingGate()
-        self._wrong = 0
+        self._wrong = self._legs = 0
         self.outcome = Outcome()
 
     def fly(self) -> Outcome:
         """Flies the run."""
         outcome, vehicle = self.outcome, self._vehicle
-        vehicle.leg(0, 1000.0)
         for _ in range(RUN_S):
             self._tick()
             outcome.tripped |= set(self._run.limits)
@@ -227,6 +228,9 @@ class _Run:
             low_m = 3.0 if self._fault.jump_m > 3.0 else 0.0
             size_m = float(self._rng.uniform(low_m, self._fault.jump_m) * self._rng.choice([-1.0, 1.0]))
             vehicle.vehicle.move_origin(size_m)
+        if len(vehicle.link.targets) < 2 and self._run.status.stop is None:
+            vehicle.leg(self._legs, LEG_M)
+            self._legs += 1
         output = vehicle.tick()
         for event in vehicle.told[heard:]:
             if isinstance(event, AutopilotState):

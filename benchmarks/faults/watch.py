@@ -83,6 +83,7 @@ class Sequence:
         self._now_s = rng.uniform(-1e3, 1e9)
         self._speed_mps, self._east_m = rng.uniform(1.0, 5.0), 10.0
         self._last = (50.0, 10.0, 4.0, 20.0)  # north, east, depth, altitude (m)
+        self._is_turned = False  # a heading that jumps does so with each reading
         self.answered_s = math.nan
         self.wrong_limits: set[str] = set()
 
@@ -164,7 +165,8 @@ class Sequence:
                 depth_m += 16.0 * self._is_bad("depth")
             if not self._has("odometry frozen"):
                 north_m -= 400.0 * self._is_bad("fence")
-            heading_rad = 0.3 + math.pi * (self._has("heading jumping") and rng.random() < 0.5)
+            self._is_turned = self._has("heading jumping") and not self._is_turned
+            heading_rad = 0.3 + math.pi * self._is_turned
             self._watch.odometry(self._now_s - age_s, heading_rad, north_m, east_m, depth_m, self._speed_mps)
         if not self._has("altimeter silent"):
             if not self._has("altimeter frozen"):
