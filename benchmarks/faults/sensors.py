@@ -35,7 +35,7 @@ from benchmarks.faults.report import Report
 SMALL = ("--seeds", "5")
 #: Travel depth, time to reach it, length of a run, and the times between which a fault begins.
 DEPTH_M, DIVE_S, RUN_S, BEGIN_S = 5.0, 30, 240, (5.0, 120.0)
-#: Length of a leg (m): an ArduSub follows the straight line to its target, so it is at its depth at the end of the first.
+#: Length of a leg (m): an ArduSub follows the straight line to its target, so it is at its depth after the first leg.
 LEG_M = 20.0
 #: How well the vehicle keeps its depth, and how well a sounding fits the ground (m).
 KEEPING_M, SOUNDING_M = 0.3, 1.0

@@ -93,7 +93,8 @@ class SimNode(BaseNode):
 
     def _subscribe(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
         topic = VEHICLE_TOPICS[name]
-        quality = EVERY if name == "waypoint" else reader_quality(topic, lockstep=True)  # ignores waypoints of an earlier mission
+        # not latched for waypoints: those of an earlier mission are ignored
+        quality = EVERY if name == "waypoint" else reader_quality(topic, lockstep=True)
 
         def receive(message: Any) -> None:
             if not self.ignores(topic, message):
