@@ -32,6 +32,11 @@ FASTEST_MPS = 6.0
 #: Largest distance (m) between the starts of two vehicles. A mate is at most this far from this vehicle's start, plus
 #: the distance it could have covered.
 STARTS_APART_M = 1000.0
+#: Times of sending and of reception that are farther apart (s) are of different clocks. A packet is received at most so
+#: much later than the last dead-reckoned position, ...
+CLOCKS_APART_S = 60.0
+#: ... and at most this much (s) before the first one.
+EARLIEST_S = 3600.0
 #: Maximum number of ranges; of more, the oldest are thinned out.
 MAX_RANGES = 300
 
@@ -148,8 +153,9 @@ class PositionSmoother:
             if mate.source in self._mates:
                 self._add_range(mate, mate.stamp_s)
             return
-        sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
-        if mate.source == self.vehicle or not self._possible(mate, sent_s):
+        mate = self._timed(mate)
+        sent_s = mate.sent_s
+        if mate.source == self.vehicle or not self._possible(mate):
             self.refused += 1
             return
         track = self._mates.get(mate.source, MateTrack())
@@ -170,12 +176,25 @@ class PositionSmoother:
             self._add_mate_fix(mate, float(before[0]) if before is not None else track.start_s, sent_s)
         self._add_range(mate, sent_s)
 
-    def _possible(self, mate: MateNavigation, sent_s: float) -> bool:
-        """Whether a mate's reported position is plausible, regardless of its earlier packets."""
-        if not (math.isfinite(sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
+    def _timed(self, mate: MateNavigation) -> MateNavigation:
+        """The navigation with its time of sending; without a usable one, that of reception, and then without a range.
+
+        Tracks go on in time also where the clock of this vehicle was set back.
+        """
+        arrived_s = self.clock.monotonic_s(mate.stamp_s)
+        if abs(mate.sent_s - arrived_s) <= CLOCKS_APART_S:
+            return mate
+        known = math.isfinite(mate.sent_s)
+        return dataclasses.replace(mate, sent_s=arrived_s, travel_s=math.nan if known else mate.travel_s)
+
+    def _possible(self, mate: MateNavigation) -> bool:
+        """Whether a mate's reported position and time are plausible, regardless of its earlier packets."""
+        if not (math.isfinite(mate.sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
             return False
         if not len(self._own):
             return True
+        if not self._own.start_s - EARLIEST_S <= mate.sent_s <= self._own.end_s + CLOCKS_APART_S:
+            return False
         north_m, east_m = self._own.start_m
         off_m = math.hypot(mate.raw_north_m - north_m, mate.raw_east_m - east_m)
         return bool(off_m <= STARTS_APART_M + FASTEST_MPS * (self._own.end_s - self._own.start_s))
