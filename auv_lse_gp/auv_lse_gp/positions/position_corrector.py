@@ -107,8 +107,9 @@ class PositionCorrector:
 
     def add_dead_reckoning(self, position: DeadReckoning) -> None:
         """Takes the vehicle's dead-reckoned position."""
+        refused = self.smoother.refused
         self.smoother.add_dead_reckoning(position)
-        if math.isfinite(position.stamp_s + position.north_m + position.east_m):
+        if self.smoother.refused == refused:
             self._raw = position
 
     def add_fix(self, fix: Fix) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.frames import FARTHEST_M
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.error_model import TeamErrorModel
 from auv_lse_gp.positions.gauss_newton import TERRAIN_STEPS, solve
@@ -133,7 +134,7 @@ class PositionSmoother:
 
     def add_dead_reckoning(self, position: DeadReckoning) -> None:
         """Takes the vehicle's dead-reckoned position; the track continues if its clock is set back."""
-        if not math.isfinite(position.stamp_s):
+        if not (math.isfinite(position.stamp_s) and max(abs(position.north_m), abs(position.east_m)) <= FARTHEST_M):
             self.refused += 1
             return
         time_s = self.clock.advance(position.stamp_s)

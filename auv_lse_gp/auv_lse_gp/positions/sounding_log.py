@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.growing_rows import GrowingRows
+from auv_lse_common.vocabulary.frames import FARTHEST_M
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.track_segments import (
@@ -25,7 +26,8 @@ Numbers = NDArray[np.int64]
 class SoundingLog:
     """Soundings and samples, in order of arrival.
 
-    A sounding whose dead-reckoned position or time is unknown (NaN) stays at its estimated position.
+    A sounding whose dead-reckoned position or time is unknown (NaN) stays at its estimated position, and so does one
+    whose dead-reckoned position is impossible.
     """
 
     def __init__(self) -> None:
@@ -77,6 +79,7 @@ class SoundingLog:
             is_packet: Whether they are the samples of a packet.
         """
         raw = soundings.raw_positions_m
+        raw = np.where((np.abs(raw) <= FARTHEST_M).all(axis=1, keepdims=True), raw, np.nan)
         mapped = np.where(np.isfinite(raw), raw, soundings.locations_m)
         known = np.isfinite(soundings.stamp_s) & np.isfinite(raw).all(axis=1)
         if correction is not None and known.any():

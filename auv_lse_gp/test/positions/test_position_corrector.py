@@ -8,7 +8,7 @@ from positions_helpers import AREA, GP, Ground, played, sail, surface
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig, positions_of
-from auv_lse_common.vocabulary.dead_reckoning import Fix
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.cached_points import CachedMoments, CachedPoints
 from auv_lse_gp.inference.centers import Centers
@@ -199,6 +199,22 @@ def test_without_raw_positions_the_corrector_changes_nothing():
             intake.step(float(t))
     assert np.array_equal(depth_map.centers.locations_m, plain.centers.locations_m)
     assert depth_map.field().std_m == pytest.approx(plain.field().std_m, nan_ok=True)
+
+
+@pytest.mark.parametrize("wrong_m", [1e300, -1e9, np.inf])
+def test_sounding_with_an_impossible_raw_position_stays_at_its_estimated_one(wrong_m: float):
+    depth_map = DepthMap(GP, LevelSet(), AREA)
+    corrector = PositionCorrector(1, CONFIG, depth_map)
+    intake = MapIntake(depth_map, corrector)
+    for t in range(1, 100):
+        raw_m = wrong_m if t == 20 else 2.0 * t
+        heading = {"stamp_s": float(t), "heading_rad": 0.0, "depth_m": 3.0}
+        intake.add_dead_reckoning(DeadReckoning(north_m=2.0 * t, east_m=0.0, **heading))
+        intake.add_soundings([(float(t), 2.0 * t, 0.0, 15.0 + 0.05 * t, raw_m, 0.0)])
+        intake.step(float(t))
+    assert corrector.log.mapped_m[19].tolist() == [40.0, 0.0]
+    assert np.isfinite(depth_map.field().mean_m).all()
+    assert np.isfinite(corrector.smoother.theta).all()
 
 
 def test_positions_are_corrected_except_with_the_papers_methods():

@@ -68,3 +68,42 @@ def test_mates_are_followed_after_this_vehicles_clock_was_set_back(back_s: float
             )
     assert smoother.refused == 1, "the first position after the step might have come late"
     assert smoother.tracks[2].end_s == pytest.approx(smoother.tracks[1].end_s, abs=20.0)
+
+
+def own_track(stamps_s: list[float]) -> PositionSmoother:
+    smoother = PositionSmoother(1, CONFIG)
+    for t, stamp_s in enumerate(stamps_s):
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=stamp_s, heading_rad=0.0, north_m=float(t), east_m=0.0, depth_m=3.0)
+        )
+    return smoother
+
+
+@pytest.mark.parametrize("wrong_s", [1e9, 1e300, 4000.0, -4000.0])
+def test_single_position_with_a_wrong_stamp_is_refused(wrong_s: float) -> None:
+    smoother = own_track([*map(float, range(50)), wrong_s, *map(float, range(51, 100))])
+    assert smoother.refused == 1
+    assert (smoother.clock.set_back_s, smoother.tracks[1].end_s) == (0.0, 99.0)
+
+
+@pytest.mark.parametrize("by_s", [4000.0, 1e9, -4000.0])
+def test_track_goes_on_when_the_clock_is_set(by_s: float) -> None:
+    smoother = own_track([float(t) + by_s * (t >= 50) for t in range(100)])
+    assert smoother.refused == 1
+    assert smoother.clock.set_back_s == pytest.approx(-by_s, abs=2.0)
+    assert smoother.tracks[1].end_s == pytest.approx(99.0, abs=2.0)
+
+
+def test_gap_without_positions_is_time_that_passed() -> None:
+    smoother = own_track([float(t) + 1500.0 * (t >= 50) for t in range(100)])
+    assert (smoother.refused, smoother.tracks[1].end_s) == (0, 1599.0)
+
+
+@pytest.mark.parametrize("north_m", [1e300, -1e9, math.inf, math.nan])
+def test_impossible_dead_reckoned_positions_are_refused(team: list[Sailed], north_m: float) -> None:
+    smoother = smoother_of(CONFIG, team, 0, [])
+    end_s = smoother.tracks[1].end_s
+    smoother.add_dead_reckoning(
+        DeadReckoning(stamp_s=end_s + 1.0, heading_rad=0.0, north_m=north_m, east_m=0.0, depth_m=3.0)
+    )
+    assert (smoother.refused, smoother.tracks[1].end_s) == (1, end_s)
