@@ -344,7 +344,7 @@ def test_a_position_without_a_fresh_heading_gives_no_odometry():
 def test_heartbeats_go_out_whether_or_not_anybody_is_heard():
     pilot = Autopilot()
     pilot.wait(5.0, beat=False)
-    assert len(pilot.heard("HEARTBEAT")) == 5
+    assert len(pilot.heard("HEARTBEAT")) in (9, 10), "twice a second"
     assert pilot.link.state is LinkState.DOWN
 
 

@@ -50,7 +50,12 @@ class LinkConfig:
     acceptance_m: float = parameter(
         4.0, unit="m", above=0.0, help="a leg is complete this far before its end; the next target is then sent"
     )
-    heartbeat_period_s: float = parameter(1.0, unit="s", above=0.0, help="time between sent heartbeats")
+    heartbeat_period_s: float = parameter(
+        0.5,
+        unit="s",
+        above=0.0,
+        help="time between sent heartbeats; ArduSub's failsafe acts after 2.5 s, and a restart of the link takes 1 to 2 s",
+    )
     lost_after_s: float = parameter(
         5.0, unit="s", above=0.0, help="the link is lost when the autopilot has sent no heartbeat for this time"
     )
