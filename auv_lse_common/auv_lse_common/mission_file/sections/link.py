@@ -54,7 +54,7 @@ class LinkConfig:
         0.5,
         unit="s",
         above=0.0,
-        help="time between sent heartbeats; ArduSub's failsafe acts after 2.5 s, and a restart of the link takes 1 to 2 s",
+        help="time between sent heartbeats; ArduSub's failsafe acts 2.5 s after the last one",
     )
     lost_after_s: float = parameter(
         5.0, unit="s", above=0.0, help="the link is lost when the autopilot has sent no heartbeat for this time"
