@@ -44,7 +44,8 @@ class ModemNode(VehicleNode):
             not self.lockstep,
             handshake_s=0.0 if simulated else HANDSHAKE_S,
         )
-        self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
+        with self.journal.restoring():
+            self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
         self._bridge.remember = self.journal.write
         if self.state.values:
             self._bridge.restore_counters(self.state.values)

@@ -84,7 +84,8 @@ class GpNode(VehicleNode):
         self.phase("gp", self.step, lambda: (self._revisions, self._positions, self._judged))
         self._slicer = self.create_timer(_SLICES_S, self._judge_on)
         self._slicer.cancel()
-        self._intake.restore(self.journal.records)
+        with self.journal.restoring():
+            self._intake.restore(self.journal.records)
         self.begin()
 
     def _on_samples(self, samples: Soundings) -> None:

@@ -95,7 +95,8 @@ class PlannerNode(VehicleNode):
         self.listen("mission/state", self._on_state)
         self.listen("team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
-        self._resume()
+        with self.journal.restoring():
+            self._resume()
         self.begin()
 
     def _resume(self) -> None:

@@ -24,7 +24,7 @@ import hashlib
 import json
 import os
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,7 @@ class Journal:
             return None
         first, *lines = data.split(b"\n")
         if first[:1] in (_STALE_HERE, _STALE_BEFORE) and first[1:] == head[1:]:
-            self._set_stale("an earlier process could not write it (disk full?)")
+            self._set_stale("an earlier process could not write it (disk full?), or failed when it repeated it")
             if first[:1] == _STALE_HERE:
                 self._mark_stale()
                 return True
@@ -116,6 +116,20 @@ class Journal:
             self._read_back += 1
         else:
             self.damaged += 1
+
+    @contextlib.contextmanager
+    def restoring(self) -> Iterator[None]:
+        """A context in which a node restores the records; if it fails, no later process repeats them.
+
+        Otherwise a node that fails with its own journal would fail at every restart.
+        """
+        try:
+            yield
+        except Exception:
+            if self._file >= 0:
+                self.close()
+                self._mark_stale()
+            raise
 
     def drop_records(self) -> None:
         """Drops the records, which the node has restored."""

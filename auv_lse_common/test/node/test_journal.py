@@ -154,6 +154,20 @@ def test_journal_that_fails_again_is_stale_again(tmp_path: Path) -> None:
     assert after.records == []
 
 
+def test_journal_with_which_a_node_fails_is_repeated_once(tmp_path: Path) -> None:
+    path = tmp_path / "gp.journal"
+    Journal(path, MISSION).write("step", "bad")
+    journal = Journal(path, MISSION)
+    with pytest.raises(OverflowError), journal.restoring():
+        raise OverflowError("cannot convert float infinity to integer")
+    after = Journal(path, MISSION)
+    assert (after.records, after.damaged) == ([], 0)
+    assert "failed when it repeated it" in after.stale
+    with after.restoring():
+        after.write("step", "good")
+    assert Journal(path, MISSION).records == [["step", "good"]]
+
+
 @pytest.mark.parametrize("mark", [b"?", b"!"])
 def test_process_killed_while_marking_leaves_a_stale_journal(tmp_path: Path, mark: bytes) -> None:
     path = tmp_path / "safety.journal"
