@@ -15,7 +15,7 @@ from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
 from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import UNITS
+from auv_lse_shore.survey_import.parsing.units import UNITS
 from auv_lse_shore.survey_import.run import check_free, dive_parameters, survey_run, survey_table, write_survey
 from auv_lse_shore.survey_import.survey_log import LogError
 from auv_lse_shore.survey_import.team import vehicles_of

@@ -77,6 +77,134 @@ TABLES = {
     ),
 }
 
+UNITS = {
+    "feet with a dot": ("Depth (ft.)", 0.3048),
+    "survey feet": ("Depth (US survey feet)", 0.3048),
+    "feet below a datum": ("Depth [ft MLLW]", 0.3048),
+    "in feet": ("Depth (in feet)", 0.3048),
+    "in inches": ("Depth (in)", 0.0254),
+    "metres below the surface": ("Depth (m below surface)", 1.0),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_a_unit_counts_whatever_stands_beside_it(tmp_path, name):
+    header, unit_m = UNITS[name]
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / unit_m:.3f},{utc(t)}")
+    checked(gathered(tmp_path, data))
+
+
+def test_a_unit_that_is_not_understood_is_named(tmp_path):
+    data = lines("lat,lon,Depth (dbar),utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, data)
+    assert "column Depth (dbar), taken as metres: the unit 'dbar' is not understood" in " ".join(found.lines)
+    assert "not understood" not in " ".join(gathered(tmp_path, data, "--depth-unit", "m").lines)
+
+
+@pytest.mark.parametrize(("names", "unit_m"), [("x_ft,y_ft", 0.3048), ("Easting (km),Northing (km)", 1000.0)])
+def test_positions_in_other_units_than_metres_are_converted(tmp_path, names, unit_m):
+    north, east = local_from_geodetic(ROWS[:, 1], ROWS[:, 2], 46.5, 6.6)
+    body = "\n".join(
+        f"{e / unit_m:.6f},{n / unit_m:.6f},{d:.3f},{t:.0f}"
+        for n, e, (t, _, _, d) in zip(north, east, ROWS, strict=True)
+    )
+    path = tmp_path / "table.csv"
+    path.write_text(f"{names},depth,epoch\n{body}")
+    options = parser().parse_args([str(path)])
+    checked(gather(options.logs, user_facts(options)))
+
+
+@pytest.mark.parametrize(("crs", "unit_m"), [("EPSG:32632", 0.3048), ("EPSG:2263", 0.3048)])
+def test_projected_positions_in_feet_are_those_of_any_system(tmp_path, crs, unit_m):
+    from pyproj import Transformer
+
+    start = (40.6, -73.9) if crs == "EPSG:2263" else (46.5, 6.6)
+    lat, lon = ROWS[:, 1] - 46.5 + start[0], ROWS[:, 2] - 6.6 + start[1]
+    x, y = Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(lon, lat)
+    scale = 1.0 if crs == "EPSG:2263" else unit_m  # the coordinates of the first one are feet themselves
+    body = "\n".join(
+        f"{a / scale:.4f},{b / scale:.4f},{d:.3f},{t:.0f}" for a, b, (t, _, _, d) in zip(x, y, ROWS, strict=True)
+    )
+    found = gathered(
+        tmp_path, "easting_ft,northing_ft,depth,epoch\n" + body, "--crs", crs, "--origin", *map(str, start)
+    )
+    north, east = local_from_geodetic(lat, lon, *start)
+    assert found.placed[0].soundings[:, 1] == pytest.approx(north[: len(ROWS)], abs=0.05)
+    assert found.placed[0].soundings[:, 2] == pytest.approx(east[: len(ROWS)], abs=0.05)
+
+
+def test_angles_in_radians_are_converted(tmp_path):
+    data = lines(
+        "Latitude (rad),Longitude (rad),Depth,utc",
+        lambda t, a, o, d: f"{np.radians(a):.12f},{np.radians(o):.12f},{d:.3f},{utc(t)}",
+    )
+    checked(gathered(tmp_path, data))
+
+
+def test_hemispheres_in_columns_of_their_own_count(tmp_path):
+    for names in ("Latitude,N/S,Longitude,E/W", "lat,lat_dir,lon,lon_dir", "Lat,Lat Hemisphere,Lon,Lon Hemisphere"):
+        data = lines(f"{names},Depth,utc", lambda t, a, o, d: f"{a:.8f},S,{o:.8f},W,{d:.3f},{utc(t)}")
+        found = gathered(tmp_path, data, "--origin", "-46.5", "-6.6")
+        rows = found.placed[0].soundings
+        north, east = local_from_geodetic(-ROWS[:, 1], -ROWS[:, 2], -46.5, -6.6)
+        assert rows[:, 1:3] == pytest.approx(np.column_stack([north, east]), abs=0.01)
+
+
+def test_an_o_is_east_or_west_and_refused(tmp_path):
+    for data in (
+        lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f} N,{o:.8f} O,{d:.3f},{utc(t)}"),
+        lines("lat,N/S,lon,E/W,depth,utc", lambda t, a, o, d: f"{a:.8f},N,{o:.8f},O,{d:.3f},{utc(t)}"),
+    ):
+        with pytest.raises(
+            LogError, match=r"table.txt: the O in .* is east in German and west in French.* Write E or W"
+        ):
+            gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize("header", ["Time (UTC+2)", "Time UTC+02:00", "time (GMT+0200)", "utc+2"])
+def test_a_zone_in_the_header_counts(tmp_path, header):
+    found = gathered(
+        tmp_path, lines(f"lat,lon,depth,{header}", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t + 7200)}")
+    )
+    checked(found)
+    assert not any("zone" in line for line in found.lines)
+
+
+@pytest.mark.parametrize("zone", [" UTC", "UTC", " GMT", " UTC+00:00"])
+def test_utc_behind_a_time_is_its_zone(tmp_path, zone, recwarn):
+    whole = lines("lat,lon,depth,time", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}{zone}")
+    of_day = lines(
+        "lat,lon,depth,date,time",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t, '%Y-%m-%d')},{utc(t, '%H:%M:%S')}{zone}",
+    )
+    for data in (whole,) if "+" in zone else (whole, of_day):
+        found = gathered(tmp_path, data)
+        checked(found)
+        assert not any("zone" in line for line in found.lines)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(("header", "unit_s"), [("Time (min)", 60.0), ("time_min", 60.0), ("Time [h]", 3600.0)])
+def test_elapsed_times_in_minutes_and_hours(tmp_path, header, unit_s):
+    data = lines(f"lat,lon,depth,{header}", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{(t - START_S) / unit_s:.7f}")
+    checked(gathered(tmp_path, data, "--date", utc(START_S) + "Z"))
+
+
+@pytest.mark.parametrize("form", ["%H%M%S", "%H%M%S.00"])
+def test_a_time_of_day_of_six_digits_is_no_count_of_seconds(tmp_path, form):
+    def row(t, a, o, d):
+        return f"{a:.8f},{o:.8f},{d:.3f},{utc(t, '%Y%m%d')},{utc(t, form)}"
+
+    found = gathered(tmp_path, lines("lat,lon,depth,date,time_utc", row))
+    checked(found)
+    assert not any(line.startswith("question") for line in found.lines)
+    checked(gathered(tmp_path, lines("lat,lon,depth,-,utc", row), "--date", utc(START_S)[:10]))
+
+
+def test_the_least_depth_of_a_cell_is_not_a_depth_in_minutes(tmp_path):
+    with pytest.raises(LogError, match="a position or a depth is not among them"):
+        gathered(tmp_path, lines("lat,lon,depth_min,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}"))
+
 
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_is_read_as_it_is(tmp_path, name):

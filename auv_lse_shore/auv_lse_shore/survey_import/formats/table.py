@@ -54,7 +54,9 @@ def _contents(
     read, lines = 0, text.count("\n") + 1
     for piece in columns_of(text, dialect, [column.number for column in used]):
         for role, cells in zip(columns, piece, strict=True):
-            parts[role].append(np.array(cells) if role in texts else tv.values_of(role, cells, dialect.decimal_comma))
+            parts[role].append(
+                np.array(cells) if role in texts else tv.values_of(file.path, role, cells, dialect.decimal_comma)
+            )
         read += len(piece[0])
         file.progress(min(read / lines, 1.0))
     if not read:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of, rows_across
-from auv_lse_shore.survey_import.parsing.times import days, of_day_s
+from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE, days, of_day_s
+from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS, UNITS
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
@@ -39,6 +40,15 @@ ROLES: dict[str, tuple[str, ...]] = {
         "poslon", "lonwgs84", "longitudewgs84", "wgs84lon", "decimallongitude", "laenge", "lange", "länge",
         "laengengrad", "längengrad", "geolaenge", "longitud", "longitudine", "lengdegrad", "lengtegraad", "dlugosc",
         "delka", "dolgota",
+    ),
+    "lat_side": (
+        "ns", "latns", "latitudens", "latdir", "latitudedir", "latdirection", "latitudedirection", "lathemisphere",
+        "latitudehemisphere", "lathem", "latsign", "northsouth", "nsindicator", "nshemisphere", "hemispherens",
+    ),
+    "lon_side": (
+        "ew", "lonew", "longew", "longitudeew", "londir", "longdir", "longitudedir", "londirection",
+        "longitudedirection", "lonhemisphere", "longhemisphere", "longitudehemisphere", "lonhem", "lonsign", "eastwest",
+        "ewindicator", "ewhemisphere", "hemisphereew",
     ),
     "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
     "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
@@ -78,15 +88,6 @@ ROLES: dict[str, tuple[str, ...]] = {
     "z": ("z", "zcoord", "value", "zvalue"),
 }  # fmt: skip
 _BY_NAME = {name: role for role, names in ROLES.items() for name in names}
-#: Units, by the letters in brackets or at the end of a name; metres, or seconds.
-UNITS = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
-    "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01, "mm": 0.001,
-    "dm": 0.1, "km": 1000.0, "in": 0.0254,
-}  # fmt: skip
-#: Units of times, in seconds.
-TIME_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
-_OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -96,20 +97,26 @@ _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
     """What a column's name means; None if it is not used."""
-    text = name.strip().strip("\"'").lower()
+    text = HEADER_ZONE.sub("utc", name.strip().strip("\"'").lower())
     if match := _BRACKETS.search(text):
         unit = match[1].strip()
         text = _BRACKETS.sub("", text)
     words = [word for word in re.split(r"[^a-z0-9äöüß°%]+", text) if word]
-    known = UNITS.keys() | TIME_UNITS.keys() | set(_OTHER_UNITS)
-    if len(words) > 1 and words[-1] in known and "".join(words) not in _BY_NAME:
-        unit = unit or words.pop()
     key = "".join(words)
-    if key not in _BY_NAME:  # a unit without a sign before it: DepthFt, TimeMs
-        cut = next((k for k in known if key.endswith(k) and key[: -len(k)] in _BY_NAME), "")
+    if key not in _BY_NAME:  # a unit at the end, also without a sign before it: DepthFt, TimeMs
+        known = (*UNITS, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS)
+        cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
         key, unit = key.removesuffix(cut), unit or cut
     role = _BY_NAME.get(key)
     return None if role is None else Column(number, role, unit.lower().strip(), name.strip())
+
+
+def _suits(unit: str, key: str) -> bool:
+    """Whether a column of this name can have this unit: the `min` of a depth is no minute."""
+    role = _BY_NAME.get(key)
+    if unit in UNITS:
+        return role is not None and role != "datetime"
+    return role == "datetime" if unit in TIME_UNITS else role is not None
 
 
 def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, Column]:

@@ -15,10 +15,19 @@ from numpy.typing import NDArray
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import TIME_UNITS, UNITS, Column
+from auv_lse_shore.survey_import.parsing.columns import Column
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.text import text_of
-from auv_lse_shore.survey_import.parsing.times import UTC_FROM_S, datetimes, days, of_day_s, seconds
+from auv_lse_shore.survey_import.parsing.times import (
+    UTC_FROM_S,
+    are_six_digits,
+    datetimes,
+    days,
+    header_zone_s,
+    of_day_s,
+    seconds,
+)
+from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, TIME_UNITS, UNITS, factor_of
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
@@ -29,13 +38,15 @@ SAMPLE_LETTERS = 100_000
 #: Number of times, spread over a table, by which their notation is recognized.
 _SAMPLED = 1000
 #: Beginnings of the roles whose cells stay text.
-TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order")
+TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?:\.\d*)?)['′ m:]*)?\s*"
                     r"(?:(\d+(?:\.\d*)?)[\"″ s]*)?\s*([NSEWO])?\s*$", re.IGNORECASE)  # fmt: skip
 #: More names than these in a column of vehicles, or of sounders, number something else.
 _MOST_VEHICLES, _MOST_SOUNDERS = 20, 50
+#: Units that differ by less than this share are the same.
+_SAME_UNIT = 1e-5
 #: Metres of a degree.
 _DEGREE_M = 111_000.0
 #: Metres farther from 0 than this (m) are no local coordinates.
@@ -104,24 +115,63 @@ def beginning(head: bytes) -> str:
     return text[: text.rfind("\n") + 1] or text
 
 
-def values_of(role: str, cells: Sequence[str], decimal_comma: bool) -> Array:
-    """Numbers of cells; angles may have hemispheres, minutes and seconds."""
+def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) -> Array:
+    """Numbers of cells; angles may have hemispheres, minutes and seconds.
+
+    Raises:
+        LogError: if a hemisphere is not clear.
+    """
     numbers = numbers_of(cells, decimal_comma)
     if role not in ("lat", "lon", "x", "y"):
         return numbers
     for i in np.flatnonzero(~np.isfinite(numbers)).tolist():
-        numbers[i] = _angle(cells[i].replace(",", ".") if decimal_comma else cells[i])
+        numbers[i] = _angle(cells[i].replace(",", ".") if decimal_comma else cells[i], path)
     return numbers
 
 
-def _angle(text: str) -> float:
+def _angle(text: str, path: Path) -> float:
     match = _ANGLE.match(text)
     if not match:
         return float("nan")
     before, degrees, minutes, rest, after = match.groups()
-    side = (before or after or "").upper()
     value = abs(float(degrees)) + float(minutes or 0.0) / 60.0 + float(rest or 0.0) / 3600.0
-    return -value if side in ("S", "W") or degrees.startswith("-") else value
+    return -value if degrees.startswith("-") else value * _side(before or after or "", repr(text.strip()), path)
+
+
+def _side(letter: str, where: str, path: Path) -> float:
+    """-1 for S and W, 1 for others.
+
+    Raises:
+        LogError: for an O, which has two meanings; names the file and where the O is.
+    """
+    if letter.upper() == "O":
+        raise LogError(f"{path}: the O in {where} is east in German and west in French and Spanish. Write E or W.")
+    return -1.0 if letter.upper() in ("S", "W") else 1.0
+
+
+def _hemispheres(table: Table, positions: Array) -> Array:
+    """Degrees with the signs that columns of hemispheres give them.
+
+    Raises:
+        LogError: if a hemisphere is not clear.
+    """
+    for number, role in enumerate(("lat_side", "lon_side")):
+        sides = table.values.get(role)
+        if sides is None:
+            continue
+        letters = np.char.upper(np.char.strip(sides).astype("U1"))
+        for letter in np.unique(letters[np.isin(letters, ("N", "S", "E", "W", "O"))]).tolist():
+            rows = letters == letter
+            sign = _side(letter, f"column {table.columns[role].name}", table.path)
+            positions[rows, number] = sign * np.abs(positions[rows, number])
+    return positions
+
+
+def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:
+    """Positions (n, 2) in some unit from columns with units of their own; a column without one is in it already."""
+    factors = [factor_of(table.columns[name].unit, UNITS) / unit_m or 1.0 for name in names]
+    # feet of a survey are often just called feet
+    return positions * [1.0 if abs(factor - 1.0) < _SAME_UNIT else factor for factor in factors]
 
 
 def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
@@ -219,7 +269,8 @@ def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
     """Latitude and longitude, or metres north and east; and whether they are degrees."""
     values = table.values
     if "lat" in values and "lon" in values:
-        return np.column_stack([values["lat"], values["lon"]]), True
+        degrees = [factor_of(table.columns[name].unit, ANGLE_UNITS) or 1.0 for name in ("lat", "lon")]
+        return _hemispheres(table, np.column_stack([values["lat"], values["lon"]]) * degrees), True
     north, east = ("north", "east") if "north" in values and "east" in values else ("y", "x")
     positions = np.column_stack([values[north], values[east]])
     known = positions[np.isfinite(positions).all(axis=1)]
@@ -232,12 +283,16 @@ def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
             turn = Transformer.from_crs(options.crs, "EPSG:4326", always_xy=True)
         except ProjError as error:
             raise LogError(f"--crs {options.crs} is not a coordinate system; write it like EPSG:32632.") from error
+        crs = turn.source_crs
+        if crs is not None and crs.is_projected:
+            positions = _in_units_of(table, (north, east), positions, crs.axis_info[0].unit_conversion_factor)
         lon, lat = turn.transform(positions[:, 1], positions[:, 0])
         return np.column_stack([lat, lon]), True
     if north == "y" and len(known) and np.abs(known[:, 0]).max() <= 90.0 and np.abs(known[:, 1]).max() <= 180.0:
         fine = (np.round(known, 3) != known).mean() > 0.5
         if fine:
             return positions, True
+    positions, known = (_in_units_of(table, (north, east), rows, 1.0) for rows in (positions, known))
     if len(known) and np.abs(np.median(known, axis=0)).max() > _FAR_M:
         middle = np.median(known, axis=0)
         raise LogError(
@@ -252,13 +307,11 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     role = next(role for role in ("depth", "elevation", "z") if role in table.columns)
     column, values = table.columns[role], np.array(table.values[role], dtype=float)
     options.used.add("depth_unit")
-    factor = options.depth_unit_m or UNITS.get(column.unit, 0.0)
+    factor = options.depth_unit_m or factor_of(column.unit, UNITS)
     marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
     content.left_out["depths with a value that marks missing data"] += int(marked.sum())
     values = np.where(marked, np.nan, values) * (factor or 1.0)
-    content.notes.append(
-        f"column {column.name}" + ("" if factor == 1.0 else f", {factor:g} m" if factor else ", in metres")
-    )
+    content.notes.append(f"column {column.name}{_unit_note(column, factor)}")
     content.left_out["depths that are no numbers"] += int((~np.isfinite(values) & ~marked).sum())
     known = values[np.isfinite(values)]
     if role == "depth" and len(known) and (known < 0.0).mean() > 0.9:
@@ -270,6 +323,14 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
     word = next((word for word in _BELOW if word in column.name.lower()), "")
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
+
+
+def _unit_note(column: Column, factor: float) -> str:
+    if factor:
+        return "" if factor == 1.0 else f", {factor:g} m"
+    if not column.unit.strip("- "):
+        return ", in metres"
+    return f", taken as metres: the unit {column.unit!r} is not understood (--depth-unit gives it)"
 
 
 def _from_elevations(
@@ -322,21 +383,25 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     if not first:
         return None
     is_utc = any(word in column.name.lower() for word in ("utc", "gmt", "gps", "epoch", "unix"))
+    is_utc = is_utc or first.strip().endswith(("Z", "UTC", "GMT"))
     sample = texts[:: len(texts) // _SAMPLED + 1]
     date_of = table.columns.get("date")
-    if np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
+    is_of_day = are_six_digits(sample) and column.unit not in TIME_UNITS
+    if not is_of_day and np.isfinite(numbers_of(sample, table.decimal_comma)).mean() > 0.5:
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
         clock = of_day_s(texts)
         if date_of is None:
+            clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
         day, assumed = days(table.values["date"].tolist(), options.day_first)
         is_utc = is_utc or "utc" in date_of.name.lower()
-        has_zone, stamps = False, day + clock
+        has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:
         stamps, has_zone, assumed = datetimes(texts, options.day_first)
         if not np.isfinite(stamps).mean() > 0.5:
             return None
+        stamps = stamps if has_zone else stamps - header_zone_s(column.name)
     if assumed:
         content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
@@ -346,22 +411,20 @@ def _from_numbers(
     numbers: Array, column: Column, table: Table, options: ReadOptions, content: LogContent
 ) -> tuple[Clock, Array]:
     """Epochs, seconds of a day with a date, or seconds from a start."""
-    low = float(np.nanmin(numbers))
+    low, unit_s = float(np.nanmin(numbers)), factor_of(column.unit, TIME_UNITS)
     if (
-        low > 25_569.0
-        and float(np.nanmax(numbers)) < 80_000.0
-        and column.unit not in TIME_UNITS
-        and (numbers % 1.0 != 0.0).any()
+        low > 25_569.0 and float(np.nanmax(numbers)) < 80_000.0 and not unit_s and (numbers % 1.0 != 0.0).any()
     ):  # days of a spreadsheet since 1899-12-30
-        return Clock.LOCAL, (numbers - 25_569.0) * 86_400.0
+        days_s = (numbers - 25_569.0) * 86_400.0 - header_zone_s(column.name)
+        return Clock.UTC if "utc" in column.name.lower() else Clock.LOCAL, days_s
     times = seconds(numbers)
-    if column.unit in TIME_UNITS and low * TIME_UNITS[column.unit] < UTC_FROM_S:
-        times = numbers * TIME_UNITS[column.unit]
+    if unit_s and low * unit_s < UTC_FROM_S:
+        times = numbers * unit_s
     if float(np.nanmin(times)) > 0.3 * UTC_FROM_S:
         return Clock.UTC, times
     if "date" in table.columns and float(np.nanmax(times)) <= 86_401.0:
         day, _ = days(table.values["date"].tolist(), options.day_first)
         if np.isfinite(day).mean() > 0.5:
             name = f"{column.name} {table.columns['date'].name}".lower()
-            return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times
+            return (Clock.UTC if "utc" in name or "gps" in name else Clock.LOCAL), day + times - header_zone_s(name)
     return Clock.ELAPSED, times

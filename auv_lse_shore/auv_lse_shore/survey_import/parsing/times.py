@@ -19,10 +19,15 @@ ROLLOVER_S = 1024 * 7 * 86_400.0
 UTC_TO_S = 2_147_483_000.0
 #: Factors of epochs to seconds, by the magnitude of the numbers.
 _UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (0.0, 1.0))
-_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?$")
+_OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[Mm])?\.?\s*(?:Z|UTC|GMT)?$")
+_SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
-_ZONE = re.compile(r"(?<=[\d:. ]{3})(Z|[+-]\d{2}(?::?\d{2})?)$")
+_ZONE = re.compile(r"(?<=[\d:. ]{3})\s*(Z|UTC|GMT|(?:UTC|GMT)?[+-]\d{2}(?::?\d{2})?)$")
+#: A zone in the header of a column, such as "UTC+2".
+HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
+#: Letters of times that NumPy reads.
+_ISO_LETTERS = frozenset("0123456789-:.TZ \n")
 
 
 def seconds(values: Array) -> Array:
@@ -48,9 +53,15 @@ def _of_day(text: str) -> float:
         if half:
             hour = hour % 12 + (12 if half[0] in "Pp" else 0)
         return hour * 3600.0 + int(minutes) * 60.0 + float((rest or "0").replace(",", "."))
-    if re.fullmatch(r"\d{6}(\.\d*)?", text):
-        return int(text[:2]) * 3600.0 + int(text[2:4]) * 60.0 + float(text[4:])
+    if (match := _SIX_DIGITS.fullmatch(text)) and int(match[1]) < 25 and int(match[2]) < 60 and float(match[3]) < 61.0:
+        return int(match[1]) * 3600.0 + int(match[2]) * 60.0 + float(match[3])
     return float("nan")
+
+
+def are_six_digits(texts: Sequence[str]) -> bool:
+    """Whether all texts that are not blank are times such as "140305": seconds that count up are not for long."""
+    known = [text.strip() for text in texts if text.strip()]
+    return bool(known) and all(map(_SIX_DIGITS.fullmatch, known)) and bool(np.isfinite(of_day_s(known)).all())
 
 
 def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
@@ -111,7 +122,7 @@ def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool
     parts = [re.split(r"[T ,]+", text.strip(), maxsplit=1) for text in bare]
     day, assumed = days([part[0] for part in parts], day_first)
     clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
-    shift = np.array([_zone_s(zone[0]) if zone else 0.0 for zone in zones])
+    shift = np.array([_zone_s(zone[1]) if zone else 0.0 for zone in zones])
     return day + clock - shift, has_zone, assumed
 
 
@@ -120,6 +131,8 @@ def _iso(texts: Sequence[str]) -> Array | None:
     if not texts or len(texts[0]) < 19 or texts[0][4:5] != "-" or texts[0][10] not in "T ":
         return None
     is_utc, joined = texts[0].endswith("Z"), "\n".join([*texts, ""])
+    if not _ISO_LETTERS.issuperset(joined):
+        return None
     zones = (joined.count("Z\n"), joined.count("Z"), joined.count("+"), joined.count("-") - 2 * len(texts))
     if zones != (len(texts) * is_utc, len(texts) * is_utc, 0, 0) or min(map(len, texts)) < 19:
         return None
@@ -131,8 +144,18 @@ def _iso(texts: Sequence[str]) -> Array | None:
     return seconds_
 
 
+def header_zone_s(name: str) -> float:
+    """Seconds by which the times of a column are ahead of UTC, by its name; 0 if it has no zone."""
+    match = HEADER_ZONE.search(name)
+    if not match:
+        return 0.0
+    sign, hours, minutes = match.groups()
+    return (-1.0 if sign == "-" else 1.0) * (int(hours) * 3600.0 + int(minutes or 0) * 60.0)
+
+
 def _zone_s(zone: str) -> float:
-    if zone == "Z":
+    zone = zone.removeprefix("UTC").removeprefix("GMT")
+    if zone in ("", "Z"):
         return 0.0
     digits = zone[1:].replace(":", "").ljust(4, "0")
     return (-1.0 if zone[0] == "-" else 1.0) * (int(digits[:2]) * 3600.0 + int(digits[2:]) * 60.0)

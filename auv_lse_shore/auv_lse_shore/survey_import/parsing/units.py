@@ -1,0 +1,35 @@
+"""Units of a table's columns, as their headers state them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+#: Metres per unit of length.
+UNITS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
+    "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01, "mm": 0.001,
+    "dm": 0.1, "km": 1000.0, "in": 0.0254,
+}  # fmt: skip
+#: Seconds per unit of time.
+TIME_UNITS = {
+    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0,
+    "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
+}  # fmt: skip
+#: Degrees per unit of an angle.
+ANGLE_UNITS = {"rad": 57.29577951308232, "radians": 57.29577951308232}
+#: What else stands where a unit is expected.
+OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
+#: Metres of a foot of the United States' land survey.
+_SURVEY_FOOT_M = 1200.0 / 3937.0
+#: A number that is no part of a name, such as that of "ft/10".
+_FREE_NUMBER = re.compile(r"(?<![a-z\d])\d")
+
+
+def factor_of(text: str, units: Mapping[str, float]) -> float:
+    """The factor of a unit that a text names among other words, such as "ft MLLW"; 0 if it names none of them."""
+    found = [word for word in re.findall(r"[a-z]+", text.lower()) if word in units]
+    if not found or _FREE_NUMBER.search(text.lower()):
+        return 0.0
+    factor = units[next((word for word in found if word != "in"), found[0])]  # "in feet"
+    return _SURVEY_FOOT_M if factor == UNITS["ft"] and "survey" in text.lower() else factor
