@@ -15,7 +15,7 @@ from auv_lse_shore.survey_import.survey_log import LogError, Progress
 HEAD = 65_536
 #: Largest file, and largest unpacked one.
 MOST_BYTES = 300_000_000
-_GZIP = b"\x1f\x8b"
+_GZIP, _GZIP_WBITS = b"\x1f\x8b", 31
 
 
 class LogFile:
@@ -24,12 +24,14 @@ class LogFile:
     Attributes:
         path: Where it is.
         progress: Takes the share that has been read, 0 to 1.
+        is_cut_off: Whether the end of a gzip file is missing or damaged, once its data was read.
     """
 
     def __init__(self, path: Path, progress: Progress = lambda share: None) -> None:
         """Opens nothing yet."""
         self.path = path
         self.progress = progress
+        self.is_cut_off = False
 
     @cached_property
     def head(self) -> bytes:
@@ -65,10 +67,16 @@ class LogFile:
         return text_of(self.data)
 
     def _unpacked(self, most: int) -> bytes:
-        """The first bytes of a gzip file, as far as it is intact."""
-        unpacker, parts, size = zlib.decompressobj(wbits=31), [], 0
+        """The first bytes of a gzip file, of all its parts, as far as it is intact."""
+        unpacker, parts, size, packed = zlib.decompressobj(wbits=_GZIP_WBITS), [], 0, b""
         with self.path.open("rb") as file:
-            while size < most and (packed := file.read(1 << 20)):
+            while size < most:
+                packed = packed or file.read(1 << 20)
+                if unpacker.eof and (packed := packed.lstrip(b"\0")):  # another part; zeros fill up a tape's block
+                    unpacker = zlib.decompressobj(wbits=_GZIP_WBITS)
+                if not packed:
+                    self.is_cut_off = not unpacker.eof
+                    break
                 try:
                     parts.append(unpacker.decompress(packed, most - size))
                 except zlib.error as error:
@@ -76,8 +84,10 @@ class LogFile:
                         raise LogError(
                             f"{self.path} is a damaged gzip file ({brief(error)}). Copy it again."
                         ) from error
+                    self.is_cut_off = True
                     break
                 size += len(parts[-1])
+                packed = unpacker.unused_data if unpacker.eof else unpacker.unconsumed_tail
         return b"".join(parts)
 
 

@@ -56,6 +56,8 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
     for module in formats():
         if module.recognizes(file):
             contents: list[LogContent] = module.read(file, options)
+            if file.is_cut_off:
+                contents[0].notes.append("the gzip file is damaged or cut off: what follows is missing")
             return contents
     known = "; ".join((module.__doc__ or "").splitlines()[0].rstrip(".") for module in formats())
     raise LogError(f"{path} is of no format that can be read. These can: {known}.")

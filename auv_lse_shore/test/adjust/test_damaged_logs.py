@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import resource
 import time
@@ -62,3 +63,24 @@ def test_damaged_files_end_in_one_sentence(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - before < MOST_BYTES
     assert ended["read"] > 0.3 * FILES
     assert ended["refused"] > 0
+
+
+def test_a_gzip_file_of_several_parts_is_read_to_its_end(tmp_path):
+    data = nmea(ROWS).encode()
+    cut = data.index(b"\n", len(data) // 2) + 1
+    path = tmp_path / "a.nmea.gz"
+    path.write_bytes(gzip.compress(data[:cut]) + gzip.compress(data[cut:]) + b"\0" * 512)
+    found = gather([path], user_facts(parser().parse_args([str(path)])))
+    (tmp_path / "a.nmea").write_bytes(data)
+    whole = gather([tmp_path / "a.nmea"], user_facts(parser().parse_args([str(path)])))
+    assert found.placed[0].soundings.tolist() == whole.placed[0].soundings.tolist()
+    assert "cut off" not in " ".join(found.lines)
+
+
+@pytest.mark.parametrize("end", ["cut", "garbage"])
+def test_the_missing_end_of_a_gzip_file_is_reported(tmp_path, end):
+    packed = gzip.compress(nmea(ROWS).encode())
+    path = tmp_path / "a.nmea.gz"
+    path.write_bytes(packed[: len(packed) * 3 // 4] if end == "cut" else packed + b"garbage")
+    found = gather([path], user_facts(parser().parse_args([str(path)])))
+    assert "the gzip file is damaged or cut off: what follows is missing" in found.lines[0]
