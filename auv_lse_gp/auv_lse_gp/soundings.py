@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES, MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
-from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,9 @@ _ELEVATION = ("elevation_m", "elevation", "z_m")
 
 #: Keys of columns whose fields may be empty.
 _UNCERTAINTIES = ("north_std", "east_std", "tvu")
+
+#: Columns of hemispheres, which are not read: without them, a survey in the south would lie in the north.
+_HEMISPHERES = ("n/s", "e/w", "ns", "ew", "lat_dir", "lon_dir", "lat_hemisphere", "lon_hemisphere")
 
 _NEEDED_COLUMNS = (
     "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
@@ -205,7 +208,9 @@ def local_positions(table: SoundingsTable, origin: tuple[float, float] | None = 
     assert lat is not None
     assert lon is not None
     if origin is None:
-        origin = (float((lat.min() + lat.max()) / 2.0), longitude_180(float((lon.min() + lon.max()) / 2.0)))
+        unwrapped = unwrapped_deg(lon)
+        middle = longitude_180(float((unwrapped.min() + unwrapped.max()) / 2.0))
+        origin = float((lat.min() + lat.max()) / 2.0), middle
         notes = (*notes, "origin set to the middle of the soundings")
     north, east = local_from_geodetic(lat, lon, *origin)
     return LocalPositions(north_m=north, east_m=east, origin=origin, from_degrees=True, notes=notes)
@@ -282,7 +287,13 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
                 f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}, but the header has {len(header)}"
             )
         for key, index in indices.items():
-            values[key].append(_number(fields[index], key, f"{path}:{number}: {header[index]}"))
+            values[key].append(
+                _number(
+                    fields[index] if separator == "," else fields[index].replace(",", "."),
+                    key,
+                    f"{path}:{number}: {header[index]}",
+                )
+            )
         if vehicle is not None:
             vehicles.append(fields[vehicle].strip())
     arrays = {key: np.array(found) for key, found in values.items()}
@@ -331,6 +342,12 @@ def _columns(header: list[str], where: str) -> dict[str, int]:
             del wanted[a], wanted[b]
     depth = column(_DEPTH)
     wanted |= {"depth": column(_ELEVATION) if depth is None else depth, "time": column(("time_s",))}
+    sides = [name for name in header if name in _HEMISPHERES]
+    if sides and "lat" in wanted:
+        raise SoundingsError(
+            f"{where}: the column {sides[0]} is not read. Write degrees south and west as negative numbers, and "
+            "remove it"
+        )
     indices = {key: index for key, index in wanted.items() if index is not None}
     if "depth" not in indices or not {"north", "lat"} & set(indices):
         shown = ", ".join(name[:40] for name in header[:30])

@@ -32,6 +32,30 @@ def test_degrees_use_their_middle_as_origin_only_if_none_is_needed(tmp_path):
         read_soundings_and_origin(path)
 
 
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+def test_decimal_commas_between_other_separators(tmp_path, separator):
+    path = tmp_path / "survey.txt"
+    rows = [["east_m", "north_m", "depth_m"], ["20,5", "10,25", "5,5"]]
+    path.write_text("\n".join(separator.join(row) for row in rows))
+    assert read_soundings(path).tolist() == [[10.25, 20.5, 5.5]]
+
+
+def test_the_middle_of_soundings_on_both_sides_of_the_antimeridian_is_between_them(tmp_path):
+    path = tmp_path / "survey.csv"
+    path.write_text("lat,lon,depth_m\n-16.8,179.999,10\n-16.802,-179.997,11\n")
+    soundings, origin = read_soundings_and_origin(path)
+    assert origin == pytest.approx((-16.801, -179.999))
+    assert np.abs(soundings[:, :2]).max() < 250.0
+
+
+@pytest.mark.parametrize("names", ["lat,N/S,lon,E/W", "lat,lat_dir,lon,lon_dir"])
+def test_hemispheres_in_columns_of_their_own_are_refused(tmp_path, names):
+    path = tmp_path / "survey.csv"
+    path.write_text(f"{names},depth_m\n16.8,S,6.6,W,10\n")
+    with pytest.raises(SoundingsError, match=r"survey\.csv:1: the column (n/s|lat_dir) is not read.*negative numbers"):
+        read_table(path)
+
+
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04 cut off", b"north_m,east_m,depth_m\n1,2,3\n"])
 def test_files_other_than_npz_are_named(tmp_path, data):
     path = tmp_path / "bad.npz"

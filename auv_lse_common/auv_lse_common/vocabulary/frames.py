@@ -51,6 +51,12 @@ def heading_from_quaternion(x: float, y: float, z: float, w: float) -> float:
     return heading_from_yaw(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
+def unwrapped_deg(lon_deg: Any) -> Array:
+    """Longitudes (deg) without a jump between them: from 0 to 360 if some lie on both sides of the antimeridian."""
+    lon = np.asarray(lon_deg, float)
+    return lon % 360.0 if lon.size and float(np.ptp(lon)) > 180.0 else lon
+
+
 @lru_cache(maxsize=8)
 def _projection(lat0_deg: float, lon0_deg: float) -> Any:
     from pyproj import Proj

@@ -15,6 +15,7 @@ from auv_lse_common.vocabulary.frames import (
     heading_from_yaw,
     local_from_geodetic,
     quaternion_from_heading,
+    unwrapped_deg,
     wrap_pi,
     yaw_from_heading,
 )
@@ -59,6 +60,12 @@ def test_positions_survive_the_geodetic_round_trip(north_m: float, east_m: float
     lat, lon = geodetic_from_local(north_m, east_m, 17.1221, -91.6281)
     north, east = local_from_geodetic(lat, lon, 17.1221, -91.6281)
     assert math.hypot(float(north) - north_m, float(east) - east_m) < 1e-3  # PROJ takes the last 0.6 mm for the origin
+
+
+def test_longitudes_on_both_sides_of_the_antimeridian_have_no_jump() -> None:
+    assert unwrapped_deg([179.9, -179.9]).tolist() == pytest.approx([179.9, 180.1])
+    assert unwrapped_deg([-0.1, 0.1]).tolist() == [-0.1, 0.1]
+    assert unwrapped_deg([]).tolist() == []
 
 
 def test_streams_repeat_and_differ_by_name() -> None:

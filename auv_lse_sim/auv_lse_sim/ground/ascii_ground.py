@@ -25,7 +25,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     rows = 0
     if too_large := over_size(path, MAX_TEXT_BYTES):
         raise GroundError(f"{too_large}. Cut the grid, or make it coarser")
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, 1):
             fields = line.split()
             if not fields:

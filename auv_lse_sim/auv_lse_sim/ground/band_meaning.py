@@ -60,6 +60,13 @@ def is_other(text: str) -> bool:
     return _OTHER.search(plain) is not None
 
 
+def _unit_in(text: str) -> str:
+    """The unit at the end of a name, such as depth_ft; "" without one. That after a number is of a resolution."""
+    found = [word for word in re.split(r"[\W_]+", text.lower()) if word]
+    is_unit = len(found) > 1 and found[-1] in _METRES and not found[-2][-1].isdigit()
+    return found[-1] if is_unit else ""
+
+
 def metres_per(unit: str, where: str) -> float:
     """Metres per unit; 1 without a unit.
 
@@ -92,7 +99,10 @@ def meaning(
     said += [text_says_up(texts.get(key, "")) for key in ("description", "standard_name", "long_name", "name", "unit")]
     said += [False if unit.lower().startswith("fathom") else None, None if vertical is None else vertical[0]]
     said += [text_says_up(file_name)]
-    unit_m = metres_per(unit, where) if unit or vertical is None else vertical[1]
+    in_names = [_unit_in(texts.get(key, "")) for key in ("description", "long_name", "name")]
+    in_names += [_unit_in(file_name)] if vertical is None else []
+    named = unit or next(filter(None, in_names), "")
+    unit_m = metres_per(named, where) if named or vertical is None else vertical[1]
     name = next((texts[key] for key in ("description", "name", "long_name") if texts.get(key)), "values")
     up = next((one for one in said if one is not None), None)
     return Meaning(up=up, unit_m=unit_m, name=name, is_silent=up is None and not unit and name == "values")

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.user_error import brief
-from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import longitude_180
 from auv_lse_sim.ground.band_meaning import Meaning, text_says_up
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, grid_depths, upside_down
@@ -63,7 +63,8 @@ def raster_ground(
     if not (np.isfinite(lat).all() and np.isfinite(lon).all()):
         raise GroundError(f"{path}: the corner {x[0]:g}, {y[0]:g} or {x[-1]:g}, {y[-1]:g} is outside of its projection")
     if origin is None:
-        origin = checked_origin(np.mean(lat), longitude_180(float(np.mean(lon))), f"{path}: the middle of the raster")
+        middle = longitude_180(float(np.mean(unwrapped_deg(lon))))
+        origin = checked_origin(np.mean(lat), middle, f"{path}: the middle of the raster")
     north, east = local_from_geodetic(lat, lon, *origin)
     if not np.isfinite([north, east]).all():
         raise GroundError(f"{path}: its corners are too far from its middle, or outside of its projection")
@@ -71,6 +72,9 @@ def raster_ground(
     north_m, east_m = _local_axes(path, north, east, grid.shape)
     lat, lon = geodetic_from_local(*np.meshgrid(north_m, east_m, indexing="ij"), *origin)
     rx, ry = to_raster.transform(lon, lat)
+    if to_raster.target_crs is not None and to_raster.target_crs.is_geographic:
+        half_turn = 180.0 - (x[0] + x[-1]) / 2.0  # the raster may have longitudes from 0 to 360
+        rx = (np.asarray(rx) + half_turn) % 360.0 - half_turn
     rows = (np.asarray(ry) - y[0]) / (y[1] - y[0])
     columns = (np.asarray(rx) - x[0]) / (x[1] - x[0])
     # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.

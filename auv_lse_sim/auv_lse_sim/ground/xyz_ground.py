@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
-from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 from auv_lse_gp.soundings import is_far, is_no_data
 from auv_lse_sim.ground.band_meaning import text_says_up
 from auv_lse_sim.ground.depth_sign import grid_depths
@@ -64,7 +64,9 @@ def read_xyz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, f
     if not len(depth):
         raise GroundError(f"{path} has no point with a depth")
     where = [lines[k] for k in kept]
-    if np.ptp(x) < 10.0 and np.ptp(y) < 10.0 and (np.abs(x) <= 360.0).all() and (np.abs(y) <= 90.0).all():
+    is_geodetic = bool((np.abs(x) <= 360.0).all() and (np.abs(y) <= 90.0).all() and np.ptp(y) < 10.0)
+    if is_geodetic and np.ptp(unwrapped_deg(x)) < 10.0:
+        x = unwrapped_deg(x)
         origin = origin or (float(y.min() + y.max()) / 2.0, (float(x.min() + x.max()) / 2.0 + 180.0) % 360.0 - 180.0)
         north, east = local_from_geodetic(y, x, *origin)
         check_near(path, north, east, y, x, origin)

@@ -64,6 +64,17 @@ def test_the_unit_is_converted(tmp_path, unit, metres):
     assert ("converted from units of" in described) == (unit != "m")
 
 
+@pytest.mark.parametrize(("file", "names"), [("depth.tif", ["Depth (ft)"]), ("depth_feet.tif", ())])
+def test_a_unit_in_a_name_counts(tmp_path, file, names):
+    said = check(tif(tmp_path / file, (DEPTH / 0.3048).astype("float32"), names=names))
+    assert "converted from units of 0.3048 m" in said
+
+
+@pytest.mark.parametrize("file", ["depth_1_ft.tif", "depth_10cm.tif", "depth_ft_2026.tif"])
+def test_the_resolution_in_a_files_name_is_no_unit(tmp_path, file):
+    assert "converted" not in check(tif(tmp_path / file, DEPTH.astype("float32")))
+
+
 def test_a_unit_that_is_no_length_is_refused(tmp_path):
     with pytest.raises(GroundError, match="its unit is 'degC', which is not a length"):
         load_ground(tif(tmp_path / "g.tif", -DEPTH, unit="degC"))

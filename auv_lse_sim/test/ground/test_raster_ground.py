@@ -85,3 +85,25 @@ def test_geotiff(tmp_path):
     (tmp_path / "bad.tif").write_bytes(b"nothing")
     with pytest.raises(GroundError, match="not a readable raster"):
         load_ground(tmp_path / "bad.tif")
+
+
+@pytest.mark.parametrize("west", [179.998, -180.002, 288.3])
+def test_a_raster_on_both_sides_of_the_antimeridian_is_read_whole(tmp_path, west):
+    step = 5e-5
+    lat, lon = -16.8 + step * np.arange(60), west + step * np.arange(80)
+    from auv_lse_common.vocabulary.frames import local_from_geodetic
+
+    north, east = local_from_geodetic(*np.meshgrid(lat, lon, indexing="ij"), -16.8 + step * 29.5, west + step * 39.5)
+    (tmp_path / "depth.asc").write_text(ascii_text(bottom(north, east), west, -16.8, step, "xllcenter"))
+    ground = load_ground(tmp_path / "depth.asc")
+    assert abs(ground.origin[1]) <= 180.0
+    assert (ground.origin[1] - (west + step * 39.5) + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-9)
+    n, e = np.random.default_rng(1).uniform(-120, 120, (2, 200))
+    assert np.abs(ground.depth_m(n, e) - bottom(n, e)).max() < 0.1
+
+
+def test_an_ascii_grid_with_a_byte_order_mark(tmp_path):
+    axis = np.arange(0.0, 401.0, 10.0)
+    text = ascii_text(bottom(*np.meshgrid(axis, axis, indexing="ij")), 0.0, 0.0, 10.0, "xllcenter")
+    (tmp_path / "depth.asc").write_text("\ufeff" + text, encoding="utf-8")
+    check_bottom(load_ground(tmp_path / "depth.asc"), tolerance=0.05)

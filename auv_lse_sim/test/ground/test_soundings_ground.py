@@ -33,6 +33,17 @@ def test_soundings_with_comments_other_columns_and_repeats(tmp_path):
     check_bottom(load_ground(path))
 
 
+@pytest.mark.parametrize(("name", "header"), [("s.csv", ["lon", "lat", "depth_m"]), ("depth.xyz", None)])
+def test_soundings_on_both_sides_of_the_antimeridian(tmp_path, name, header):
+    north, east, depth = soundings()
+    lat, lon = geodetic_from_local(north - 200.0, east - 200.0, -16.8, 180.0)
+    assert np.ptp(lon) > 359.0
+    path = write_csv(tmp_path / name, header or ["# lon", "lat", "depth"], lon, lat, depth)
+    ground = load_ground(path)
+    assert abs(ground.origin[1]) == pytest.approx(180.0, abs=1e-4)
+    check_bottom(ground, offset=(200.0, 200.0), tolerance=0.4)
+
+
 def test_soundings_in_degrees(tmp_path):
     north, east, depth = soundings()
     lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
