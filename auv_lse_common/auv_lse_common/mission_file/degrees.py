@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, nest
 from auv_lse_common.support.input_bounds import MAX_CORNERS
-from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 
 Array = NDArray[np.float64]
 Patterns = dict[str, dict[str, Any]]
@@ -204,8 +204,9 @@ def _origin(area: Mapping[str, Any], content: AreaContent | None, where: str) ->
             f"{where}: positions in degrees need area.origin_lat_deg and area.origin_lon_deg, which are "
             f"{origin[0]!r} and {origin[1]!r}"
         )
-    middle = (content.area.min(axis=0) + content.area.max(axis=0)) / 2.0
-    return round(float(middle[0]), 5), round(float(middle[1]), 5)
+    lat, lon = content.area[:, 0], unwrapped_deg(content.area[:, 1])
+    middle_deg = float(lon.min() + lon.max()) / 2.0
+    return round(float(lat.min() + lat.max()) / 2.0, 5), round(middle_deg - (360.0 if middle_deg >= 180.0 else 0.0), 5)
 
 
 def _metres(name: str, position: tuple[float, float], origin: tuple[float, float]) -> dict[str, float]:
@@ -254,8 +255,9 @@ def checked(ring: Array, key: str, most: int | None = MAX_CORNERS) -> Array:
         raise ParameterError(f"{key} has {len(ring):,} corners, more than {most:,}. Simplify the polygon")
     for latitude, longitude in ring.tolist():
         if not (math.isfinite(latitude) and abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-            swapped = ". Are latitude and longitude swapped?" if abs(longitude) <= 90.0 < abs(latitude) else ""
+            is_swapped = abs(longitude) <= 90.0 < abs(latitude) <= 180.0
+            cure = "Are they swapped?" if is_swapped else "Write WGS84 (EPSG:4326), longitudes from -180 to 180"
             raise ParameterError(
-                f"{key}: latitude {latitude:g}, longitude {longitude:g} is not a position in degrees{swapped}"
+                f"{key}: latitude {latitude:g}, longitude {longitude:g} is not a position in degrees. {cure}"
             )
     return ring

@@ -47,6 +47,11 @@ class Feature:
     closes: str = ""
 
 
+def is_resource_fork(name: str) -> bool:
+    """Whether a file in an archive is not content but what macOS adds beside it."""
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("._")
+
+
 def words(text: str) -> str:
     """Text in lower case with its words separated by single blanks: 'NoGo_1' becomes 'no go 1'."""
     return re.sub(r"[\W_]+|(?<=[a-z])(?=[A-Z])|(?<=[^\W\d_])(?=\d)", " ", text).lower().strip()

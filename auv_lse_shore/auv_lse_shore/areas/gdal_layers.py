@@ -10,7 +10,7 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import brief
-from auv_lse_shore.areas.features import Feature, named_feature, with_geometry
+from auv_lse_shore.areas.features import Feature, is_resource_fork, named_feature, with_geometry
 from auv_lse_shore.areas.projection import to_degrees
 
 #: Largest size of all files of a zipped shapefile.
@@ -82,7 +82,8 @@ def zipped_features(data: bytes, where: str) -> Iterator[Feature]:
     """
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-        parts = [info for info in archive.infolist() if Path(info.filename).suffix.lower() in _SHAPEFILE]
+        parts = [info for info in archive.infolist() if not is_resource_fork(info.filename)]
+        parts = [info for info in parts if Path(info.filename).suffix.lower() in _SHAPEFILE]
         if sum(info.file_size for info in parts) > _MAX_UNPACKED_BYTES:
             raise ParameterError(f"{where} has more than {_MAX_UNPACKED_BYTES / 1e6:.0f} MB when unpacked")
         contents = {info.filename.replace("/", "_"): archive.read(info) for info in parts}

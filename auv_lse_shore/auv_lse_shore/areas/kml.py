@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import brief
-from auv_lse_shore.areas.features import Feature, line_of, named_feature, ring_of
+from auv_lse_shore.areas.features import Feature, is_resource_fork, line_of, named_feature, ring_of
 from auv_lse_shore.areas.xml_tree import read_xml, text_of
 
 #: Features without a geometry of their own.
@@ -31,7 +31,8 @@ def kmz_features(data: bytes, where: str) -> Iterator[Feature]:
     """
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-        names = [info for info in archive.infolist() if info.filename.lower().endswith(".kml")]
+        names = [info for info in archive.infolist() if not is_resource_fork(info.filename)]
+        names = [info for info in names if info.filename.lower().endswith(".kml")]
         if too_large := [info.filename for info in names if info.file_size > _MAX_DOCUMENT_BYTES]:
             raise ParameterError(f"{where}: {too_large[0]} has more than {_MAX_DOCUMENT_BYTES / 1e6:.0f} MB")
         documents = {info.filename: _unpacked(archive, info, where) for info in names}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.degrees import NAMING, AreaContent, add_no_go, checked
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.frames import unwrapped_deg
 from auv_lse_shore.areas.features import Feature, words
 from auv_lse_shore.areas.outline import outline
 
@@ -146,7 +147,11 @@ def _check_extent(features: Sequence[Feature], where: str) -> None:
         mine = [*feature.rings, *([feature.line] if feature.line is not None and len(feature.line) else [])]
         mine += [np.array([feature.point])] if feature.point else []
         everywhere += [checked(ring, f"{where}: {feature.name!r}", None) for ring in mine]
-    if everywhere and (extent := np.ptp(np.concatenate(everywhere), axis=0)).max() > MAX_EXTENT_DEG:
+    if not everywhere:
+        return
+    lat, lon = np.concatenate(everywhere).T
+    extent = np.array([np.ptp(lat), np.ptp(unwrapped_deg(lon))])
+    if extent.max() > MAX_EXTENT_DEG:
         raise ParameterError(
             f"{where}: it spans {extent[0]:.3g} deg of latitude and {extent[1]:.3g} deg of longitude, more than "
             f"{MAX_EXTENT_DEG:g}. Are latitude and longitude swapped in one of its features?"

@@ -10,6 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from auv_lse_common.mission_file.degrees import in_metres
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_shore.areas.area_file import read_area
@@ -136,6 +137,14 @@ def test_kmz_is_unpacked(tmp_path):
         read(tmp_path, packed.getvalue()[:-40], "b.kmz")
 
 
+def test_a_kmz_that_macos_packed_is_read(tmp_path):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.kml", document(LAKE_AND_PIER))
+        archive.writestr("__MACOSX/._doc.kml", b"\0\5\x16\7 Mac OS X")
+    np.testing.assert_array_equal(read(tmp_path, packed.getvalue(), "a.kmz").area, AREA)
+
+
 def gdal_file(tmp_path, name, crs="EPSG:4326", **layers):
     pyogrio = pytest.importorskip("pyogrio")
     import shapely
@@ -176,6 +185,28 @@ def test_a_shapefile_is_read_in_its_own_projection_and_zipped(tmp_path):
             if part != packed:
                 archive.write(part, part.name)
     np.testing.assert_array_equal(read_area(packed).area, content.area)
+    with zipfile.ZipFile(packed, "a") as archive:  # as macOS packs it
+        archive.writestr("__MACOSX/._a.shp", b"\0\5\x16\7 Mac OS X")
+    np.testing.assert_array_equal(read_area(packed).area, content.area)
+
+
+def test_an_area_on_both_sides_of_the_antimeridian(tmp_path):
+    lake = [(179.999, -16.8), (-179.999, -16.8), (-179.999, -16.798), (179.999, -16.798)]
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [lake]}}
+    content = read(tmp_path, json.dumps(feature), "a.geojson")
+    np.testing.assert_array_equal(content.area, [(lat, lon) for lon, lat in lake])
+    given = {"/**": {"area": {"file": "a.geojson"}}}
+    area = in_metres(given, tmp_path, "mission.yaml", read_area)["/**"]["area"]
+    assert area["origin_lon_deg"] == pytest.approx(-180.0)
+    assert np.abs(area["polygon_m"]).max() < 120.0
+
+
+@pytest.mark.parametrize("corner", [(315_846.0, 5_152_400.0), (288.3, -41.1)])
+def test_coordinates_that_are_no_degrees_name_the_cure(tmp_path, corner):
+    lake = [corner, (corner[0] + 1e-3, corner[1]), (corner[0], corner[1] + 1e-3)]
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [lake]}}
+    with pytest.raises(ParameterError, match=r"is not a position in degrees\. Write WGS84 .*from -180 to 180"):
+        read(tmp_path, json.dumps(feature), "a.geojson")
 
 
 def test_geojson_in_another_projection_is_converted(tmp_path):
