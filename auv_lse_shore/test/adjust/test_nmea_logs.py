@@ -9,7 +9,7 @@ from adjust.survey_logs import ORIGIN, START_S, depth_m, nmea, sentence, survey
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
-from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
+from auv_lse_shore.survey_import.log_content import NO_FIX, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.reading import read_logs
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -216,3 +216,20 @@ def test_the_same_sounding_in_two_files_counts_once(tmp_path):
     found = gathered(tmp_path, None)
     assert "- left out: 200 soundings that another file has, too" in found.lines
     assert sum(len(log.soundings) for log in found.placed) == len(rows)
+
+
+def test_positions_by_dead_reckoning_are_no_fixes(tmp_path):
+    lines = [line.split("*")[0] for line in nmea(survey()[:60]).splitlines() if "GGA" not in line]
+    lines[::4] = [line.removesuffix("A") + "E" for line in lines[::4]]  # every other RMC
+    content = content_of(tmp_path, "\r\n".join(lines))
+    assert len(content.positions["GPRMC"]) == 30
+    assert content.left_out[NO_FIX] == 30
+
+
+def test_a_transducers_depth_that_changes_is_reported(tmp_path):
+    lines = [line for line in nmea(survey()[:60]).splitlines() if "RMC" in line or "GGA" in line]
+    rmc = [line for line in lines if "RMC" in line]
+    text = "".join(f"{line}\r\n$SDDPT,10.0,{0.5 if i > 30 else 0.0}\r\n" for i, line in enumerate(rmc))
+    said = " ".join(content_of(tmp_path, text).notes)
+    assert "SDDPT states a transducer's depth that changes from 0 to 0.5 m" in said
+    assert "changes" not in " ".join(content_of(tmp_path, text.replace(",0.0", ",0.5")).notes)

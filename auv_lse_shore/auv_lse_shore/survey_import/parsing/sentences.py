@@ -32,11 +32,13 @@ _DAY_S = 86_400.0
 #: Metres in the units of depth sentences, in order of their accuracy: field of the number, and the factor.
 _UNITS = ((2, 1.0), (0, 0.3048), (4, 1.8288))
 _REFERENCES = {"DPT": Reference.TRANSDUCER, "DBT": Reference.TRANSDUCER, "DBS": Reference.SURFACE}
-#: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of GLL and of GNS that are none.
-_NO_GGA, _NO_GLL, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
+#: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of others that are none.
+_NO_GGA, _NO_MODE, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
 _NUMBER = re.compile(rb"\s*[+-]?\d+\.?\d*")
 #: A clock that goes back by more than this (s) has begun another day or another dive; less is disorder of talkers.
 _BACK_S = 60.0
+#: Depths of a transducer (m) that differ by less are the same.
+_SAME_OFFSET_M = 0.01
 #: Standard deviation (s) of the time by which sounders and plotters deliver a depth late.
 SOUNDER_LAG_STD_S = 0.5
 
@@ -178,6 +180,11 @@ class SentenceReader:
         if source.endswith("DPT") and offset_m > 0.0:
             reference = Reference.SURFACE
             content.notes.append(f"{source} depths plus the transducer's depth that they state, {offset_m:g} m")
+        if np.ptp(offsets := np.maximum(rows[:, 2], 0.0)) > _SAME_OFFSET_M:
+            content.notes.append(
+                f"{source} states a transducer's depth that changes from {offsets.min():g} to {offsets.max():g} m; "
+                "each depth counts with its own"
+            )
         stated_m = offset_m if reference is Reference.SURFACE and source.endswith("DPT") else 0.0
         content.sounders[source] = Sounder(reference=reference, offset_m=stated_m)
         stamps, before = rows[:, 0], np.zeros(len(rows), dtype=bool)
@@ -243,12 +250,12 @@ def _is_fix(found: Sentences, rows: Numbers, kind: str) -> Mask:
     if kind == "GGA":
         is_fix = ~np.isin(found.cells(rows, 5), _NO_GGA)
     elif kind == "RMC":
-        is_fix = found.cells(rows, 1) == b"A"
+        is_fix = (found.cells(rows, 1) == b"A") & ~np.isin(found.cells(rows, 11, 1), _NO_MODE)
     elif kind == "GNS":
         is_fix = np.char.lstrip(found.cells(rows, 5), _NO_GNS) != b""
     else:
         status, mode = found.cells(rows, 5, 1), found.cells(rows, 6, 1)
-        is_fix = (found.counts[rows] < 6) | ((status == b"A") & ~np.isin(mode, _NO_GLL))
+        is_fix = (found.counts[rows] < 6) | ((status == b"A") & ~np.isin(mode, _NO_MODE))
     return is_fix
 
 
