@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.soundings import is_no_data
 from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
 
 Array = NDArray[np.float64]
@@ -159,8 +160,16 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
             for row in reader:
                 value = _utc_s(row[first]) if first == "time_utc" else _number(row[first] or "")
                 level = _number(row[second] or "")
+                where, unclear = f"{option} {path}:{reader.line_num}", first if value is None else second
                 if value is None or level is None:
-                    raise SurveyError(f"{option} {path}:{reader.line_num}: {row} are not all numbers")
+                    cure = "a time such as 2026-06-14T09:00:00Z" if unclear == "time_utc" else "a number"
+                    raise SurveyError(f"{where}: {unclear} is {row[unclear]!r}; write {cure}")
+                if is_no_data(level):
+                    raise SurveyError(
+                        f"{where}: {second} is {level:g}, a common mark for missing data. Remove this line"
+                    )
+                if first == "depth_m" and value < 0.0:
+                    raise SurveyError(f"{where}: depth_m is {value:g} m; write depths positive down")
                 rows.append((value, level))
     except (csv.Error, UnicodeDecodeError) as error:
         raise SurveyError(f"{option} {path}: {error}; {needed}") from error

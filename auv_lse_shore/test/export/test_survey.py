@@ -206,6 +206,34 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
     assert re.search(message, capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        (
+            "--water-level",
+            "time_s,level_m\n0,1\n5,-9999\n9,1\n",
+            r":3: level_m is -9999, a common mark .* Remove this line",
+        ),
+        (
+            "--water-level",
+            "time_utc,level_m\n14.06.2026 09:00,1\n",
+            r":2: time_utc is '14.06.2026 09:00'; write a time such",
+        ),
+        ("--water-level", 'time_s,level_m\n0,"1,5"\n', r":2: level_m is '1,5'; write a number"),
+        (
+            "--sound-speed",
+            "depth_m,sound_speed_mps\n-50,1440\n0,1480\n",
+            r":2: depth_m is -50 m; write depths positive down",
+        ),
+    ],
+)
+def test_tables_that_would_be_misread_are_refused(tmp_path, capsys, lake, option, text, message):
+    (tmp_path / "table.csv").write_text(text)
+    options = [option, str(tmp_path / "table.csv"), "--datum", "D", "--out", str(tmp_path / "out")]
+    assert main([str(lake[0].parent), *options]) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
 def test_s102_is_read_back_by_gdal(lake):
     """With GDAL's driver, which shares no code with the writer; and as ground of a mission."""
     pytest.importorskip("h5py")
