@@ -82,8 +82,13 @@ def gather(
     placed = []
     for log in logs:
         log.lag_std_s = log.lag_std_s if facts.lag_std_s is None else facts.lag_std_s
-        placed.append(placed_log(log, origin, facts.placement))
-    kept = without_repetitions(placed)
-    lines += [line for log, found in zip(logs, placed, strict=True) for line in log_lines(log, found)]
+        try:
+            placed.append((log, placed_log(log, origin, facts.placement)))
+        except LogError as error:
+            if all_named or (log is logs[-1] and not placed):
+                raise
+            lines.append(f"left out: {error}")
+    kept = without_repetitions([found for _, found in placed])
+    lines += [line for log, found in placed for line in log_lines(log, found)]
     lines += [f"question: {question}" for question in questions]
     return Gathered(placed=kept, origin=origin, depth_std_m=max(log.depth_std_m for log in logs), lines=lines)

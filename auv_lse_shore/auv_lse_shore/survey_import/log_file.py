@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import zlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import BinaryIO
 
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.parsing.text import text_of
@@ -34,9 +36,20 @@ class LogFile:
         self.is_cut_off = False
 
     @cached_property
+    def _piped(self) -> bytes | None:
+        """All bytes of a pipe, which can be read only once; None for a file."""
+        if self.path.is_file() or not self.path.exists():
+            return None
+        with self.path.open("rb") as pipe:
+            return pipe.read(MOST_BYTES + 1)
+
+    def _opened(self) -> BinaryIO:
+        return self.path.open("rb") if self._piped is None else io.BytesIO(self._piped)
+
+    @cached_property
     def head(self) -> bytes:
         """The first `HEAD` bytes."""
-        with self.path.open("rb") as file:
+        with self._opened() as file:
             head = file.read(HEAD)
         return self._unpacked(HEAD) if head.startswith(_GZIP) else head
 
@@ -48,12 +61,12 @@ class LogFile:
             LogError: if there are too many, or the file is damaged.
             OSError: if it cannot be read.
         """
-        size = self.path.stat().st_size
+        size = self.path.stat().st_size if self._piped is None else len(self._piped)
         if size > MOST_BYTES:
             raise LogError(
                 f"{self.path} has {size / 1e6:,.0f} MB, and {MOST_BYTES / 1e6:,.0f} MB can be read. Split it by day."
             )
-        data = self.path.read_bytes()
+        data = self.path.read_bytes() if self._piped is None else self._piped
         if not data.startswith(_GZIP):
             return data
         data = self._unpacked(MOST_BYTES + 1)
@@ -69,7 +82,7 @@ class LogFile:
     def _unpacked(self, most: int) -> bytes:
         """The first bytes of a gzip file, of all its parts, as far as it is intact."""
         unpacker, parts, size, packed = zlib.decompressobj(wbits=_GZIP_WBITS), [], 0, b""
-        with self.path.open("rb") as file:
+        with self._opened() as file:
             while size < most:
                 packed = packed or file.read(1 << 20)
                 if unpacker.eof and (packed := packed.lstrip(b"\0")):  # another part; zeros fill up a tape's block

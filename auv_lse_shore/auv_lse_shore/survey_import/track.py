@@ -161,7 +161,7 @@ def _track(
     known = np.isfinite(north) & np.isfinite(east) & np.isfinite(times)
     left_out["positions that are no numbers"] += int((~known).sum())
     near = known & (np.abs(north) < FARTHEST_M) & (np.abs(east) < FARTHEST_M)
-    left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the first"] += int((known & ~near).sum())
+    left_out[f"positions farther than {FARTHEST_M / 1000.0:g} km from the origin"] += int((known & ~near).sum())
     known = near & (times >= times[0] + how.start_s) & (times <= times[0] + how.end_s)
     steady = _steady(times, north, east, log.has_time)
     left_out["positions that jump"] += int((known & ~steady).sum())
@@ -170,7 +170,9 @@ def _track(
     left_out["positions at the time of the one before, or earlier"] += int((~later).sum())
     chosen = chosen[later]
     if not len(chosen):
-        raise LogError(f"{log.name}: no usable position in the chosen time. Check --from and --to.")
+        if reasons := "; ".join(f"{count} {reason}" for reason, count in left_out.items() if count):
+            raise LogError(f"{log.name} has no usable position ({reasons}).")
+        raise LogError(f"{log.name} has no position in the chosen time. Check --from and --to.")
     if log.has_time:
         fresh = _fresh(times[chosen], north[chosen], east[chosen])
         left_out["positions that only repeat an old one"] += int((~fresh).sum())

@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import os
 import resource
+import threading
 import time
 
 import numpy as np
@@ -19,6 +20,7 @@ from adjust.test_table_logs import TABLES
 from auv_lse_mavlink.flight_logs import FlightLogError
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.log_file import HEAD
 from auv_lse_shore.survey_import.survey_log import LogError
 from benchmarks.faults.files import damaged
 
@@ -84,3 +86,16 @@ def test_the_missing_end_of_a_gzip_file_is_reported(tmp_path, end):
     path.write_bytes(packed[: len(packed) * 3 // 4] if end == "cut" else packed + b"garbage")
     found = gather([path], user_facts(parser().parse_args([str(path)])))
     assert "the gzip file is damaged or cut off: what follows is missing" in found.lines[0]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_pipe_is_read_once_and_whole(tmp_path, packed):
+    data = nmea(survey()).encode()
+    assert len(data) > HEAD  # the beginning is not read a second time
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    writer = threading.Thread(target=path.write_bytes, args=(gzip.compress(data) if packed else data,))
+    writer.start()
+    found = gather([path], user_facts(parser().parse_args([str(path)])))
+    writer.join()
+    assert len(found.placed[0].soundings) == len(survey())

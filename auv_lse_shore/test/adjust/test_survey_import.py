@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import re
 import sys
 
 import numpy as np
@@ -472,3 +473,13 @@ def test_the_table_of_a_large_survey_has_one_sounding_of_each_cell_and_tells(tmp
     assert 20 < len(rows) <= 100
     assert f"soundings.csv has {len(rows)} of {len(survey())} soundings, one of each cell of" in capsys.readouterr().out
     assert len(read_run(tmp_path / "run").vehicles[0].soundings) == len(survey())
+
+
+def test_a_log_of_another_lake_in_a_folder_is_left_out(tmp_path, capsys):
+    written(tmp_path, "a.nmea")
+    written(tmp_path, "a.tlog", survey() - [0.0, 90.0, 0.0, 0.0])
+    reason = r"a\.tlog has no usable position \(\d+ positions farther than 200 km from the origin\)"
+    assert main([str(tmp_path), "--dry-run"]) == 0
+    assert re.search(f"left out: {reason}", capsys.readouterr().out)
+    assert main([str(tmp_path / "a.nmea"), str(tmp_path / "a.tlog"), "--dry-run"]) == 2
+    assert re.search(reason, capsys.readouterr().err)
