@@ -206,6 +206,37 @@ def test_the_least_depth_of_a_cell_is_not_a_depth_in_minutes(tmp_path):
         gathered(tmp_path, lines("lat,lon,depth_min,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}"))
 
 
+def test_the_depth_below_the_surface_is_preferred_also_with_units(tmp_path):
+    data = lines(
+        "lat,lon,DepthBelowKeel(m),Water Depth (m),utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d - 1.0:.3f},{d:.3f},{utc(t)}",
+    )
+    checked(gathered(tmp_path, data))
+
+
+def test_columns_that_are_not_used_are_listed(tmp_path):
+    header = "Latitude,Longitude,Easting,Northing,Depth (m),Depth 2 (m),Elevation,draft_m,tide,utc"
+    data = lines(header, lambda t, a, o, d: f"{a:.8f},{o:.8f},1,2,{d:.3f},9,-9,1.0,0.5,{utc(t)}")
+    said = gathered(tmp_path, data).lines[0]
+    assert said.endswith(
+        "columns not used: Easting, Northing, Depth 2 (m), Elevation, draft_m, tide; below the surface as the log "
+        "has it"
+    )
+    assert "not used" not in gathered(tmp_path, TABLES["plain"]).lines[0]
+    many = lines(
+        "lat,lon,depth,utc," + ",".join(f"c{i}" for i in range(20)),
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}" + ",1" * 20,
+    )
+    assert "c11 and 8 more" in gathered(tmp_path, many).lines[0]
+
+
+def test_a_header_that_is_repeated_leaves_the_order_of_dates_clear(tmp_path):
+    header, *rows = TABLES["plain"].splitlines()
+    found = gathered(tmp_path, "\n".join([header, *rows[:60], header, *rows[60:]]))
+    checked(found)
+    assert "day-first" not in " ".join(found.lines)
+
+
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_is_read_as_it_is(tmp_path, name):
     more = ["--day-first"] if name == "German" else []

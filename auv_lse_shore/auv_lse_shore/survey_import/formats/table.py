@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
-from auv_lse_shore.survey_import.parsing.columns import Column, columns_for
+from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, unused_columns
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
 
+#: The most columns that are listed as not used.
+_MOST_LISTED = 12
 #: Any text may be a table.
 ASKED_LAST = True
 
@@ -69,6 +71,9 @@ def _contents(
     )
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
+    if not options.columns and (unused := unused_columns(dialect.header, columns)):
+        more = f" and {len(unused) - _MOST_LISTED} more" if len(unused) > _MOST_LISTED else ""
+        shared.notes.append(f"columns not used: {', '.join(name[:40] for name in unused[:_MOST_LISTED])}{more}")
     contents = []
     for name, mask in tv.vehicles_of(table):
         own = rows.of(mask)

@@ -20,12 +20,21 @@ Array = NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """A column that is used: its number, its role, and the unit that its name or the row of units has."""
+    """A column that is used.
+
+    Attributes:
+        number: Its number in the table.
+        role: A key of `ROLES`.
+        unit: The unit that its name or the row of units has; "" without one.
+        name: Its name in the table.
+        rank: The place of its name among those of its role, the best first.
+    """
 
     number: int
     role: str
     unit: str
     name: str
+    rank: int
 
 
 #: Names of each role without blanks, signs and units; of several columns of a role the first name counts.
@@ -93,6 +102,7 @@ _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
+_DEPTHS = ("depth", "elevation", "z")
 
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
@@ -108,7 +118,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
         cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
         key, unit = key.removesuffix(cut), unit or cut
     role = _BY_NAME.get(key)
-    return None if role is None else Column(number, role, unit.lower().strip(), name.strip())
+    return None if role is None else Column(number, role, unit.lower().strip(), name.strip(), ROLES[role].index(key))
 
 
 def _suits(unit: str, key: str) -> bool:
@@ -124,17 +134,14 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
 
     A second time or depth has the role with its rank added: "datetime", "datetime1".
     """
-    found: dict[str, list[tuple[int, Column]]] = {}
+    found: dict[str, list[Column]] = {}
     for number, name in enumerate(names):
         column = column_of(number, name, units[number] if number < len(units) else "")
         if column:
-            key = re.sub(r"[^a-z0-9äöüß]+", "", column.name.lower())
-            rank = next((i for i, n in enumerate(ROLES[column.role]) if key.startswith(n)), len(ROLES[column.role]))
-            rank = ROLES[column.role].index(key) if key in ROLES[column.role] else rank
-            found.setdefault(column.role, []).append((rank, column))
+            found.setdefault(column.role, []).append(column)
     columns = {}
     for role, entries in found.items():
-        for i, (_, column) in enumerate(sorted(entries)):
+        for i, column in enumerate(sorted(entries, key=lambda column: (column.rank, column.number))):
             columns[role if not i else f"{role}{i}"] = column
     return columns
 
@@ -142,7 +149,20 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
 def is_complete(columns: dict[str, Column]) -> bool:
     """Whether there are a position and a depth."""
     has_position = any(a in columns and b in columns for a, b in _PAIRS)
-    return has_position and any(role in columns for role in ("depth", "elevation", "z"))
+    return has_position and any(role in columns for role in _DEPTHS)
+
+
+def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:
+    """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
+    position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
+    depth = next(role for role in _DEPTHS if role in columns)
+    further = {role for pair in _PAIRS for role in pair if role not in position} | {*_DEPTHS} - {depth}
+    used = {
+        column.number
+        for role, column in columns.items()
+        if role not in further and (role in ROLES or role.startswith("datetime"))
+    }
+    return [name for number, name in enumerate(header) if number not in used and name]
 
 
 def columns_for(path: Path, dialect: Dialect, names: Sequence[str], text: str) -> dict[str, Column]:

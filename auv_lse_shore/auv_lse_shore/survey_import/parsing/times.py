@@ -77,7 +77,8 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
         bad = {order: sum(value != value for value in found.values()) for order, found in options.items()}
         spans = {order: _span(found) for order, found in options.items()}
         day_first = (bad[True], spans[True]) < (bad[False], spans[False])
-        assumed = bad[True] == bad[False] and options[True] != options[False]
+        differ = any(options[True][text] != value for text, value in options[False].items() if value == value)
+        assumed = bad[True] == bad[False] and differ
     known = _days(unique, day_first)
     return np.array([known[text] for text in texts]), assumed
 
