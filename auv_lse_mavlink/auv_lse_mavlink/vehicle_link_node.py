@@ -44,7 +44,7 @@ class VehicleLinkNode(DriverNode):
         self.show_parameters({"link": config})
         for kind, *values in self.journal.records:
             if kind == "zero":
-                self._autopilot.link.gauge.restore(*values, now_s=self.now_s())
+                self._autopilot.link.gauge.restore(values[0], self.now_s())
         self._waypoints = 0
         self._disobeys = False  # reported last
         self._status = self.publisher("autopilot")

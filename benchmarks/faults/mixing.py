@@ -137,9 +137,9 @@ def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
                     "a simulation or a replay uses 1 to 80",
                 )
             )
-    sim = Program("sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
-    with _ended(sim):
-        domain = _domain(sim)
+    simulation = Program("sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
+    with _ended(simulation):
+        domain = _domain(simulation)
         second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
         pairs.append(_refused("two simulations", Program("sim", *second), f"ROS domain {domain} is in use by sim-"))
         vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))

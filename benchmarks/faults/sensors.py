@@ -97,7 +97,7 @@ def _frozen(name: str) -> Callable[[], Distort]:
         def distort(report: Sensed, passed_s: float, rng: np.random.Generator) -> Sensed:
             if passed_s < 0.0 or not last:
                 last[:] = [getattr(report, name)]
-            return dataclasses.replace(report, **{name: last[0]})
+            return dataclasses.replace(report, **{name: last[0]})  # type: ignore[arg-type]  # a number
 
         return distort
 

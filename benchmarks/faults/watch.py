@@ -16,6 +16,7 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 from auv_lse_common.mission_file.sections.safety import RESPONSES, SafetyConfig
 from auv_lse_common.safety.fence import Fence
@@ -35,7 +36,9 @@ FAULTS = (
 #: Limits whose response is always "warn".
 WARNINGS = ("altimeter", "depth gauge", "heading", "charge")
 #: While a sensor is silent its last reading counts, which may be an outlier: then these limits may trip, too.
-STANDING = {f"odometry {how}": ("depth", "fence") for how in ("silent", "frozen", "impossible")}
+STANDING: dict[str, tuple[str, ...]] = {
+    f"odometry {how}": ("depth", "fence") for how in ("silent", "frozen", "impossible")
+}
 STANDING["altimeter silent"] = ("altitude",)
 #: Largest share of good readings while a limit is exceeded, of outliers, and of steps that begin a dropout.
 FLICKER, OUTLIERS, DROPOUTS = 0.1, 0.02, 0.05
@@ -74,7 +77,9 @@ class Sequence:
             odometry_age_s=2.0 * self.patience_s,
             link_age_s=2.0 * self.patience_s,
             mission_time_s=self._healthy_s if self.limit == "mission time" else 0.0,
-            **{f"{limit}_response": rng.choice(RESPONSES if fault else RESPONSES[1:]) for limit in _LIMITS},
+            **dict[str, Any](
+                {f"{limit}_response": rng.choice(RESPONSES if fault else RESPONSES[1:]) for limit in _LIMITS}
+            ),
         )
         named = self.limit.replace(" ", "_")
         self._response = "warn" if self.limit in WARNINGS or not fault else getattr(config, f"{named}_response")
