@@ -144,6 +144,10 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
         return int(module.run(options) or 0)
     except BrokenPipeError:  # no error of the verb, though its `ERRORS` may have OSError
         raise
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich's console exits with 1
+            raise end.__context__ from None
+        raise
     except (ConfinementError, *getattr(module, "ERRORS", ())) as error:
         raise CommandError(error_text(error)) from error
     except KeyboardInterrupt:

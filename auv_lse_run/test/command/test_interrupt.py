@@ -136,9 +136,17 @@ def test_a_ctrl_c_that_python_drops_is_answered_all_the_same(tmp_path: Path, beg
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
 
 
-def test_a_reader_that_ends_early_is_no_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "while True: print('a line')",
+        "from rich.console import Console\nconsole = Console()\nwhile True: console.print('a line')",
+    ],
+    ids=["print", "rich"],
+)
+def test_a_reader_that_ends_early_is_no_error(tmp_path: Path, text: str) -> None:
     """As `auv_lse import ... | head` does, although a broken pipe is an OSError, which the verb may report."""
-    with start(tmp_path, "ERRORS = (OSError,)\n" + run_of("while True: print('a line')")) as process:
+    with start(tmp_path, "ERRORS = (OSError,)\n" + run_of(text)) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         assert process.stdout.readline() == "a line\n"
