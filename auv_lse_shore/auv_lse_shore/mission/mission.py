@@ -39,7 +39,7 @@ from auv_lse_run.process.processes import LaunchError, Process
 from auv_lse_run.shipped_files import shipped_file
 from auv_lse_shore.areas.area_file import AreaFiles
 from auv_lse_shore.live.process import LiveProcess
-from auv_lse_shore.mission.options import overrides_of
+from auv_lse_shore.mission.options import check_vehicles, overrides_of
 from auv_lse_shore.mission.run_folder import RunFolderError, removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
@@ -104,7 +104,9 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
     """
     areas = AreaFiles()
     mission = options.mission or shipped_file("missions/default.yaml")
-    settings = Settings.load(mission, overrides_of(options), areas)
+    given = overrides_of(options)
+    settings = Settings.load(mission, given, areas)
+    check_vehicles([*given], settings.mission.vehicles)
     for flag in ("depths", "elevations", "water_level"):
         if getattr(options, flag) not in (None, False) and not settings.sim.bathymetry.file:
             raise ParameterError(

@@ -153,6 +153,19 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     return wanted
 
 
+def check_vehicles(names: Sequence[str], vehicles: int) -> None:
+    """Refuses parameters of the command line that are for a vehicle beyond the team, which a mission file may have.
+
+    Raises:
+        ParameterError: naming the parameter.
+    """
+    for name in names:
+        vehicle = name.partition(".")[0]
+        if _VEHICLE.fullmatch(vehicle) and int(vehicle[3:]) > vehicles:
+            team = "its only vehicle is auv1" if vehicles == 1 else f"its vehicles are auv1 to auv{vehicles}"
+            raise ParameterError(f"--set {name}: the mission has no {vehicle}; {team}")
+
+
 def _area(words: Sequence[str]) -> dict[str, Any]:
     """The parameters of `--area`: the name of a file, or four numbers.
 

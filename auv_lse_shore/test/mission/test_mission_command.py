@@ -206,3 +206,14 @@ def test_the_nodes_of_a_mission_find_the_ground_that_the_command_built(
 )
 def test_flags_say_what_the_bathymetry_holds(words: list[str], expected: dict[str, object]) -> None:
     assert overrides_of(parser().parse_args(words)) == expected
+
+
+def test_a_parameter_of_a_vehicle_that_the_mission_lacks_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--set", "auv4.vehicle.depth_m=4", "--for-vehicles", str(tmp_path / "v.yaml"), *PORT]
+    assert main(words) == 2
+    assert "--set auv4.vehicle.depth_m: the mission has no auv4; its vehicles are auv1 to auv3" in (
+        capsys.readouterr().out
+    )
+    assert main([*words, "--vehicles", "4"]) == 0
