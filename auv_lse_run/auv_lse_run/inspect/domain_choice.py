@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from auv_lse_common.support.confinement import confine
+from auv_lse_common.support.option_types import positive
 from auv_lse_run.inspect.message_text import FieldError
 from auv_lse_run.process.domain import (
     DomainError,
@@ -28,7 +29,7 @@ def add_graph_options(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         "--spin-time",
-        type=float,
+        type=positive,
         metavar="S",
         help="seconds to discover nodes (default: until no new one appears, up to 4.2 s)",
     )

@@ -35,13 +35,16 @@ def parser() -> argparse.ArgumentParser:
     )
     commands = add_commands(p)
     for name, (command, text) in _COMMANDS.items():
-        c = commands.add_parser(name, help=text, description=text)
+        c = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         add_graph_options(c)
-        c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all`")
+        c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, such as auv2, or `all`")
         if command is Command.ABORT:
             c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
         c.set_defaults(call=run_tell, what=command, at_once=True)
-    c = commands.add_parser("state", help="show the state of each vehicle's mission")
+    c = commands.add_parser("state", help="show the state of each vehicle's mission",
+                            description="Show the state of each vehicle's mission.")  # fmt: skip
+    c.epilog = "Exit codes: 0 every vehicle has reported its state; 1 a vehicle has not, or none is found; 2 wrong "
+    c.epilog += "command line; 130 Ctrl-C."
     add_graph_options(c)
     c.set_defaults(call=run_state)
     return p
