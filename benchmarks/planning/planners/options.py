@@ -25,6 +25,9 @@ RIVAL_NAMES = (
 HINDSIGHT = "hindsight"
 #: What a ground may be used for. A figure that is reported comes from grounds that nothing was tuned or chosen on.
 ROLES = ("tuning", "choosing", "reporting")
+#: Planners that are flown, and those that others are compared with, unless options name them.
+PLANNERS = ["line", "plain", "tour", "fitted_lanes"]
+AGAINST = PLANNERS[1:]
 #: The grounds; data of real lakes are not part of the project.
 MANIFEST = Path("config/planner_grounds.yaml")
 
@@ -34,8 +37,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("options of `bench planners`")
     known = ", ".join([*OURS, *RIVAL_NAMES, HINDSIGHT])
     group.add_argument(
-        "--planners", nargs="+", default=["line", "plain", "tour", "fitted_lanes"], metavar="NAME",
-        help=f"any of {known}, an entry point of auv_lse.planners, or a Python file (default: %(default)s)",
+        "--planners", nargs="+", default=PLANNERS, metavar="NAME",
+        help=f"any of {known}, an entry point of auv_lse.planners, or a Python file (default: "
+        f"{' '.join(PLANNERS)})",
     )  # fmt: skip
     group.add_argument("--grounds", type=Path, default=MANIFEST, metavar="FILE", help="manifest (default: %(default)s)")
     group.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the manifest's files (default: its own)")
@@ -46,8 +50,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--vehicles", type=int, nargs="+", default=[1], metavar="K", help="sizes of team (default: 1)")
     group.add_argument("--seeds", type=int, default=1, metavar="N", help="missions on each ground (default: 1)")
     group.add_argument("--legs", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
-    group.add_argument("--against", nargs="+", default=["plain", "tour", "fitted_lanes"], metavar="NAME",
-                       help="planners that others are compared with (default: %(default)s)")  # fmt: skip
+    group.add_argument("--against", nargs="+", default=AGAINST, metavar="NAME",
+                       help=f"planners that others are compared with (default: {' '.join(AGAINST)})")  # fmt: skip
     group.add_argument(
         "--whole",
         action="store_true",
