@@ -83,6 +83,22 @@ def test_a_manifest_names_source_and_hash_of_each_file_and_refuses_another_file(
         read(file="other.npz")
 
 
+def test_a_manifest_with_two_grounds_of_one_name_or_without_mappings_is_refused(tmp_path: Path) -> None:
+    manifest = tmp_path / "grounds.yaml"
+
+    def read(listed: object) -> None:
+        manifest.write_text(json.dumps({"grounds": listed}))
+        grounds.read(manifest)
+
+    bay = {"name": "bay", "role": "tuning"}
+    with pytest.raises(ValueError, match="several grounds are called bay; give each a name of its own"):
+        read([bay, {**bay, "mission": {"sim.lake.seed": 2}}])
+    with pytest.raises(ValueError, match=r"grounds must be a list of mappings, not \['bay'\]"):
+        read(["bay"])
+    with pytest.raises(ValueError, match="bay: mission must hold parameters by dotted name"):
+        read([{**bay, "mission": [3]}])
+
+
 @pytest.mark.parametrize("manifest", sorted(Path("config").glob("planner_grounds*.yaml")), ids=lambda path: path.stem)
 def test_a_shipped_manifest_uses_no_ground_for_two_roles(manifest: Path) -> None:
     import yaml

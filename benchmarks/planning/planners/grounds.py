@@ -36,6 +36,7 @@ class Ground:
         mission: Parameters of the mission file, dotted.
         file: Its data; None for made-up ground.
         source: Where the data come from, under which licence, and how they are projected; "" for made-up ground.
+        sha256: Digest of the file; "" for made-up ground.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Ground:
     mission: Mapping[str, Any]
     file: Path | None = None
     source: str = ""
+    sha256: str = ""
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -77,10 +79,7 @@ def read(
         ValueError: naming what is wrong in the manifest, a ground that it does not have, or a file that is missing or
             not the one listed.
     """
-    try:
-        listed = yaml.safe_load(manifest.read_text())["grounds"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
+    listed = _listed(manifest)
     wanted = [entry for entry in listed if role is None or entry.get("role") == role]
     unknown = sorted(set(only) - {str(entry.get("name")) for entry in wanted})
     if unknown:
@@ -98,6 +97,21 @@ def read(
     return found
 
 
+def _listed(manifest: Path) -> list[Mapping[str, Any]]:
+    """The entries of a manifest, each with a name of its own: results are found by it."""
+    try:
+        listed = yaml.safe_load(manifest.read_text())["grounds"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
+    if not isinstance(listed, list) or not all(isinstance(entry, Mapping) for entry in listed):
+        raise ValueError(f"{manifest}: grounds must be a list of mappings, not {repr(listed)[:60]}.")
+    names = [str(entry.get("name")) for entry in listed]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{manifest}: several grounds are called {', '.join(twice)}; give each a name of its own.")
+    return listed
+
+
 def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
     where = f"{manifest}: {entry.get('name', 'a ground without a name')}"
     unknown = sorted(set(entry) - KEYS)
@@ -105,7 +119,10 @@ def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
         raise ValueError(
             f"{where}: a ground has a name, a role ({', '.join(ROLES)}), and of {', '.join(sorted(KEYS))}."
         )
-    common = {"name": str(entry["name"]), "role": str(entry["role"]), "mission": dict(entry.get("mission", {}))}
+    parameters = entry.get("mission", {})
+    if not isinstance(parameters, Mapping):
+        raise ValueError(f"{where}: mission must hold parameters by dotted name, not {parameters!r}.")
+    common = {"name": str(entry["name"]), "role": str(entry["role"]), "mission": dict(parameters)}
     if "file" not in entry:
         return Ground(**common)
     missing = [key for key in REAL if not entry.get(key)]
@@ -117,7 +134,7 @@ def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
             f"{where}: there is no file {file}. Download it from {entry['source']}, or name its folder (--data)."
         )
     found = hashlib.sha256(file.read_bytes()).hexdigest()
-    if found != entry["sha256"]:
+    if found != str(entry["sha256"]).lower():
         raise ValueError(f"{where}: {file} has the SHA-256 {found}, not the one listed. Download it again.")
     source = f"{entry['source']}, {entry['licence']}, {entry['projection']}"
-    return Ground(**common, file=file.resolve(), source=source)
+    return Ground(**common, file=file.resolve(), source=source, sha256=found)
