@@ -130,8 +130,7 @@ class Steered(PathMethod):
                 self._line_m, self._nearest = self._line_m[passed:], (np.inf, s.step)
         every = self._planner.replan_legs
         if not len(self._line_m) or (every is not None and s.step - self._asked_at >= every):
-            asked = np.asarray(self._planner.path(self._view(s)), dtype=float).reshape(-1, 2)
-            self._line_m = self._around_land(here, asked)
+            self._line_m = self._around_land(here, waypoints_of(self._planner.path(self._view(s)), s.step))
             self._asked_at, self._nearest = s.step, (np.inf, s.step)
         line = np.concatenate([here[None], self._line_m, self._line_m[-1:] + 1.0])
         length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
@@ -180,6 +179,25 @@ class Steered(PathMethod):
             mates_m=[context.team.locations_ahead(s.now_s, mate) for mate in context.team.others],
             rng=context.rng,
         )
+
+
+def waypoints_of(answer: Any, step: int) -> Array:
+    """What a planner's `path` returned at a step, as waypoints (n, 2); one (2,) is a row.
+
+    Raises:
+        ValueError: if these are no waypoints: another shape, none at all, or values that are not finite.
+    """
+    try:
+        waypoints_m = np.atleast_2d(np.asarray(answer, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"step {step}: path() must return waypoints (n, 2) in metres, not {answer!r:.60}.") from error
+    if waypoints_m.ndim != 2 or waypoints_m.shape[1] != 2 or not len(waypoints_m):
+        shape = np.shape(answer)
+        raise ValueError(f"step {step}: path() must return waypoints (n, 2), n at least 1, not the shape {shape}.")
+    if not np.isfinite(waypoints_m).all():
+        bad = waypoints_m[~np.isfinite(waypoints_m).all(axis=1)][0].tolist()
+        raise ValueError(f"step {step}: path() returned the waypoint {bad}; return finite metres.")
+    return waypoints_m
 
 
 def loaded(name: str) -> Callable[[], Planner]:
