@@ -14,8 +14,18 @@ FOLDER = Path("runs/benchmarks")
 
 
 def read(path: Path) -> list[dict[str, Any]]:
-    """Lines of a results file; none if there is no file yet."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    """Lines of a results file; none if there is no file yet.
+
+    Raises:
+        ValueError: naming a damaged line, such as one that a full disk has cut off.
+    """
+    lines = []
+    for number, text in enumerate(path.read_text().splitlines() if path.exists() else (), 1):
+        try:
+            lines.append(json.loads(text))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{path}:{number}: this line is damaged ({error}); delete it and repeat.") from error
+    return lines
 
 
 def appended(path: Path) -> TextIO:

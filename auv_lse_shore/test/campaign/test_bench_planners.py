@@ -20,10 +20,10 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
-from benchmarks import bench
+from benchmarks import bench, results_file
 from benchmarks.planning.planners import dec_mcts, grounds, page, rivals, sgptools_rivals
 from benchmarks.planning.planners.flight import mission
-from benchmarks.planning.planners.interface import View, loaded
+from benchmarks.planning.planners.interface import View, loaded, waypoints_of
 from benchmarks.planning.planners.judge import Judgement, longest_missed_m
 from benchmarks.planning.planners.options import PEER_NAMES, RIVAL_NAMES
 
@@ -129,6 +129,26 @@ def test_a_planner_in_a_file_is_flown_by_our_steering_and_judged(tmp_path: Path)
     assert result["true_m"] > 0.0
     with pytest.raises(ValueError, match="There is no planner"):
         loaded("nobody")
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ([[10.0, 20.0, 30.0, 40.0], [0.0, 0.0, 0.0, 0.0]], r"step 0: path\(\) .* not the shape \(2, 4\)"),
+        ([[10.0, 20.0, 1.5]], r"not the shape \(1, 3\)"),
+        ([], r"n at least 1, not the shape \(0,\)"),
+        (None, r"not the shape \(\)"),
+        ([[10.0], [1.0, 2.0]], r"must return waypoints \(n, 2\) in metres"),
+        ([[10.0, 20.0], [float("nan"), 3.0]], r"returned the waypoint \[nan, 3\.0\]; return finite metres"),
+    ],
+)
+def test_an_answer_that_is_no_waypoints_is_refused(answer: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        waypoints_of(answer, 0)
+
+
+def test_one_waypoint_may_be_a_row() -> None:
+    assert waypoints_of((3, 4), 0).tolist() == [[3.0, 4.0]]
 
 
 def test_a_waypoint_behind_land_is_reached(tmp_path: Path) -> None:
@@ -333,6 +353,51 @@ def test_the_page_pairs_missions_ground_by_ground() -> None:
     assert "| a | 0.90 | 0.60 |" in text
     assert "| misses 40 m | longest missed (m) |" in text
     assert "| 0.50 | 90 |" in text
+
+
+def test_hindsight_has_no_ratios_and_others_can_be_compared_with_it() -> None:
+    light = {"ground": "a", "role": "tuning", "simulation": "light", "vehicles": 1, "seed": 1, "legs": 100}
+    common = {**light, "found": [0.5] * 12, "to_50": 0.5, "to_80": 0.8, "to_95": 1.0}
+    lines = [{**common, "planner": "hindsight"}, {**common, "planner": "line", "risk": 1.0, "true_loss": 0.5}]
+    assert "| line | 1 | +0.00 | +0.00 | +0.00 | 1.00 |  |  |" in page.page(lines, ["hindsight"])
+
+
+def flown_lines(tmp_path: Path, *arguments: str, seed: int = 1) -> list[dict[str, object]]:
+    """Lines of the results file after the command with a planner `own.py` on one small ground."""
+    manifest, results = tmp_path / "grounds.yaml", tmp_path / "results.jsonl"
+    ground = {"name": "small", "role": "tuning", "mission": {**SMALL, "sim.lake.seed": seed}}
+    manifest.write_text(json.dumps({"grounds": [ground]}))
+    files = ["--grounds", str(manifest), "--out", str(results), "--page", str(tmp_path / "page.md")]
+    options = ["--planners", str(tmp_path / "own.py"), "--role", "tuning", "--legs", "2", "--processes", "1"]
+    assert bench.run(bench.parser().parse_args(["planners", *files, *options, *arguments])) == 0
+    return [json.loads(line) for line in results.read_text().splitlines()]
+
+
+def test_a_changed_planner_or_ground_is_flown_again_and_nothing_twice(tmp_path: Path) -> None:
+    text = (
+        "class East:\n    replan_legs = None\n"
+        "    def path(self, view):\n        return view.position_m + [[0.0, 60.0]]\n"
+        "def planner():\n    return East()\n"
+    )
+    (tmp_path / "own.py").write_text(text)
+    assert len(flown_lines(tmp_path, "--vehicles", "1", "1")) == 1
+    assert len(flown_lines(tmp_path)) == 1
+    (tmp_path / "own.py").write_text(text.replace("60.0", "-60.0"))
+    assert len(flown_lines(tmp_path)) == 2
+    assert len(flown_lines(tmp_path, seed=2)) == 3
+    assert (tmp_path / "page.md").read_text().splitlines()[2].startswith("1 missions over 1 grounds")
+
+
+def test_a_command_with_nothing_to_fly_or_a_damaged_results_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "grounds.yaml").write_text("grounds: []")
+    with pytest.raises(ValueError, match=r"grounds\.yaml has no reporting ground to fly"):
+        bench.run(bench.parser().parse_args(["planners", "--grounds", str(tmp_path / "grounds.yaml")]))
+    for option in ("--seeds", "--legs", "--vehicles", "--processes"):
+        with pytest.raises(SystemExit):
+            bench.parser().parse_args(["planners", option, "0"])
+    (tmp_path / "results.jsonl").write_text('{"seed": 1}\n{"seed"\n')
+    with pytest.raises(ValueError, match=r"results\.jsonl:2: this line is damaged"):
+        results_file.read(tmp_path / "results.jsonl")
 
 
 def test_the_command_names_an_unknown_ground() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import itertools
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,18 +24,20 @@ def run(options: argparse.Namespace) -> int:
     """Flies the missions that the results file lacks, and writes the page.
 
     Raises:
-        ValueError: for an unknown planner or ground, a file that is not the one listed, or a planner without its
-            environment.
+        ValueError: for an unknown planner or ground, a file that is not the one listed, a planner without its
+            environment, or nothing to fly.
         SystemExit: if that environment cannot be made.
     """
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
             loaded(name)
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
+    if not grounds:
+        raise ValueError(f"{options.grounds} has no {options.role} ground to fly; name another --role or --grounds.")
     asked = [
         _line(ground, planner, vehicles, seed, options)
         for ground, vehicles, seed, planner in itertools.product(
-            grounds, options.vehicles, range(1, options.seeds + 1), options.planners
+            grounds, dict.fromkeys(options.vehicles), range(1, options.seeds + 1), dict.fromkeys(options.planners)
         )
     ]
     peers = sorted({*options.planners} & {*PEER_NAMES})
@@ -82,8 +86,17 @@ def _line(ground: Ground, planner: str, vehicles: int, seed: int, options: argpa
         "seed": seed,
         "legs": options.legs,
         "simulation": "whole" if options.whole else "light",
+        "inputs": _inputs(ground, planner),
     }
 
 
+def _inputs(ground: Ground, planner: str) -> str:
+    """Digest of the ground's parameters and data, and of a planner's file: a change of either is another mission."""
+    file = Path(planner).read_bytes() if planner.endswith(".py") else b""
+    text = json.dumps([ground.mission, ground.sha256, hashlib.sha256(file).hexdigest()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def _id(line: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(line[key] for key in ("ground", "role", "planner", "vehicles", "seed", "legs", "simulation"))
+    keys = ("ground", "role", "planner", "vehicles", "seed", "legs", "simulation", "inputs")
+    return tuple(line.get(key) for key in keys)

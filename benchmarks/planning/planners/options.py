@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.support.option_types import whole_from
+
 #: Methods of ours by name: parameters of the mission file.
 OURS: dict[str, dict[str, Any]] = {
     "goal_line": {"mission.goal": "line"},
@@ -47,9 +49,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help=f"of sgptools, for {' and '.join(PEER_NAMES)}; made if it is not there (3 GB)")  # fmt: skip
     group.add_argument("--role", choices=ROLES, default="reporting", help="grounds to fly (default: %(default)s)")
     group.add_argument("--only", nargs="+", metavar="GROUND", help="of these, by name")
-    group.add_argument("--vehicles", type=int, nargs="+", default=[1], metavar="K", help="sizes of team (default: 1)")
-    group.add_argument("--seeds", type=int, default=1, metavar="N", help="missions on each ground (default: 1)")
-    group.add_argument("--legs", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
+    group.add_argument(
+        "--vehicles", type=whole_from(1), nargs="+", default=[1], metavar="K", help="sizes of team (default: 1)"
+    )
+    group.add_argument(
+        "--seeds", type=whole_from(1), default=1, metavar="N", help="missions on each ground (default: 1)"
+    )
+    group.add_argument("--legs", type=whole_from(1), default=100, help="legs of each vehicle (default: %(default)s)")
     group.add_argument("--against", nargs="+", default=AGAINST, metavar="NAME",
                        help=f"planners that others are compared with (default: {' '.join(AGAINST)})")  # fmt: skip
     group.add_argument(
@@ -60,4 +66,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     out = Path("runs/benchmarks/planners.jsonl")
     group.add_argument("--out", type=Path, default=out, metavar="FILE", help="missions, continued (%(default)s)")
     group.add_argument("--page", type=Path, metavar="FILE.md", help="write the page here (default: print it)")
-    group.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
+    group.add_argument(
+        "--processes", type=whole_from(1), default=2, help="missions flown at once (default: %(default)s)"
+    )

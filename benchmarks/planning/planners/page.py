@@ -117,7 +117,8 @@ def _paired(rows: Sequence[Row], other: str) -> list[str]:
             continue
         cells = [name, str(len(pairs))]
         cells += [_interval([a[key] - b[key] for a, b in pairs], "+.2f") for key, _ in PAIRED]
-        cells += [_interval([a[key] / b[key] for a, b in pairs if b[key] > 0.0], ".2f") for key, _ in RATIOS]
+        ratios = [[a[key] / b[key] for a, b in pairs if b.get(key, 0.0) > 0.0] for key, _ in RATIOS]
+        cells += [_interval(values, ".2f") for values in ratios]
         text.append("| " + " | ".join(cells) + " |")
     return text
 
