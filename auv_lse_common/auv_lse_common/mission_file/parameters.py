@@ -23,7 +23,7 @@ T = TypeVar("T")
 #: A number that YAML 1.1 reads as text, because it lacks the point or the exponent's sign (1e-3 for 1.0e-3).
 _EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 #: ROS 2 parameters hold whole numbers below this.
-_INTEGERS = 2**63
+INTEGER_LIMIT = 2**63
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -310,7 +310,7 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], allowed: s
             raise error from None
         if not math.isfinite(value):
             raise error
-    elif abs(value) >= _INTEGERS:
+    elif abs(value) >= INTEGER_LIMIT:
         raise ParameterError(f"{key}: {value!r} does not fit 64 bits, which ROS 2 has for a whole number")
     low, high, above = (meta.get(name) for name in ("low", "high", "above"))
     if (low is not None and value < low) or (high is not None and value > high):

@@ -51,6 +51,7 @@ def run(options: argparse.Namespace) -> int:
     folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
     if options.list:
         return _list(spec, folder)
+    spec.jobs()  # an impossible setting must not replace the file as flown
     with locked(folder):  # an error here comes before a cluster is started
         (folder / "campaign.yaml").write_text(options.spec.read_text())
     with cluster(options.scheduler, options.workers) as client, progress_display() as show:

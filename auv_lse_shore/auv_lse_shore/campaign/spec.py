@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import read_parameter_file, read_yaml
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import INTEGER_LIMIT, ParameterError
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_shore.areas.area_file import read_area
 
@@ -208,13 +208,21 @@ def _seeds(value: Any, where: str) -> tuple[int, ...]:
     if _whole(first) and _whole(count) and count >= 1:
         if count > _MAX_SEEDS:
             raise ParameterError(f"{where}: seeds: {value!r} are more than {_MAX_SEEDS} seeds")
+        _check_size(first + count - 1, where)
         return tuple(range(first, first + count))
     if isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
+        _check_size(max(value), where)
         return tuple(value)
     raise ParameterError(
         f"{where}: seeds must be a number of seeds, a list of different whole numbers from 0, or "
         f"{{first: from 0, count: from 1}}, not {value!r}"
     )
+
+
+def _check_size(seed: int, where: str) -> None:
+    """Refuses a seed that neither a mission file nor a row can hold."""
+    if seed >= INTEGER_LIMIT:
+        raise ParameterError(f"{where}: seeds: {seed} does not fit 64 bits; use a seed below {INTEGER_LIMIT}")
 
 
 def _different_seeds(values: Sequence[Any]) -> bool:

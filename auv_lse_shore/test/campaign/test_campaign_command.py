@@ -41,6 +41,16 @@ def test_the_command_reports_errors(tmp_path, capsys):
     assert "--out DIR" in capsys.readouterr().err
 
 
+def test_an_impossible_setting_leaves_the_file_as_flown(tmp_path, capsys):
+    file, folder = tmp_path / "tiny.yaml", tmp_path / "out"
+    folder.mkdir()
+    (folder / "campaign.yaml").write_text("name: flown\n")
+    file.write_text(yaml.safe_dump({"set": {"mission.stepz": 3}}))
+    assert main([str(file), "--out", str(folder), "--workers", "1"]) == 2
+    assert "mission.stepz: unknown parameter" in capsys.readouterr().err
+    assert (folder / "campaign.yaml").read_text() == "name: flown\n"
+
+
 @pytest.mark.parametrize("arguments", [["--workers", "0"], ["--workers", "-1"], ["--workers", "2", "--scheduler", "x"]])
 def test_workers_that_make_no_sense_are_refused(arguments, capsys):
     with pytest.raises(SystemExit) as ended:

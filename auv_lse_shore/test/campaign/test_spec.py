@@ -54,6 +54,8 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"seeds": [1, 1]}, r"seeds must be .*, not \[1, 1\]"),
         ({"seeds": 0}, "seeds must be .*, not 0"),
         ({"seeds": 99999999999}, "seeds: 99999999999 are more than 100000 seeds"),
+        ({"seeds": {"first": 2**63 - 1, "count": 2}}, f"seeds: {2**63} does not fit 64 bits"),
+        ({"seeds": [1, 2**70]}, f"seeds: {2**70} does not fit 64 bits"),
         ({"seeds": {"first": 1, "count": 100001}}, "seeds: .* are more than 100000 seeds"),
         ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings are called 'a'"),
         ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
