@@ -178,6 +178,12 @@ def test_a_mission_of_the_whole_simulation_is_judged_in_thirds_by_the_map_of_its
     assert (result["risk"], result["true_loss"]) == (report.risk_after, report.loss_after)
 
 
+def test_a_ground_on_which_the_level_does_not_occur_is_refused() -> None:
+    for planner in ("fitted_lanes", "hindsight"):
+        with pytest.raises(ValueError, match=r"no isobath at 200 m in its area\. Change level_set\.level_m"):
+            mission(planner, {**SMALL, "level_set.level_m": 200.0}, 1, 1, 3)
+
+
 def test_a_mission_that_ended_early_keeps_the_share_of_its_end() -> None:
     soon = {**SMALL, "mission.until.found": 0.05}
     result = mission("tour", soon, 1, 1, 60, whole=True)

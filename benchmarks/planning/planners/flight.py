@@ -57,6 +57,9 @@ def mission(
         steps: Legs of each vehicle.
         python: That of the environment of sgptools; None: its planners cannot be flown.
         whole: Whether to fly in the whole simulation: drift, corrected positions, surfacings and the acoustic channel.
+
+    Raises:
+        ValueError: if the level does not occur in the area: any share of no isobath counts as all of it.
     """
     overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed}
     if not whole:
@@ -65,6 +68,11 @@ def mission(
     overrides |= OURS[ours] if ours else {"planner.method": REPLACED}
     settings, ground = _fitted(overrides)
     own = PlannerSettings.from_parameters(parameters_for(settings.to_patterns(), "/auv1/settings"), "bench")
+    if not _true_lines(own, ground):
+        level_m = own.level_set.level_m
+        raise ValueError(
+            f"The ground has no isobath at {level_m:g} m in its area. Change level_set.level_m or the area."
+        )
     if planner == HINDSIGHT:
         return _hindsight(own, ground)
     with nullcontext() if ours else _in_place(_maker(planner, python)):
@@ -140,13 +148,16 @@ def _in_place(make: Callable[[], Planner]) -> Iterator[None]:
         families.CLASSES[REPLACED_FAMILY] = kept
 
 
+def _true_lines(settings: PlannerSettings, ground: Any) -> list[Any]:
+    """The true isobath in the area."""
+    grid = OperatingArea(settings.area).grid(CELL_M)
+    at = grid.locations_m
+    return trace(grid.north_m, grid.east_m, grid.fill(ground.depth_m(at[:, 0], at[:, 1])), settings.level_set.level_m)
+
+
 def _hindsight(settings: PlannerSettings, ground: Any) -> dict[str, Any]:
     """Parts of the mission that a team would need that knew the true line: its vehicles share the route equally."""
-    area = OperatingArea(settings.area)
-    grid = area.grid(CELL_M)
-    at = grid.locations_m
-    lines = trace(grid.north_m, grid.east_m, grid.fill(ground.depth_m(at[:, 0], at[:, 1])), settings.level_set.level_m)
-    stretches = [resample([line], SPACING_M) for line in lines]
+    stretches = [resample([line], SPACING_M) for line in _true_lines(settings, ground)]
     start = np.array([settings.vehicle.start_north_m, settings.vehicle.start_east_m])
     leg_m = MotionTable(settings.motion).leg_length_m
     total_m = settings.mission.vehicles * settings.mission.steps * leg_m

@@ -122,7 +122,7 @@ def _ground(entry: Mapping[str, Any], manifest: Path, folder: Path) -> Ground:
     parameters = entry.get("mission", {})
     if not isinstance(parameters, Mapping):
         raise ValueError(f"{where}: mission must hold parameters by dotted name, not {parameters!r}.")
-    common = {"name": str(entry["name"]), "role": str(entry["role"]), "mission": dict(parameters)}
+    common: dict[str, Any] = {"name": str(entry["name"]), "role": str(entry["role"]), "mission": dict(parameters)}
     if "file" not in entry:
         return Ground(**common)
     missing = [key for key in REAL if not entry.get(key)]
