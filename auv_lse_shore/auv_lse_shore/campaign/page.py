@@ -70,9 +70,7 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
             f"missions; {sum(map(len, groups.values()))} finished, {len(failed)} failed.",
             cards=list(_best(groups)),
             header=["setting", "seeds", *HEADINGS.values()],
-            settings=[
-                [label, len(own), *(mean_of(own, column) for column in HEADINGS)] for label, own in groups.items()
-            ],
+            settings=[[label, len(own), *(_mean(own, column) for column in HEADINGS)] for label, own in groups.items()],
             pictures=pictures,
             failed=[[row["id"], row["group"], row["seed"], row["error"] or ""] for row in failed],
             folder=folder,
@@ -116,19 +114,35 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
 def _best(groups: Mapping[str, Sequence[Row]]) -> Iterator[tuple[str, str]]:
     """The best mean in each of the first measures, and the settings that are best within the noise.
 
-    A setting is among the best if the 95 % interval of its paired difference to the best mean includes 0, or does not
-    exist.
+    Means are over the seeds of which all settings have the measure: one that finds no line on a hard lake has no error
+    there. A setting is among the best if the 95 % interval of its paired difference to the best mean includes 0, or
+    does not exist.
     """
     for column, heading, more in MEASURES[:3]:
-        means = {label: mean_of(rows, column).mean for label, rows in groups.items()}
-        means = {label: mean for label, mean in means.items() if math.isfinite(mean)}
-        if len(means) < 2:
+        known = {label: _finite(by_seed(rows, column)) for label, rows in groups.items()}
+        known = {label: values for label, values in known.items() if values}
+        shared = set.intersection(*map(set, known.values())) if known else set()
+        if len(known) < 2 or not shared:
             continue
+        values = {label: {seed: own[seed] for seed in shared} for label, own in known.items()}
+        means = {label: sum(own.values()) / len(shared) for label, own in values.items()}
         best = (max if more else min)(means, key=lambda name: means[name])
-        apart = {label: paired(by_seed(groups[label], column), by_seed(groups[best], column)) for label in means}
+        apart = {label: paired(own, values[best]) for label, own in values.items()}
         tied = [label for label, d in apart.items() if label != best and not (d.low > 0.0 or d.high < 0.0)]
         others = f" (not significantly better than {', '.join(tied)})" if tied else ""
-        yield number(means[best]), f"best mean {heading}: {best}{others}"
+        most = max(map(len, groups.values()))
+        over = f", over the {len(shared)} of {most} seeds with a value for every setting" if len(shared) < most else ""
+        yield number(means[best]), f"best mean {heading}{over}: {best}{others}"
+
+
+def _finite(values: Mapping[int, float | None]) -> dict[int, float]:
+    return {seed: value for seed, value in values.items() if value is not None and math.isfinite(value)}
+
+
+def _mean(rows: Sequence[Row], column: str) -> str:
+    """The mean of a column with its interval, and with the number of seeds if some have no value."""
+    found = mean_of(rows, column)
+    return f"{found} ({found.count} of {len(rows)} seeds)" if 0 < found.count < len(rows) else str(found)
 
 
 def _missions(spec: CampaignSpec, rows: Sequence[Row]) -> Iterator[list[str]]:

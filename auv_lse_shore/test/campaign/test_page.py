@@ -2,7 +2,7 @@
 
 import pytest
 
-from auv_lse_shore.campaign.page import _best
+from auv_lse_shore.campaign.page import _best, _mean
 
 SEEDS = range(1, 9)
 
@@ -21,3 +21,22 @@ def rows(offset, noise):
 def test_a_best_setting_within_the_noise_is_reported_as_such(noise, words):
     ((_, meaning),) = _best({"a": rows(0.0, 0.0), "b": rows(0.5, noise), "c": rows(9.0, noise)})
     assert meaning == words
+
+
+def test_the_best_setting_is_chosen_over_the_seeds_of_which_all_have_a_value():
+    lucky = [{**row, "isobath_error_m": row["isobath_error_m"] if row["seed"] < 3 else None} for row in rows(0.5, 0.0)]
+    ((value, meaning),) = _best({"steady": rows(0.0, 0.0), "lucky": lucky, "never": [{"seed": 1}]})
+    words = "best mean isobath error, whole line (m), over the 2 of 8 seeds with a value for every setting: steady"
+    assert meaning.startswith(words)
+    assert float(value) == pytest.approx(11.5)
+
+
+def test_settings_without_a_common_seed_are_not_compared():
+    assert not list(_best({"a": rows(0.0, 0.0)[:4], "b": rows(0.0, 0.0)[4:]}))
+
+
+def test_a_mean_over_fewer_seeds_shows_their_number():
+    some = [{"seed": 1, "f1": 0.5}, {"seed": 2, "f1": None}]
+    assert _mean(some, "f1") == "0.5 (1 of 2 seeds)"
+    assert _mean(some[:1], "f1") == "0.5"
+    assert _mean(some[1:], "f1") == "–"
