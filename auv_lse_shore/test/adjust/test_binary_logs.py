@@ -192,6 +192,31 @@ def test_pings_of_low_quality_are_left_out(tmp_path):
         gathered(path)
 
 
+def in_units(name, rows, factor, unit):
+    """A GPX or GeoJSON log whose depths are in a unit that it states."""
+    text = LOGS[name](rows * [1.0, 1.0, 1.0, factor]).decode()
+    text = text.replace("<gpxtpx:depth>", f'<gpxtpx:depth unit="{unit}">')
+    return text.replace('"depth":', f'"units": "{unit}", "depth":').encode()
+
+
+@pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
+def test_the_unit_that_a_log_states_beside_its_depths_counts(tmp_path, name):
+    feet, metres = tmp_path / f"feet{name[1:]}", tmp_path / name
+    feet.write_bytes(in_units(name, ROWS, 1.0 / 0.3048, "ft"))
+    metres.write_bytes(LOGS[name](ROWS))
+    (found,), (expected,) = gathered(feet).placed, gathered(metres).placed
+    assert found.soundings[:, 3] == pytest.approx(expected.soundings[:, 3], abs=1e-3)
+    assert "depths in ft, 0.3048 m" in "\n".join(gathered(feet).lines)
+
+
+@pytest.mark.parametrize("name", ["a.gpx", "a.geojson"])
+def test_depths_in_an_unknown_unit_are_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(in_units(name, ROWS, 1.0, "cubits"))
+    with pytest.raises(LogError, match="in a unit that is not understood"):
+        gathered(path)
+
+
 @pytest.mark.parametrize("name", ["a.sl2", "a.sl3", "a.wibl", "a.gpx", "a.geojson"])
 def test_a_log_that_is_cut_off_is_read_up_to_its_end(tmp_path, name):
     path = tmp_path / name

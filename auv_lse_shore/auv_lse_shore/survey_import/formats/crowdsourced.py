@@ -12,6 +12,7 @@ from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
+from auv_lse_shore.survey_import.parsing.units import NOT_UNDERSTOOD, UNITS, factor_of, stated_unit, unit_note
 from auv_lse_shore.survey_import.survey_log import LogError
 
 _FEATURES = re.compile(r'"features"\s*:\s*\[')
@@ -41,6 +42,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     decode, at = json.JSONDecoder().raw_decode, match.end()
     stamps: list[str] = []
     rows: list[list[float]] = []
+    units: set[str] = set()
     while (at := _SKIP.match(text, at).end()) < len(text) and text[at] != "]":  # type: ignore[union-attr]
         try:
             feature, at = decode(text, at)
@@ -49,7 +51,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
                 raise LogError(f"{file.path} is damaged GeoJSON ({brief(error)}). Copy it again.") from error
             content.left_out["features after the file is damaged or cut off"] += 1
             break
-        row = _row(feature)
+        row = _row(feature, units)
         if isinstance(row, str):
             content.left_out[row] += 1
             continue
@@ -57,19 +59,25 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         rows.append(row[1])
         if len(rows) % _PIECE == 0:
             file.progress(at / len(text))
+    content.notes += [unit_note(unit) for unit in sorted(units)]
     if rows:
         _fill(content, stamps, np.array(rows), text[: match.start()] + text[at:])
     return [content]
 
 
-def _row(feature: Any) -> tuple[str, list[float]] | str:
-    """Time, and latitude, longitude, depth, and uncertainties east, north, vertical; or why it is left out."""
+def _row(feature: Any, units: set[str]) -> tuple[str, list[float]] | str:
+    """Time, and latitude, longitude, depth, and uncertainties east, north, vertical; or why it is left out.
+
+    Args:
+        units: Takes the unit of the depth if the feature states one.
+    """
     try:
         properties, geometry = feature["properties"], feature["geometry"]
         if geometry["type"] != "Point":
             return f"features of the type {str(geometry['type'])[:20]}"
         position = [float(value) for value in geometry["coordinates"][:2]]
-        depth = float(properties["depth"])
+        unit = stated_unit(properties)
+        depth = float(properties["depth"]) * (factor_of(unit, UNITS) if unit else 1.0)
         stamp = str(properties.get("time") or "")
         stated = properties.get("uncertainty") or []
         spread = [float(value) for value in stated] if isinstance(stated, list) else []
@@ -79,6 +87,10 @@ def _row(feature: Any) -> tuple[str, list[float]] | str:
         return NOT_ON_EARTH
     if position == [0.0, 0.0]:
         return NO_POSITION
+    if unit:
+        if not factor_of(unit, UNITS):
+            return NOT_UNDERSTOOD
+        units.add(unit)
     return stamp, [position[1], position[0], depth, *(spread if len(spread) == 3 else [_NAN] * 3)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 #: Metres per unit of length.
 UNITS = {
@@ -18,6 +19,10 @@ TIME_UNITS = {
 }  # fmt: skip
 #: Degrees per unit of an angle.
 ANGLE_UNITS = {"rad": 57.29577951308232, "radians": 57.29577951308232}
+#: Names of a property or attribute that states the unit of the depth beside it.
+UNIT_KEYS = ("unit", "units", "uom", "depth_unit", "depth_units", "depthunit", "depthunits")
+#: What is left out for a unit that is stated and has no factor.
+NOT_UNDERSTOOD = "depths in a unit that is not understood"
 #: What else stands where a unit is expected.
 OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
 #: Metres of a foot of the United States' land survey.
@@ -33,3 +38,13 @@ def factor_of(text: str, units: Mapping[str, float]) -> float:
         return 0.0
     factor = units[next((word for word in found if word != "in"), found[0])]  # "in feet"
     return _SURVEY_FOOT_M if factor == UNITS["ft"] and "survey" in text.lower() else factor
+
+
+def stated_unit(beside: Mapping[str, Any]) -> str:
+    """The unit that properties or attributes beside a depth state; "" without one."""
+    return next((str(value).strip() for key, value in beside.items() if key.lower() in UNIT_KEYS and value), "")
+
+
+def unit_note(unit: str) -> str:
+    """What import reports of depths in a stated unit."""
+    return f"depths in {unit[:20]}, {factor_of(unit, UNITS):g} m"
