@@ -5,6 +5,7 @@ memory, and lets Hypothesis take its time.
 """
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -69,3 +70,12 @@ def no_test_finds_the_dive_of_an_earlier_one(
     """A test that kills a vehicle leaves a dive that was not ended; the next one of that name would wait for RESET."""
     for record in Path(os.environ["XDG_STATE_HOME"]).glob("auv_lse/*"):
         record.unlink()
+
+
+@pytest.fixture(autouse=True)
+def ctrl_c_still_ends_the_tests() -> Iterator[None]:
+    """A command that has answered Ctrl-C lets no other one interrupt the end of its process, which here goes on."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    if before is not None:
+        signal.signal(signal.SIGINT, before)

@@ -20,7 +20,7 @@ from auv_lse_gp.positions.correction import Correction
 from auv_lse_gp.positions.error_model import TeamErrorModel
 from auv_lse_gp.positions.gauss_newton import TERRAIN_STEPS, solve
 from auv_lse_gp.positions.measurements import Fixes, FixMeasurement, RangeMeasurement, Ranges, usable
-from auv_lse_gp.positions.monotonic_clock import MonotonicClock
+from auv_lse_gp.positions.monotonic_clock import SET_AHEAD_S, MonotonicClock
 from auv_lse_gp.positions.terrain_matching import Terrain, TerrainLikelihood
 from auv_lse_gp.positions.track import MateTrack, OwnTrack, Track
 
@@ -33,10 +33,9 @@ FASTEST_MPS = 6.0
 #: Largest distance (m) between the starts of two vehicles. A mate is at most this far from this vehicle's start, plus
 #: the distance it could have covered.
 STARTS_APART_M = 1000.0
-#: Times of sending and of reception that are farther apart (s) are of different clocks. A packet is received at most so
-#: much later than the last dead-reckoned position, ...
+#: Times of sending and of reception that are farther apart (s) are of different clocks.
 CLOCKS_APART_S = 60.0
-#: ... and at most this much (s) before the first one.
+#: A packet is sent at most this long (s) before the first dead-reckoned position, and `SET_AHEAD_S` after the last one.
 EARLIEST_S = 3600.0
 #: Maximum number of ranges; of more, the oldest are thinned out.
 MAX_RANGES = 300
@@ -194,7 +193,7 @@ class PositionSmoother:
             return False
         if not len(self._own):
             return True
-        if not self._own.start_s - EARLIEST_S <= mate.sent_s <= self._own.end_s + CLOCKS_APART_S:
+        if not self._own.start_s - EARLIEST_S <= mate.sent_s <= self._own.end_s + SET_AHEAD_S:
             return False
         north_m, east_m = self._own.start_m
         off_m = math.hypot(mate.raw_north_m - north_m, mate.raw_east_m - east_m)

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING
 
 from auv_lse_common.support.confinement import ConfinementError
@@ -47,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except KeyboardInterrupt as interrupt:
+        with contextlib.suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGINT, _answered)  # another Ctrl-C would print a traceback
         _complain(str(interrupt) or "interrupted")
         return 130
     except (CommandError, MissingPackageError) as error:
@@ -58,6 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         sys.unraisablehook = report_dropped
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
+
+
+def _answered(number: int, frame: FrameType | None) -> None:
+    """Does nothing: Ctrl-C was answered. Unlike SIG_IGN, processes that end meanwhile do not inherit it."""
 
 
 def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:

@@ -121,6 +121,13 @@ def test_a_caught_interrupt_within_an_evaluated_string_keeps_the_exit_code(tmp_p
     assert process.returncode == 7
 
 
+def test_a_second_ctrl_c_after_the_answer_changes_nothing(tmp_path: Path) -> None:
+    text = "import atexit, signal\natexit.register(signal.raise_signal, signal.SIGINT)\nraise KeyboardInterrupt"
+    with start(tmp_path, run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
 #: Python drops an error of these with a warning, Ctrl-C's as well.
 DROPPED = {
     "finalizer": "class A:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\nA()\n",
