@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from typing import Any
 
@@ -12,7 +13,7 @@ from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
-from auv_lse_shore.survey_import.parsing.units import NOT_UNDERSTOOD, UNITS, factor_of, stated_unit, unit_note
+from auv_lse_shore.survey_import.parsing.units import StatedUnits
 from auv_lse_shore.survey_import.survey_log import LogError
 
 _FEATURES = re.compile(r'"features"\s*:\s*\[')
@@ -41,8 +42,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         raise LogError(f"{file.path} is a GeoJSON collection without features.")
     decode, at = json.JSONDecoder().raw_decode, match.end()
     stamps: list[str] = []
-    rows: list[list[float]] = []
-    units: set[str] = set()
+    rows, units = list[list[float]](), StatedUnits()
     while (at := _SKIP.match(text, at).end()) < len(text) and text[at] != "]":  # type: ignore[union-attr]
         try:
             feature, at = decode(text, at)
@@ -52,6 +52,8 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             content.left_out["features after the file is damaged or cut off"] += 1
             break
         row = _row(feature, units)
+        if row is None:
+            continue
         if isinstance(row, str):
             content.left_out[row] += 1
             continue
@@ -59,25 +61,26 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         rows.append(row[1])
         if len(rows) % _PIECE == 0:
             file.progress(at / len(text))
-    content.notes += [unit_note(unit) for unit in sorted(units)]
+    units.report(content)
     if rows:
         _fill(content, stamps, np.array(rows), text[: match.start()] + text[at:])
     return [content]
 
 
-def _row(feature: Any, units: set[str]) -> tuple[str, list[float]] | str:
+def _row(feature: Any, units: StatedUnits) -> tuple[str, list[float]] | str | None:
     """Time, and latitude, longitude, depth, and uncertainties east, north, vertical; or why it is left out.
 
-    Args:
-        units: Takes the unit of the depth if the feature states one.
+    None for a depth in a unit that is not understood, which `units` counts.
     """
     try:
         properties, geometry = feature["properties"], feature["geometry"]
         if geometry["type"] != "Point":
             return f"features of the type {str(geometry['type'])[:20]}"
         position = [float(value) for value in geometry["coordinates"][:2]]
-        unit = stated_unit(properties)
-        depth = float(properties["depth"]) * (factor_of(unit, UNITS) if unit else 1.0)
+        factor = units.factor(properties)
+        if math.isnan(factor):
+            return None
+        depth = float(properties["depth"]) * factor
         stamp = str(properties.get("time") or "")
         stated = properties.get("uncertainty") or []
         spread = [float(value) for value in stated] if isinstance(stated, list) else []
@@ -87,10 +90,6 @@ def _row(feature: Any, units: set[str]) -> tuple[str, list[float]] | str:
         return NOT_ON_EARTH
     if position == [0.0, 0.0]:
         return NO_POSITION
-    if unit:
-        if not factor_of(unit, UNITS):
-            return NOT_UNDERSTOOD
-        units.add(unit)
     return stamp, [position[1], position[0], depth, *(spread if len(spread) == 3 else [_NAN] * 3)]
 
 

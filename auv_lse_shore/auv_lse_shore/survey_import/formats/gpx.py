@@ -12,10 +12,10 @@ from auv_lse_common.support.user_error import brief
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing.times import datetimes
-from auv_lse_shore.survey_import.parsing.units import NOT_UNDERSTOOD, UNITS, factor_of, stated_unit, unit_note
+from auv_lse_shore.survey_import.parsing.units import StatedUnits
 from auv_lse_shore.survey_import.survey_log import LogError
 
-#: Names of extensions that hold a depth (m, unless they state another unit), without their namespace.
+#: Names of extensions that hold a depth (m, or in a unit that they state), without their namespace.
 _DEPTHS = ("depth", "waterdepth", "water_depth")
 _POINTS = ("trkpt", "wpt", "rtept")
 #: Bytes that are parsed at once.
@@ -46,17 +46,14 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             raise LogError(f"{file.path} is damaged GPX ({brief(error)}). Copy it again.") from error
         content.left_out["points after the file is damaged or cut off"] += 1
     content.left_out["points that are incomplete"] += points.incomplete
-    content.left_out[NOT_UNDERSTOOD] += points.unclear
-    content.notes += [unit_note(unit) for unit in sorted(points.units)]
+    points.units.report(content)
     for name, stamps in points.stamps.items():
         rows = np.frombuffer(points.rows[name], dtype=float).reshape(-1, 3)
         if np.isfinite(rows[:, 2]).any():
             _fill(content, stamps, rows)
             return [content]
-    if points.unclear:
-        raise LogError(f"{file.path}: its depths are in a unit that is not understood. Convert them to metres.")
     count = sum(map(len, points.stamps.values()))
-    raise LogError(f"{file.path} has {count} points without a depth. Export them with depths from the plotter.")
+    raise LogError(f"{file.path} has {count} points without a depth in a known unit. Export depths in metres.")
 
 
 class _Points:
@@ -68,8 +65,7 @@ class _Points:
     def __init__(self) -> None:
         self.stamps: dict[str, list[str]] = {name: [] for name in _POINTS}
         self.rows = {name: array("d") for name in _POINTS}
-        self.incomplete = self.unclear = 0
-        self.units: set[str] = set()
+        self.incomplete, self.units, self._factor = 0, StatedUnits(), 1.0
         self._names: dict[str, str] = {}
         self._point: dict[str, str] | None = None  # what is known of the current point
         self._text: list[str] = []
@@ -79,8 +75,7 @@ class _Points:
         name = self._names.setdefault(tag, tag.rpartition("}")[2])
         if name in self.rows:
             self._point = attributes
-        elif self._point is not None and name.lower() in _DEPTHS:
-            self._point["unit"] = stated_unit(attributes)
+        self._factor = self.units.factor(attributes) if name.lower() in _DEPTHS else self._factor
         self._text = []
 
     def data(self, text: str) -> None:
@@ -100,21 +95,12 @@ class _Points:
 
     def _add(self, name: str, point: dict[str, str]) -> None:
         try:
-            depth = float(point.get("depth", "nan").strip().replace(",", ".") or "nan")
-            depth *= self._factor(point.get("unit", ""))
+            depth = float(point.get("depth", "nan").strip().replace(",", ".") or "nan") * self._factor
             self.rows[name].extend((float(point["lat"]), float(point["lon"]), depth))
         except (KeyError, ValueError):
             self.incomplete += 1
         else:
             self.stamps[name].append(point.get("time", "").strip())
-
-    def _factor(self, unit: str) -> float:
-        """Metres per unit of a depth; NaN for a unit that is not understood."""
-        factor = factor_of(unit, UNITS) if unit else 1.0
-        self.unclear += not factor
-        if unit and factor:
-            self.units.add(unit)
-        return factor or float("nan")
 
 
 def _fill(content: LogContent, stamps: list[str], rows: NDArray[np.float64]) -> None:

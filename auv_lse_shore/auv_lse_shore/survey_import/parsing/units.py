@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
+
+from auv_lse_shore.survey_import.log_content import LogContent
 
 #: Metres per unit of length.
 UNITS = {
@@ -20,9 +23,7 @@ TIME_UNITS = {
 #: Degrees per unit of an angle.
 ANGLE_UNITS = {"rad": 57.29577951308232, "radians": 57.29577951308232}
 #: Names of a property or attribute that states the unit of the depth beside it.
-UNIT_KEYS = ("unit", "units", "uom", "depth_unit", "depth_units", "depthunit", "depthunits")
-#: What is left out for a unit that is stated and has no factor.
-NOT_UNDERSTOOD = "depths in a unit that is not understood"
+_UNIT_KEYS = ("unit", "units", "uom", "depth_unit", "depth_units", "depthunit", "depthunits")
 #: What else stands where a unit is expected.
 OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
 #: Metres of a foot of the United States' land survey.
@@ -40,11 +41,28 @@ def factor_of(text: str, units: Mapping[str, float]) -> float:
     return _SURVEY_FOOT_M if factor == UNITS["ft"] and "survey" in text.lower() else factor
 
 
-def stated_unit(beside: Mapping[str, Any]) -> str:
-    """The unit that properties or attributes beside a depth state; "" without one."""
-    return next((str(value).strip() for key, value in beside.items() if key.lower() in UNIT_KEYS and value), "")
+class StatedUnits:
+    """The units that a log states beside its depths, as properties or attributes.
 
+    Attributes:
+        unclear: Number of depths whose unit is not understood.
+    """
 
-def unit_note(unit: str) -> str:
-    """What import reports of depths in a stated unit."""
-    return f"depths in {unit[:20]}, {factor_of(unit, UNITS):g} m"
+    def __init__(self) -> None:
+        self.unclear = 0
+        self._factors: dict[str, float] = {}
+
+    def factor(self, beside: Mapping[str, Any]) -> float:
+        """Metres per unit of a depth: 1 if no unit is stated, NaN for one that is not understood."""
+        unit = next((str(value).strip() for key, value in beside.items() if key.lower() in _UNIT_KEYS and value), "")
+        if not unit:
+            return 1.0
+        factor = self._factors.setdefault(unit, factor_of(unit, UNITS) or math.nan)
+        self.unclear += math.isnan(factor)
+        return factor
+
+    def report(self, content: LogContent) -> None:
+        """Adds to a log's content which units count, and how many depths are left out."""
+        known = sorted(unit for unit, factor in self._factors.items() if not math.isnan(factor))
+        content.notes += [f"depths in {unit[:20]}, {self._factors[unit]:g} m" for unit in known]
+        content.left_out["depths in a unit that is not understood"] += self.unclear
