@@ -108,7 +108,10 @@ def _each_definition_parsed_once() -> Iterator[None]:
     """Lets rosbags parse a definition once, and not for every topic that has it: a recording opens in half the time."""
     from rosbags.highlevel import anyreader
 
-    parse = anyreader.get_types_from_msg
+    parse = getattr(anyreader, "get_types_from_msg", None)
+    if parse is None:  # a version of rosbags that parses elsewhere
+        yield
+        return
     anyreader.get_types_from_msg = cache(parse)
     try:
         yield
