@@ -84,6 +84,7 @@ def _fly(folder: Path, window_s: float, domains: tuple[int, ...]) -> list[Row]:
     file = folder / "run" / "vehicles.yaml"
     steps = str(int((window_s + 120.0) / 15.7))
     team = ("--apart", "--vehicles", "2", "--steps", steps, "--seed", "5", "--no-report", "--out", str(file.parent))
+    team += (f"--set=safety.state_copies={folder / 'state_copies'}",)  # else in the home, among those of real dives
     programs = [Program("sim", *team, "--domain", str(domains[0]))]
     cores = sorted(os.sched_getaffinity(0))
     try:
