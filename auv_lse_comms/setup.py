@@ -37,7 +37,6 @@ setup(
     install_requires=[
         "numpy>=1.26",
         "pyserial",
-        "pyyaml",
         sibling("auv_lse_common"),
     ]
     if is_library

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-import yaml
-
-from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file, yaml_value
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
 from auv_lse_common.support.device_findings import Finding, print_findings
@@ -30,7 +28,7 @@ _SOUND_MPS = 1500.0
 #: The test packet: no packet of a mission, so that nodes that hear it reject it.
 TEST_PACKET = (b"auv_lse modem-check " * 13)[:PAYLOAD_BYTES]
 
-ERRORS = (ParameterError, AddressError, yaml.YAMLError)
+ERRORS = (ParameterError, AddressError)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -84,7 +82,7 @@ def _config(options: argparse.Namespace) -> ModemConfig:
         values = dict(own.get("modem", {}))
     if options.set:
         pairs = (text.partition("=") for text in options.set)
-        values["settings"] = {**values.get("settings", {}), **{name: yaml.safe_load(v) for name, _, v in pairs}}
+        values["settings"] = {**values.get("settings", {}), **{name: yaml_value(v) for name, _, v in pairs}}
     values |= {"kind": "micromodem", "port": options.port, "log_file": ""}
     if options.baud is not None:
         values["baud"] = options.baud

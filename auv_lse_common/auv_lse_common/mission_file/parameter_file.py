@@ -58,6 +58,15 @@ def read_yaml(path: Path) -> Any:
     return _parse_yaml(_read_text(path), str(path))
 
 
+def yaml_value(text: str) -> Any:
+    """The value of a text in YAML, as for a parameter on the command line.
+
+    Raises:
+        ParameterError: if it is not YAML.
+    """
+    return _parse_yaml(text, repr(text))
+
+
 #: Regular expressions for the wildcards of a node pattern.
 _WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 
@@ -93,7 +102,8 @@ def _read_text(path: Path) -> str:
 class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
     """Rejects duplicate keys; PyYAML would silently keep only the last one.
 
-    Also rejects aliases that multiply a short file into more than `MAX_YAML_VALUES` values.
+    Also rejects aliases that multiply a short file into more than `MAX_YAML_VALUES` values, and numbers that YAML 1.1
+    reads in base 8 (010 is 8) or 60 (1:30 is 90).
     """
 
     def get_single_node(self) -> yaml.Node | None:
@@ -112,6 +122,21 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
             seen.add((key.tag, str(key.value)))
         found: dict[Any, Any] = super().construct_mapping(node, deep)
         return found
+
+    def construct_number(self, node: yaml.ScalarNode) -> int | float:
+        """Whole numbers and others."""
+        text = node.value.lstrip("+-")
+        if ":" in text or re.fullmatch(r"0[0-7_]+", text):
+            base, cure = (60, "in one unit") if ":" in text else (8, "without the zero in front")
+            what = f"YAML reads {node.value} in base {base}; write the number {cure}"
+            raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
+        is_whole = node.tag.endswith(":int")
+        value: int | float = self.construct_yaml_int(node) if is_whole else self.construct_yaml_float(node)
+        return value
+
+
+for _kind in ("int", "float"):
+    _UniqueKeyLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _UniqueKeyLoader.construct_number)
 
 
 def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
@@ -133,5 +158,7 @@ def _parse_yaml(text: str, where: str) -> Any:
         raise ParameterError(f"{where}: not valid YAML: {position}{error.problem or error.context}") from error
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {brief(error)}") from error
-    except (RecursionError, ValueError) as error:  # endless nesting; an impossible date or number
-        raise ParameterError(f"{where}: not valid YAML: {str(error) or 'nested too deeply'}") from error
+    except RecursionError as error:
+        raise ParameterError(f"{where}: not valid YAML: nested too deeply") from error
+    except ValueError as error:  # an impossible date or number
+        raise ParameterError(f"{where}: not valid YAML: {error}") from error

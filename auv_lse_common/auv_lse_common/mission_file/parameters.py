@@ -20,8 +20,8 @@ from auv_lse_common.mission_file.retired import RENAMED, RETIRED, replacement
 
 T = TypeVar("T")
 
-#: A number that YAML 1.1 reads as text, because it lacks the point or the exponent's sign (1e-3 for 1.0e-3).
-_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+#: A number that YAML 1.1 reads as text: it lacks the point, the exponent's sign (1e-3 for 1.0e-3) or the zero (-.5).
+_AS_TEXT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
 #: ROS 2 parameters hold whole numbers below this.
 INTEGER_LIMIT = 2**63
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
@@ -236,6 +236,8 @@ def _unknown(key: Any, value: Any, known: Iterable[str], where: str) -> Paramete
     near = _nearest(key, known)
     hint = f"did you mean '{near}'?" if near else f"known: {', '.join(sorted(known))}"
     name = f"{where}.{key}".rpartition(": ")[2]
+    if value is None and str(key).isdigit():  # {level_m: 15,5}
+        hint = "YAML separates by commas; write a decimal point"
     if name in RETIRED:
         hint = "it was removed. Delete it"
     elif name in RENAMED:
@@ -299,7 +301,7 @@ def _scalar(hint: Any, value: Any, key: str, meta: Mapping[str, Any], allowed: s
         if not isinstance(value, hint) or (meta.get("choices") and value not in meta["choices"]):
             raise error
         return value
-    if hint is float and isinstance(value, str) and _EXPONENT.fullmatch(value):
+    if hint is float and isinstance(value, str) and _AS_TEXT.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or (hint is int and isinstance(value, float)):
         raise error

@@ -63,6 +63,7 @@ def test_defaults_and_values() -> None:
     ("mapping", "message"),
     [
         ({"cuont": 5}, r"f: s\.cuont: unknown parameter \(value 5\); did you mean 'count'\?"),
+        ({"count": 1, "5": None}, r"f: s\.5: unknown parameter \(value None\); .* write a decimal point"),
         ({"zebra": 5}, r"known: angles, count, inner, limit, name, on, total, zones"),
         ({"count": 10}, r"f: s\.count must be a whole number from 1 to 9, not 10"),
         ({"total": 2**63}, r"f: s\.total: 9223372036854775808 does not fit 64 bits"),
@@ -90,7 +91,7 @@ def test_invalid_values_are_rejected_by_name(mapping: dict[str, object], message
         section(Outer, {"s": mapping}, "s", "f")
 
 
-@pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("2E5", 2e5), ("1.5e3", 1.5e3)])
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("2E5", 2e5), ("1.5e3", 1.5e3), ("+.5", 0.5)])
 def test_numbers_that_yaml_1_1_reads_as_text(text: str, value: float) -> None:
     assert isinstance(yaml.safe_load(text), str)
     assert from_mapping(Inner, {"gain": yaml.safe_load(text)}, "f").gain == value
@@ -176,6 +177,10 @@ def test_star_matches_one_name_and_two_stars_any_number(pattern: str, node: str,
             "not valid YAML: line 3, column 1: the key '/\\*\\*' appears twice",
         ),
         ("/**:\n  ros__parameters:\n    gp: {}\n    gp: {}\n", "line 4, column 5: the key 'gp' appears twice"),
+        ("a: " + "{a: " * 3000 + "1" + "}" * 3000, "m.yaml: not valid YAML: nested too deeply"),
+        ("/**: {ros__parameters: {a: {b: 010}}}", "YAML reads 010 in base 8; write the number without the zero in"),
+        ("/**: {ros__parameters: {a: {b: -1:30}}}", "YAML reads -1:30 in base 60; write the number in one unit"),
+        ("/**: {ros__parameters: {a: {b: 1:30.5}}}", "YAML reads 1:30.5 in base 60"),
     ],
 )
 def test_files_of_another_shape_are_rejected(tmp_path: Path, text: str, message: str) -> None:

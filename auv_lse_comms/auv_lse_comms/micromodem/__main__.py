@@ -7,8 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
+from auv_lse_common.mission_file.parameter_file import yaml_value
 from auv_lse_common.mission_file.parameters import from_mapping
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_common.support.user_error import error_text
@@ -32,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     try:
-        values = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in options.set)}
+        values = {name: yaml_value(value) for name, _, value in (text.partition("=") for text in options.set)}
         config = from_mapping(ModemConfig, {"kind": "micromodem", "port": str(options.file), **values}, "--set: modem")
         with options.file.open(encoding="ascii") as lines:
             result = replay_log(read_entries(lines, str(options.file)), config, options.address)

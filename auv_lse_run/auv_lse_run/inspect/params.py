@@ -9,7 +9,8 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameters import nest
+from auv_lse_common.mission_file.parameter_file import yaml_value
+from auv_lse_common.mission_file.parameters import ParameterError, nest
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.inspect.nodes import known_node
 from auv_lse_run.process.domain import DomainError
@@ -112,8 +113,8 @@ def run_set(options: argparse.Namespace, graph: Any) -> int:
     node = known_node(options.node, graph)
     _known_parameter(options.name, node, graph)
     try:
-        value = yaml.safe_load(options.value)
-    except yaml.YAMLError:
+        value = yaml_value(options.value)
+    except ParameterError:
         value = options.value
     now = graph.parameters(node, [options.name]).get(options.name)
     if isinstance(now, float) and isinstance(value, int) and not isinstance(value, bool):

@@ -48,6 +48,7 @@ def check_geometry(settings: Settings, findings: Findings) -> Settings:
     if area is not None:
         _check_starts(settings, area, motion, findings)
         _check_cells(settings, area, findings)
+        _check_no_go(area, findings)
     _check_recovery(settings, findings)
     if area is not None and motion is not None and findings.usable("planner.lane_spacing_m"):
         _check_lanes(settings, area, motion, findings)
@@ -75,6 +76,17 @@ def _check_cells(settings: Settings, area: OperatingArea, findings: Findings) ->
                 area.grid(size_m, name)
             except ParameterError as error:
                 findings.refuse(name, f"{settings.where}: {error}")
+
+
+def _check_no_go(area: OperatingArea, findings: Findings) -> None:
+    if not area.no_go:
+        return
+    from shapely import LinearRing, Polygon  # slow to import, and rarely needed
+
+    polygon = Polygon(area.polygon)
+    for name, ring in area.no_go.items():
+        if not polygon.intersects(LinearRing(ring)):
+            findings.warning(f"area.no_go.{name} lies outside the operating area and changes nothing; is it misplaced?")
 
 
 def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable | None, findings: Findings) -> None:

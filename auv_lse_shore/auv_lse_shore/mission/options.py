@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from auv_lse_common.mission_file.methods import METHODS
+from auv_lse_common.mission_file.parameter_file import yaml_value
 from auv_lse_common.mission_file.parameters import ParameterError, nest, problems
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
@@ -196,12 +195,9 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
         if not sign or not name:
             raise ParameterError(f"--set {text!r} is not NAME=VALUE, such as planner.iterations=500")
         try:
-            wanted[name] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            problem = getattr(error, "problem", None) or str(error)
-            raise ParameterError(
-                f"--set {text!r}: the value is not YAML: {problem}; write it as in a mission file"
-            ) from error
+            wanted[name] = yaml_value(value)
+        except ParameterError as error:
+            raise ParameterError(f"--set {name}: {error}") from error
         _check(f"--set {text}", name, wanted[name])
     return wanted
 

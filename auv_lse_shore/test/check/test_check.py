@@ -181,6 +181,13 @@ def test_contradictory_values_are_an_error(tmp_path: Path) -> None:
     [
         ({}, {"vehicle": {"start_north_m": 900.0}}, "error", "auv2: .* 900, 0 m is outside the operating area"),
         (
+            {"area": {"no_go": {"a": [990.0, 0.0, 991.0, 0.0, 990.0, 1.0], "b": [-60.0, 0.0, 0.0, 9.0, 0.0, 99.0]}}},
+            None,
+            "warning",
+            "area.no_go.a lies outside the operating area and changes nothing",
+        ),
+        ({"level_set": {"level_m": -15.0}}, None, "error", "level_set.level_m must be a number from 0 to .* not -15"),
+        (
             {},
             {"vehicle": {"start_north_m": -45.0}},
             "warning",

@@ -125,7 +125,11 @@ def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("planner.iterations=[1", "error: --set 'planner.iterations=[1': the value is not YAML: "),
+        ("planner.iterations=[1", "error: --set planner.iterations: '[1': not valid YAML: line 1, column 3: "),
+        (
+            "planner.iterations=0100",
+            "error: --set planner.iterations: '0100': not valid YAML: line 1, column 1: YAML reads",
+        ),
         ("planner.[/x]=1", "planner.[/x]: unknown parameter"),
         ("planner.iterations", "is not NAME=VALUE"),
         (
