@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
 from auv_lse_common.topics.records import BoundReport, HealthReport, Odometry, PlanReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
@@ -72,7 +75,8 @@ def read_run(
     if mission is not None:
         return read_bag(recording_in(path), read_parameter_file(mission), ground=ground, wall_s=wall_s)
     with Recording(recording_in(path)) as recording:
-        return _run_in(recording, _parameters_in(recording, path), ground, wall_s)
+        run = _run_in(recording, _parameters_in(recording, path), ground, wall_s)
+        return dataclasses.replace(run, notes=[*run.notes, *_on_another_file(recording, path)])
 
 
 def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
@@ -105,6 +109,17 @@ def _parameters_in(recording: Recording, path: Path) -> Patterns:
         f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Name the "
         "mission's file with --mission FILE."
     )
+
+
+def _on_another_file(recording: Recording, path: Path) -> list[str]:
+    """A note if somebody has changed the mission file beside a recording, which is not read."""
+    text, beside = recording.text(MISSION_FILE), path / "mission.yaml"
+    if text is None or not beside.is_file():
+        return []
+    with contextlib.suppress(ParameterError):
+        if read_parameter_file(beside) == parse_parameters(text, str(beside)):
+            return []
+    return [f"{beside} is not the mission file in the recording and is ignored; copy it elsewhere to fly it"]
 
 
 def read_bag(

@@ -19,8 +19,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="auv_lse export",
         description="Exports a mission's results to files for other programs.",
-        epilog=f"{files}\n\nSet area.origin_lat_deg and origin_lon_deg in the mission file to georeference the files; "
-        "without them, coordinates\nare local metres. A second export into the same folder replaces the first.\n\n"
+        epilog=f"{files}\n\nThe origin in the mission file, or --origin, georeferences the files; without one, "
+        "coordinates are local\nmetres. A second export into the same folder replaces the first.\n\n"
         "Exit codes: 0 success; 2 the run cannot be exported, or wrong command line; 130 Ctrl-C.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -37,6 +37,10 @@ class Raster(NamedTuple):
         return np.where(np.isnan(self.values), NODATA, self.values)[::-1]
 
 
+#: Why a file with positions on Earth is not written.
+NO_ORIGIN = "skipped, because the mission has no origin; give --origin LAT LON"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
     """Coordinates of an export: x = east and y = north of the mission's origin, in meters.
@@ -70,10 +74,7 @@ class Reference:
     def describe(self) -> str:
         """The coordinates in one sentence, for users."""
         if self.origin is None:
-            return (
-                "local metres, east and north of the mission's origin; set area.origin_lat_deg and origin_lon_deg to "
-                "georeference the files"
-            )
+            return "local metres, east and north of the mission's origin; --origin LAT LON georeferences the files"
         latitude, longitude = self.origin
         return f"metres about {latitude:.6f}, {longitude:.6f} deg (azimuthal equidistant, WGS84)"
 

@@ -58,6 +58,10 @@ def add_survey_options(p: argparse.ArgumentParser) -> None:
         "sound-speed (5 m/s), water-level (0.05 m)",
     )
     group.add_argument(
+        "--origin", nargs=2, type=float, metavar=("LAT", "LON"), help="WGS84 latitude and longitude (deg) of the "
+        "mission's local coordinates, where its file has none",
+    )  # fmt: skip
+    group.add_argument(
         "--crs", default="", metavar="CRS", help="coordinate system of chart.tif and chart.bag (default: the UTM zone)"
     )
     group.add_argument("--contours", default="", metavar="M,M,...", help="depths of the lines in contours.geojson")
@@ -90,10 +94,11 @@ def survey_of(options: argparse.Namespace) -> Survey:
         sound_speed=_sound_speed(options.sound_speed),
         sounder_speed_mps=options.sounder_speed,
         std=_uncertainties(options.std),
-        crs=options.crs.strip(),
+        origin=None if options.origin is None else _origin(*options.origin),
+        crs=_crs(options.crs.strip()),
         contour_levels_m=_levels(options.contours),
         contour_interval_m=interval or 0.0,
-        provider=None if options.provider is None else (options.provider[0], options.provider[1]),
+        provider=None if options.provider is None else _provider(*options.provider),
         sources=sources,
     )
 
@@ -115,6 +120,34 @@ def _uncertainties(pairs: list[str]) -> Uncertainties:
             raise SurveyError(f"--std: {pair} is not NAME=VALUE with a NAME of {', '.join(_STDS)} and a VALUE >= 0")
         values[_STDS[name]] = value
     return Uncertainties(**values)
+
+
+def _origin(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        swapped = " Are they swapped?" if abs(longitude_deg) <= 90.0 and abs(latitude_deg) <= 180.0 else ""
+        raise SurveyError(
+            f"--origin: latitude {latitude_deg:g}, longitude {longitude_deg:g} is not a position in degrees.{swapped}"
+        )
+    return latitude_deg, longitude_deg
+
+
+def _crs(name: str) -> str:
+    """The name of a coordinate system, or ""."""
+    from pyproj import CRS  # slow to import, and rarely needed
+    from pyproj.exceptions import CRSError
+
+    try:
+        if name and len(CRS.from_user_input(name).axis_info) != 2:
+            raise SurveyError(f"--crs: {name} is not a system of two coordinates, such as EPSG:32632")
+    except CRSError as error:
+        raise SurveyError(f"--crs: {name} is not a coordinate system, such as EPSG:32632 ({error})") from error
+    return name
+
+
+def _provider(name: str, email: str) -> tuple[str, str]:
+    if not name.strip() or not all(part.strip() for part in email.partition("@")):
+        raise SurveyError(f"--provider: {name!r}, {email!r} are not a name and an e-mail address")
+    return name.strip(), email.strip()
 
 
 def _levels(text: str) -> tuple[float, ...]:
@@ -142,7 +175,8 @@ def _sound_speed(given: str | None) -> Array | None:
         profile = _table(Path(given), "--sound-speed", ("depth_m",), "sound_speed_mps")
     low, high = profile[:, 1].min(), profile[:, 1].max()
     if low < 1000.0 or high > 2000.0:
-        raise SurveyError(f"--sound-speed must be within 1000 to 2000 m/s, not {low:g} to {high:g}")
+        values = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        raise SurveyError(f"--sound-speed must be within 1000 to 2000 m/s, not {values}")
     return profile
 
 

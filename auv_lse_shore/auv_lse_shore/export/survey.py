@@ -62,6 +62,7 @@ class Survey:
         sound_speed: Sound speed: rows (depth m, m/s). One row: constant. None: the sounder's speed was right.
         sounder_speed_mps: Sound speed with which the sounder converted travel times.
         std: Standard deviations.
+        origin: WGS84 latitude and longitude (deg) of north = east = 0 for runs that have none; None if unknown.
         crs: Coordinate reference system of chart.tif and chart.bag, such as "EPSG:2056"; "": the UTM zone.
         contour_levels_m: Depths of contours.
         contour_interval_m: Interval of further contours; 0: none.
@@ -74,6 +75,7 @@ class Survey:
     sound_speed: Array | None = None
     sounder_speed_mps: float = USUAL_SOUNDER_SPEED_MPS
     std: Uncertainties = field(default_factory=Uncertainties)
+    origin: tuple[float, float] | None = None
     crs: str = ""
     contour_levels_m: tuple[float, ...] = ()
     contour_interval_m: float = 0.0
@@ -113,8 +115,11 @@ class Survey:
         """A run with its own soundings corrected; samples that vehicles heard under way stay as they are.
 
         Raises:
-            SurveyError: if the water level does not cover the soundings.
+            SurveyError: if the water level does not cover the soundings, or the run has another origin.
         """
+        if self.origin is not None and run.origin not in (None, self.origin):
+            raise SurveyError(f"--origin: the mission has one, {run.origin[0]:g}, {run.origin[1]:g} deg; leave it out")
+        run = dataclasses.replace(run, origin=self.origin or run.origin)
         if self.water_level is None and self.sound_speed is None:
             return run
         return dataclasses.replace(run, vehicles=[self._reduced(v, vehicle_depth_m(run, v)) for v in run.vehicles])

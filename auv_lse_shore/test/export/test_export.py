@@ -233,6 +233,28 @@ def test_a_second_export_replaces_the_first(on_earth, capsys):
     assert "coordinates: metres about 46.5" in capsys.readouterr().out
 
 
+def test_a_mission_without_origin_gets_one_after_the_dive(tmp_path, local, capsys):
+    """Not from the mission file beside the recording: changes there are reported and ignored."""
+    folder, mission = local[0].parent, local[0].parent / "mission.yaml"
+    text = mission.read_text()
+    mission.write_text(text.replace("    area:\n", "    area:\n      origin_lat_deg: 1.0\n      origin_lon_deg: 2.0\n"))
+    try:
+        assert main([str(folder), "--out", str(tmp_path / "without")]) == 0
+    finally:
+        mission.write_text(text)
+    said = capsys.readouterr().out
+    assert f"{mission} is not the mission file in the recording and is ignored" in said
+    assert "chart.tif: skipped, because the mission has no origin; give --origin LAT LON" in said
+    assert main([str(folder), "--out", str(tmp_path / "with"), "--origin", "46.5", "6.6"]) == 0
+    said = capsys.readouterr().out
+    assert "coordinates: metres about 46.5" in said
+    assert "ignored" not in said
+    rows = list(csv.DictReader((tmp_path / "with" / "soundings.csv").open()))
+    latitude, longitude = geodetic_from_local(float(rows[0]["north_m"]), float(rows[0]["east_m"]), 46.5, 6.6)
+    assert float(rows[0]["latitude_deg"]) == pytest.approx(float(latitude))
+    assert float(rows[0]["longitude_deg"]) == pytest.approx(float(longitude))
+
+
 def test_a_map_without_origin_leaves_no_projection_of_an_earlier_one(tmp_path, on_earth):
     team = on_earth[2]
     for origin, there in ((ORIGIN, True), (None, False)):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_shore.export.content import Export, ExportError
+from auv_lse_shore.export.content import NO_ORIGIN, Export, ExportError
 from auv_lse_shore.export.formats import geotiff
 from auv_lse_shore.export.projected import project
 from auv_lse_shore.export.uncertainty import EDITION
@@ -27,7 +27,7 @@ def write(export: Export) -> str:
     path = export.folder / "chart.bag"
     path.unlink(missing_ok=True)
     if export.reference.origin is None:
-        return "chart.bag: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
+        return f"chart.bag: {NO_ORIGIN}"
     chart = project(export)
     if not chart.crs.is_projected:
         return f"chart.bag: skipped, because {chart.crs.to_string()} is in degrees; BAG needs metres, as of a UTM zone"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_shore.export.content import NODATA, Export
+from auv_lse_shore.export.content import NO_ORIGIN, NODATA, Export
 from auv_lse_shore.export.formats import geotiff
 from auv_lse_shore.export.projected import project
 from auv_lse_shore.export.uncertainty import EDITION, ORDERS
@@ -24,7 +24,7 @@ def write(export: Export) -> str:
     path = export.folder / "chart.tif"
     if export.reference.origin is None:
         path.unlink(missing_ok=True)
-        return "chart.tif: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
+        return f"chart.tif: {NO_ORIGIN}"
     chart = project(export)
     from rasterio.io import MemoryFile
     from rasterio.shutil import copy

@@ -44,7 +44,7 @@ def write(export: Export) -> str:
 def _missing(export: Export, vehicles: list[VehicleRun]) -> str:
     """What the files would lack; "" if nothing."""
     if export.reference.origin is None:
-        return "area.origin_lat_deg and origin_lon_deg are not set"
+        return "the mission has no origin; give --origin LAT LON"
     if export.survey.provider is None:
         return "--provider NAME EMAIL is not given"
     if any(v.soundings.stamp_s.min() < FIRST_UTC_S for v in vehicles):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import CLASSES
-from auv_lse_shore.export.content import Export
+from auv_lse_shore.export.content import NO_ORIGIN, Export
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def write(export: Export) -> str:
     path = export.folder / "isobath.kml"
     if export.reference.origin is None:
         path.unlink(missing_ok=True)
-        return "isobath.kml: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
+        return f"isobath.kml: {NO_ORIGIN}"
     team = export.team
     root = Element("kml", xmlns=NAMESPACE)
     document = SubElement(root, "Document")

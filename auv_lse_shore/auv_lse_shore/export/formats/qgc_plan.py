@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp.map.certainty import FOUND
-from auv_lse_shore.export.content import Export
+from auv_lse_shore.export.content import NO_ORIGIN, Export
 from auv_lse_shore.judge.team_map import TeamMap, mission_settings
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def write(export: Export) -> str:
     path, origin, team = export.folder / "isobath.plan", export.reference.origin, export.team
     if origin is None:
         path.unlink(missing_ok=True)
-        return "isobath.plan: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
+        return f"isobath.plan: {NO_ORIGIN}"
 
     def geodetic(locations_m: Array) -> list[list[float]]:
         latitude, longitude = geodetic_from_local(locations_m[:, 0], locations_m[:, 1], *origin)

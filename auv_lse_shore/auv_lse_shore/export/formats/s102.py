@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_shore.export.content import Export, ExportError
+from auv_lse_shore.export.content import NO_ORIGIN, Export, ExportError
 from auv_lse_shore.export.projected import Chart, project
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def write(export: Export) -> str:
     path = export.folder / "chart_s102.h5"
     path.unlink(missing_ok=True)
     if export.reference.origin is None:
-        return f"{path.name}: skipped, because area.origin_lat_deg and origin_lon_deg are not set"
+        return f"{path.name}: {NO_ORIGIN}"
     chart = project(export)
     code = chart.crs.to_epsg()
     if code is None or not (code in _CRS or 32601 <= code <= 32660 or 32701 <= code <= 32760):
