@@ -147,6 +147,20 @@ def test_an_answer_that_is_no_waypoints_is_refused(answer: object, message: str)
         waypoints_of(answer, 0)
 
 
+def test_an_error_of_a_planner_names_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "divides.py"
+    file.write_text(
+        "class Divides:\n    replan_legs = 1\n"
+        "    def path(self, view):\n"
+        "        return self.next(view) if view.legs_left < 5 else view.position_m\n"
+        "    def next(self, view):\n"
+        "        return float('x')\n"
+        "def planner():\n    return Divides()\n"
+    )
+    with pytest.raises(ValueError, match=r"step 1: .*divides.py, line 6, in next: ValueError: could not convert"):
+        mission(str(file), SMALL, 1, 1, 5)
+
+
 def test_one_waypoint_may_be_a_row() -> None:
     assert waypoints_of((3, 4), 0).tolist() == [[3.0, 4.0]]
 

@@ -121,7 +121,5 @@ def test_without_an_origin_both_say_what_is_missing_and_leave_no_old_file(export
     bare = dataclasses.replace(export.team, run=dataclasses.replace(export.team.run, origin=None))
     for module, name in ((kml, "isobath.kml"), (qgc_plan, "isobath.plan")):
         (tmp_path / name).write_text("old")
-        assert "because the mission has no origin; give" in module.write(
-            Export(team=bare, folder=tmp_path)
-        )
+        assert "because the mission has no origin; give" in module.write(Export(team=bare, folder=tmp_path))
         assert not (tmp_path / name).exists()

@@ -73,7 +73,10 @@ def ground_of(grounds: list[Ground], line: dict[str, Any]) -> Ground:
 def flown(line: dict[str, Any], parameters: dict[str, Any], python: Path | None) -> dict[str, Any]:
     """A mission's line with its figures."""
     whole = line["simulation"] == "whole"
-    found = mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python, whole)
+    try:
+        found = mission(line["planner"], parameters, line["vehicles"], line["seed"], line["legs"], python, whole)
+    except ValueError as error:
+        raise ValueError(f"{line['planner']} on {line['ground']}: {error}") from error
     return {**line, **found}
 
 

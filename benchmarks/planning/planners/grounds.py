@@ -101,7 +101,9 @@ def _listed(manifest: Path) -> list[Mapping[str, Any]]:
     """The entries of a manifest, each with a name of its own: results are found by it."""
     try:
         listed = yaml.safe_load(manifest.read_text())["grounds"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+    except OSError as error:
+        raise ValueError(f"{manifest}: cannot be read: {error.strerror or error}.") from error
+    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
         raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
     if not isinstance(listed, list) or not all(isinstance(entry, Mapping) for entry in listed):
         raise ValueError(f"{manifest}: grounds must be a list of mappings, not {repr(listed)[:60]}.")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import traceback
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -130,13 +131,24 @@ class Steered(PathMethod):
                 self._line_m, self._nearest = self._line_m[passed:], (np.inf, s.step)
         every = self._planner.replan_legs
         if not len(self._line_m) or (every is not None and s.step - self._asked_at >= every):
-            self._line_m = self._around_land(here, waypoints_of(self._planner.path(self._view(s)), s.step))
+            self._line_m = self._around_land(here, waypoints_of(self._answer(s), s.step))
             self._asked_at, self._nearest = s.step, (np.inf, s.step)
         line = np.concatenate([here[None], self._line_m, self._line_m[-1:] + 1.0])
         length_m = float(np.hypot(*np.diff(line, axis=0).T).sum())
         legs = int(np.clip(np.ceil(length_m / leg_m), 1, min(200, context.rollout.steps - s.step)))
         actions = self._steering.along(s.state, line, leg_m, legs, around_shallows=True)
         return Proposal(SearchResult(tuple(int(a) for a in actions), 0.0), NONE)
+
+    def _answer(self, s: Situation) -> Any:
+        """What the planner returns; its errors as ValueError with the last line of its file that ran."""
+        view = self._view(s)
+        try:
+            return self._planner.path(view)
+        except Exception as error:
+            _, first, *deeper = traceback.extract_tb(error.__traceback__)
+            at = [frame for frame in (first, *deeper) if frame.filename == first.filename][-1]
+            what = f"{type(error).__name__}: {error}"
+            raise ValueError(f"step {s.step}: {at.filename}, line {at.lineno}, in {at.name}: {what}") from error
 
     def _around_land(self, here_m: Array, asked_m: Array) -> Array:
         """The waypoints (n, 2) with those on the way between them, where the straight way leads over land."""

@@ -31,7 +31,7 @@ ROLES = ("tuning", "choosing", "reporting")
 PLANNERS = ["line", "plain", "tour", "fitted_lanes"]
 AGAINST = PLANNERS[1:]
 #: The grounds; data of real lakes are not part of the project.
-MANIFEST = Path("config/planner_grounds.yaml")
+MANIFEST = Path(__file__).resolve().parents[3] / "config" / "planner_grounds.yaml"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"any of {known}, an entry point of auv_lse.planners, or a Python file (default: "
         f"{' '.join(PLANNERS)})",
     )  # fmt: skip
-    group.add_argument("--grounds", type=Path, default=MANIFEST, metavar="FILE", help="manifest (default: %(default)s)")
+    group.add_argument("--grounds", type=Path, default=MANIFEST, metavar="FILE",
+                       help="manifest (default: config/planner_grounds.yaml of the checkout)")  # fmt: skip
     group.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the manifest's files (default: its own)")
     group.add_argument("--environment", type=Path, metavar="FOLDER",
                        help=f"of sgptools, for {' and '.join(PEER_NAMES)}; made if it is not there (3 GB)")  # fmt: skip
