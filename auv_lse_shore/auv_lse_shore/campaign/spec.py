@@ -28,6 +28,7 @@ from auv_lse_common.mission_file.parameter_file import read_parameter_file, read
 from auv_lse_common.mission_file.parameters import INTEGER_LIMIT, ParameterError
 from auv_lse_common.mission_file.settings import Patterns, Settings
 from auv_lse_shore.areas.area_file import read_area
+from auv_lse_shore.mission.options import check_vehicles
 
 #: Keys of a campaign file.
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
@@ -150,10 +151,14 @@ class CampaignSpec:
         """
         jobs = []
         by_setting = []
+        largest: dict[str, int] = {}  # team of the settings that have a parameter
         for label, values in self.settings:
             settings = Settings.from_patterns(self.base, self.where, values)
+            largest |= {name: max(largest.get(name, 0), settings.mission.vehicles) for name in values}
             survey = _digest(settings.sim.bathymetry.file, f"{self.where}: setting '{label}'")
             by_setting.append((label, values, settings.open_patterns(), survey))
+        for name, vehicles in largest.items():
+            check_vehicles([name], vehicles, f"{self.where}: ")
         for seed in self.seeds:
             for label, values, complete, survey in by_setting:
                 common = complete["/**"]

@@ -152,8 +152,13 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     return wanted
 
 
-def check_vehicles(names: Sequence[str], vehicles: int) -> None:
-    """Refuses parameters of the command line that are for a vehicle beyond the team, which a mission file may have.
+def check_vehicles(names: Sequence[str], vehicles: int, where: str = "--set ") -> None:
+    """Refuses parameters that are for a vehicle beyond the team, which a mission file may have.
+
+    Args:
+        names: Dotted names.
+        vehicles: Size of the team.
+        where: Where they were given, for the message.
 
     Raises:
         ParameterError: naming the parameter.
@@ -162,7 +167,7 @@ def check_vehicles(names: Sequence[str], vehicles: int) -> None:
         vehicle = name.partition(".")[0]
         if _VEHICLE.fullmatch(vehicle) and int(vehicle[3:]) > vehicles:
             team = "its only vehicle is auv1" if vehicles == 1 else f"its vehicles are auv1 to auv{vehicles}"
-            raise ParameterError(f"--set {name}: the mission has no {vehicle}; {team}")
+            raise ParameterError(f"{where}{name}: the mission has no {vehicle}; {team}")
 
 
 def _area(words: Sequence[str]) -> dict[str, Any]:

@@ -51,6 +51,10 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"grid": {"planner.method": "plain"}}, r"grid: planner\.method must be a list of values, not 'plain'"),
         ({"grid": {"planner.metod": ["plain"]}}, r"planner\.metod: unknown parameter .* did you mean 'method'"),
         ({"grid": {"mission.steps": [0]}}, r"mission\.steps must be a whole number from 1 .*, not 0"),
+        (
+            {"set": {"auv4.vehicle.depth_m": 4.0}, "grid": {"mission.vehicles": [1, 3]}},
+            r"auv4\.vehicle\.depth_m: the mission has no auv4; its vehicles are auv1 to auv3",
+        ),
         ({"seeds": [1, 1]}, r"seeds must be .*, not \[1, 1\]"),
         ({"seeds": 0}, "seeds must be .*, not 0"),
         ({"seeds": 99999999999}, "seeds: 99999999999 are more than 100000 seeds"),
@@ -79,6 +83,11 @@ def test_vehicles_of_a_larger_team_have_depths_of_their_own(tmp_path):
     (job,) = CampaignSpec.from_mapping({"set": {"mission.vehicles": 5}}, "test.yaml", tmp_path).jobs()
     settings = Settings.from_patterns(job.patterns, "job")
     assert [own.vehicle.depth_m for own in settings.vehicles] == [3.0, 4.0, 5.0, 3.0, 4.0]
+
+
+def test_a_parameter_may_be_for_the_larger_teams_alone(tmp_path):
+    spec = spec_of(tmp_path, set={"auv3.vehicle.depth_m": 9.0}, grid={"mission.vehicles": [1, 3]})
+    assert len(spec.jobs()) == 2
 
 
 def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
