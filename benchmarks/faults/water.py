@@ -126,7 +126,7 @@ class _OffClock(VehicleCores):
     """A vehicle's cores with a wrong clock; the world's output has wrong stamps already."""
 
     def __init__(self, cores: VehicleCores, clock: Clock) -> None:
-        super().__init__(cores.vehicle, cores.bridge, cores._to_map, cores.safety, cores.planner)
+        vars(self).update(vars(cores))
         self._clock = clock
 
     def update_safety(self, now_s: float, output: VehicleOutput) -> Stop | None:

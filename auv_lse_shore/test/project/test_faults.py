@@ -10,6 +10,7 @@ import pytest
 from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node import state_memory
 from auv_lse_common.node.journal import Journal
 from auv_lse_common.node.state_file import StateFile
@@ -18,7 +19,7 @@ from auv_lse_comms.packet.fields import PACKET_BYTES
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Tdma
 from benchmarks.faults import __main__ as faults
-from benchmarks.faults import day, files
+from benchmarks.faults import day, files, water
 from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
 from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_positions
 from benchmarks.faults.nodes import memory_mb
@@ -89,6 +90,14 @@ def test_every_kind_accepts_its_small_size():
     assert {"kills", "water"} <= set(small)
     for name, arguments in small.items():
         faults.parser().parse_args([name, *arguments])
+
+
+@pytest.mark.parametrize("fault", water.FAULTS[5:], ids=lambda fault: fault.name)
+def test_each_kind_of_water_and_clock_carries_packets(fault):
+    fleet = water.RoughWater(Settings.load(None, {"mission.vehicles": 2, "mission.steps": 2}), fault, seed=1)
+    for _ in range(20):
+        fleet.tick()
+    assert all(cores.bridge.counts["sent"] for cores in fleet.cores)
 
 
 # ------------------------------------------------------------------ a day's schedule
@@ -274,32 +283,32 @@ def begun(team, *faults_of_1):
 
 def come_back(team, node, step):
     """Vehicle 1 is back after a kill: its node, a decision, and packets both ways."""
-    water, now_s = team[1].witness, team[1].witness.since_s
+    witness, now_s = team[1].witness, team[1].witness.since_s
     team[1].log(node, "ready after 0.10 s of processor time\n")
-    water.published_s |= {day.OUTPUTS[node]: now_s + 1.5, "modem/tx": now_s + 2.0}
-    water.heard_s[2] = now_s + 1.0
+    witness.published_s |= {day.OUTPUTS[node]: now_s + 1.5, "modem/tx": now_s + 2.0}
+    witness.heard_s[2] = now_s + 1.0
     team[2].witness.heard_s[1] = now_s + 2.5
-    water.ledger.take_record(step)
+    witness.ledger.take_record(step)
 
 
 def test_a_recovery_is_over_when_the_node_the_mission_and_the_packets_are_back(team):
     own = begun(team, day.Fault(3, "gp_node"))
-    water = team[1].witness
-    water.ledger.take_record(2)
+    witness = team[1].witness
+    witness.ledger.take_record(2)
     assert not own.advance()
     assert not team[1].killed
-    water.ledger.take_record(3)
+    witness.ledger.take_record(3)
     own.advance()
     assert team[1].killed == ["gp_node"]
-    team[2].witness.heard_s[1] = water.since_s + 2.5
+    team[2].witness.heard_s[1] = witness.since_s + 2.5
     own.advance()
     (strike,) = [own._now]
     assert strike.missing() == "an output of each node, a decision, mates' packets"
     come_back(team, "gp_node", 4)
-    team[2].witness.heard_s[1] = water.since_s + 1.9  # from before the vehicle's next packet
+    team[2].witness.heard_s[1] = witness.since_s + 1.9  # from before the vehicle's next packet
     own.advance()
     assert strike.missing() == "mates' packets"
-    team[2].witness.heard_s[1] = water.since_s + 2.5
+    team[2].witness.heard_s[1] = witness.since_s + 2.5
     own.advance()
     assert own.strikes == [strike]
     assert strike.output_s == 1.5
