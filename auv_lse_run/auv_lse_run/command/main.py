@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING
 
@@ -43,8 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
-        code = _run(words)
-        sys.stdout.flush()
+        with _interrupts_as_such():
+            code = _run(words)
+        if sys.stdout is not None:  # it was closed before the start
+            sys.stdout.flush()
         return code
     except KeyboardInterrupt as interrupt:
         with contextlib.suppress(ValueError):  # not in the main thread
@@ -60,6 +62,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         sys.unraisablehook = report_dropped
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
+
+
+@contextlib.contextmanager
+def _interrupts_as_such() -> Iterator[None]:
+    """Raises KeyboardInterrupt for an error that a library made of it, as compiled modules do while they load."""
+    try:
+        yield
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__cause__
+        if cause is None:
+            raise
+        raise KeyboardInterrupt from error
 
 
 def _answered(number: int, frame: FrameType | None) -> None:

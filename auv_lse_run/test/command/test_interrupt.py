@@ -66,6 +66,23 @@ def test_ctrl_c_prints_one_word_and_returns_130(tmp_path: Path, text: str) -> No
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
 
 
+@pytest.mark.parametrize("again", ["RuntimeError('__set_name__')", "ImportError('initialization failed')"])
+@pytest.mark.parametrize("where", ["import", "run"])
+def test_ctrl_c_that_a_library_turns_into_its_own_error_is_answered(tmp_path: Path, again: str, where: str) -> None:
+    """As Python 3.11 does in a class body, and compiled modules while they load."""
+    text = f"try:\n    raise KeyboardInterrupt\nexcept BaseException as error:\n    raise {again} from error"
+    with start(tmp_path, text if where == "import" else run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
+def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
+    """As with `>&-`."""
+    with start(tmp_path, run_of("print('a line')"), prepare=lambda: os.close(1)) as process:
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (0, "")
+
+
 def test_ctrl_c_while_python_starts_is_answered_when_it_can_be(tmp_path: Path) -> None:
     with start(tmp_path, SLOW.format(""), prepare=held_interrupt) as process:
         process.send_signal(signal.SIGINT)
