@@ -21,21 +21,26 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
     Raises:
         RunFolderError: if it exists and is not empty, or cannot be created.
     """
-    folder = wanted
-    if folder is None:
-        base = root / "runs" / datetime.now().strftime("%Y-%m-%d-%H%M%S")
-        folder, again = base, 1
-        while folder.exists():
-            again += 1
-            folder = base.with_name(f"{base.name}-{again}")
     try:
+        folder = wanted or _new_folder(root / "runs" / datetime.now().strftime("%Y-%m-%d-%H%M%S"))
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RunFolderError(f"--out {folder} is not empty, and was left as it is. Choose a new or empty folder")
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
-        raise RunFolderError(f"--out {folder}: cannot be made: {error.strerror or error}") from error
+        raise RunFolderError(f"--out {wanted or root / 'runs'}: cannot be made: {error.strerror or error}") from error
     note_software(folder)
     return folder.resolve()
+
+
+def _new_folder(base: Path) -> Path:
+    """Creates `base`, or if another mission has it, the first free one of base-2, base-3 ..."""
+    folder, again = base, 1
+    while True:
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(parents=True)
+            return folder
+        again += 1
+        folder = base.with_name(f"{base.name}-{again}")
 
 
 @contextlib.contextmanager

@@ -79,9 +79,19 @@ def parser() -> argparse.ArgumentParser:
 QUICK_TOTAL_S, QUICK_S = 180.0, 90.0
 
 
+def _check_quick(options: argparse.Namespace) -> None:
+    """Raises CampaignError if an option is given that --quick does not use."""
+    default = parser().parse_args([])
+    for name in ("seeds", "sweep_seeds", "sweep_methods", "sweeps", "only"):
+        if getattr(options, name) != getattr(default, name):
+            raise CampaignError(f"--{name.replace('_', '-')} is for the full version; leave it or --quick out")
+
+
 def run(options: argparse.Namespace) -> int:
     """Reproduces the paper; returns the exit code."""
     began = time.monotonic()
+    if options.quick:
+        _check_quick(options)
     study = (
         quick_study(QUICK_S)
         if options.quick

@@ -125,3 +125,10 @@ def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, cap
     file.touch()
     assert main(["--quick", "--out", str(file)]) == 2
     assert f"{file} is a file, not a folder; choose another name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--seeds", "3"], ["--only", "trials"], ["--sweeps", "loss"]])
+def test_quick_refuses_options_that_it_would_ignore(tmp_path, capsys, option):
+    assert main(["--quick", *option, "--out", str(tmp_path / "r")]) == 2
+    assert f"{option[0]} is for the full version" in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()
