@@ -54,9 +54,20 @@ def write_export(team: TeamMap, folder: Path, survey: Survey) -> Iterator[str]:
         except ExportError as error:
             yield f"  skipped: {error}"
         else:
-            yield f"  {module.write(content)}"
+            yield f"  {_written(module, content)}"
     yield f"coordinates: {content.reference.describe()}"
     yield f"depths refer to: {survey.vertical_datum}"
+
+
+def _written(module: ModuleType, content: Export) -> str:
+    """Writes a format; returns its line. Raises OSError naming the folder where the error names no file."""
+    try:
+        return str(module.write(content))
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        text = f"{error.strerror}; the folder is incomplete"
+        raise OSError(error.errno, text, str(content.folder)) from error
 
 
 def _check(module: ModuleType) -> None:

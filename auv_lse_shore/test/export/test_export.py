@@ -2,10 +2,13 @@
 
 import csv
 import dataclasses
+import errno
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -275,6 +278,14 @@ def test_a_missing_library_is_named_with_its_install_command(tmp_path, monkeypat
 def test_a_folder_that_is_no_run_is_named(tmp_path, capsys):
     assert main([str(tmp_path / "nothing")]) == 2
     assert "nothing" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_named_with_the_folder(on_earth, tmp_path, monkeypatch, capsys):
+    """Linux names no file when a write fails."""
+    folder, *_ = on_earth
+    monkeypatch.setattr(ascii_grid, "write", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+    assert main([str(folder.parent), "--out", str(tmp_path / "full")]) == 2
+    assert capsys.readouterr().err == f"error: {tmp_path / 'full'}: No space left on device; the folder is incomplete\n"
 
 
 def test_ctrl_c_leaves_no_traceback(tmp_path, monkeypatch, capsys):
