@@ -13,11 +13,24 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 Array = NDArray[np.float64]
 
 #: Largest gap between the ends of a track, as a share of its length.
-_MAX_GAP = 0.1
+MAX_GAP = 0.1
 #: Least share of the enclosed ground that one loop of the line must have; the others are small loops of a GPS track.
 _MAIN_LOOP = 0.95
 #: Corners of a recorded track closer than this (m) to the simplified one are left out.
 _TOLERANCE_M = 0.5
+
+
+def lengths_m(line: Array) -> tuple[float, float]:
+    """Length (m) of a line of latitude, longitude (deg), and between its ends."""
+    north, east = local_from_geodetic(line[:, 0], line[:, 1], line[0, 0], line[0, 1])
+    length_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
+    return length_m, math.hypot(float(north[-1] - north[0]), float(east[-1] - east[0]))
+
+
+def ends_meet(line: Array) -> bool:
+    """Whether a track ends where it began."""
+    length_m, gap_m = lengths_m(line)
+    return gap_m <= MAX_GAP * length_m
 
 
 def outline(line: Array, closes: str, where: str) -> tuple[Array, str]:
@@ -34,9 +47,8 @@ def outline(line: Array, closes: str, where: str) -> tuple[Array, str]:
     if len(line) < 3:
         raise ParameterError(f"{where} has {len(line)} points; an outline needs 3. Draw a polygon instead")
     north, east = local_from_geodetic(line[:, 0], line[:, 1], line[0, 0], line[0, 1])
-    length_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
-    gap_m = math.hypot(float(north[-1] - north[0]), float(east[-1] - east[0]))
-    if closes == "track" and gap_m > _MAX_GAP * length_m:
+    gap_m = lengths_m(line)[1]
+    if closes == "track" and not ends_meet(line):
         raise ParameterError(
             f"{where} is a track whose ends lie {gap_m:.0f} m apart. Draw a polygon, or a route of the area's corners"
         )

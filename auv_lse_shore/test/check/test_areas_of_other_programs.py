@@ -265,6 +265,36 @@ def test_a_track_over_the_area_is_no_outline(tmp_path):
         read(tmp_path, gpx("trk", eight), "a.gpx")
 
 
+def in_segments(*segments, name="around"):
+    """A GPX file with one track of several segments."""
+    one = [gpx("trk", segment, name) for segment in segments]
+    inner = "".join(re.search("<trkseg>.*</trkseg>", text)[0] for text in one)
+    return re.sub("<trkseg>.*</trkseg>", inner, one[0])
+
+
+def test_segments_around_two_areas_are_not_joined(tmp_path):
+    loop = walked()
+    other = loop + np.array([0.02, 0.0])
+    with pytest.raises(ParameterError, match=r"2 lines may be the operating area: 'around, segment 1', 'around, seg"):
+        read(tmp_path, in_segments(loop, other), "a.gpx")
+    both = gpx("rte", LAKE[:-1], "area").replace("</gpx>", "") + in_segments(loop, other, name="island")[24:]
+    content = read(tmp_path, both, "a.gpx")
+    assert list(content.no_go) == ["island_segment_1", "island_segment_2"]
+    for ring in content.no_go.values():
+        assert np.ptp(np.asarray(ring)[:, 1]) == pytest.approx(np.ptp(loop[:, 0]), rel=0.01)
+
+
+def test_a_track_that_was_paused_on_the_way_around_is_one_outline(tmp_path):
+    loop = walked()
+    content = read(tmp_path, in_segments(loop[:200], loop[202:400], loop[400:]), "a.gpx")
+    north, east = local_from_geodetic(content.area[:, 0], content.area[:, 1], 47.3, 8.5)
+    assert abs(np.sum(north * np.roll(east, 1) - east * np.roll(north, 1))) / 2.0 == pytest.approx(62_500.0, rel=0.01)
+    assert "3 segments joined over at most 6 m" in " ".join(content.notes)
+    # half of the way around is missing: nobody knows where the border was
+    with pytest.raises(ParameterError, match="2 lines may be the operating area: 'around, segment 1', 'around, seg"):
+        read(tmp_path, in_segments(loop[:150], loop[400:]), "a.gpx")
+
+
 def plan(**content):
     return json.dumps({"fileType": "Plan", **content})
 
