@@ -233,3 +233,31 @@ def test_a_transducers_depth_that_changes_is_reported(tmp_path):
     said = " ".join(content_of(tmp_path, text).notes)
     assert "SDDPT states a transducer's depth that changes from 0 to 0.5 m" in said
     assert "changes" not in " ".join(content_of(tmp_path, text.replace(",0.0", ",0.5")).notes)
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ("10.0,f,,M,,F", 3.048),
+        ("10.0,f", 3.048),
+        (",f,,M,2.0,F", 3.6576),
+        ("32.8,f,10.0,M,5.5,F", 10.0),
+        ("10.0,M,,,,", 10.0),
+        ("10.0,m,32.8,f,5.5,F", 10.0),
+        (",,10.0,f,,", 3.048),
+        (",,10.0,F,,", 18.288),
+        (",,,,10.0,M", 10.0),
+        ("10.0,,,,,", 3.048),
+        ("10.0,F,,M,,F", None),  # a fathom, or a foot in capitals
+        (",f,,M,2.0,f", None),
+        ("10.0,x,,M,,F", None),
+    ],
+)
+def test_the_letter_of_a_depth_states_its_unit(tmp_path, fields, expected):
+    at = "$GPGGA,120000,3330.0,S,07015.0,W,1,9,1,0,M,0,M,,\n"
+    content = content_of(tmp_path, at + f"$SDDBT,{fields}\n")
+    if expected is None:
+        assert "SDDBT" not in content.sounders
+        assert content.left_out["DBT sentences whose letters are no unit, or may be two (f: feet, F: fathoms)"] == 1
+    else:
+        assert content.sounders["SDDBT"].rows[:, 1] == pytest.approx([expected], abs=0.01)

@@ -7,6 +7,7 @@ else from ZDA; each time of day gets the date that is nearest to it.
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from collections.abc import Callable
@@ -29,8 +30,11 @@ _POSITIONS = {b"GGA": (0, 1), b"GNS": (0, 1), b"GLL": (4, 0), b"RMC": (0, 2)}
 _DEPTHS = (b"DPT", b"DBT", b"DBS", b"DBK")
 _KINDS = (*_POSITIONS, b"ZDA", *_DEPTHS)
 _DAY_S = 86_400.0
-#: Metres in the units of depth sentences, in order of their accuracy: field of the number, and the factor.
-_UNITS = ((2, 1.0), (0, 0.3048), (4, 1.8288))
+#: Fields of the numbers of depth sentences, in order of their accuracy, and the letter that belongs behind each.
+_NUMBERS = ((2, b"M"), (0, b"f"), (4, b"F"))
+#: Metres in the unit of a letter. In another field than its own, a letter counts; without one, the field does.
+_UNITS_M = {b"f": 0.3048, b"M": 1.0, b"m": 1.0, b"F": 1.8288}
+_NO_UNIT = "sentences whose letters are no unit, or may be two (f: feet, F: fathoms)"
 _REFERENCES = {"DPT": Reference.TRANSDUCER, "DBT": Reference.TRANSDUCER, "DBS": Reference.SURFACE}
 #: Qualities of GGA that are no measurement: no fix, estimated, typed in. Modes of others that are none.
 _NO_GGA, _NO_MODE, _NO_GNS = (b"0", b"6", b"7", b""), (b"E", b"N", b"M"), b"NEMS"
@@ -97,11 +101,16 @@ class SentenceReader:
             depths, offsets = found.numbers(rows, 0, empty=0.0), _leading_numbers(found.cells(rows, 1))
         else:
             offsets, depths = np.zeros(len(rows)), np.full(len(rows), np.nan)
-            for number, factor in reversed(_UNITS):
-                cells = found.cells(rows, number)
-                depths = np.where(np.char.strip(cells) == b"", depths, factor * numbers_of(cells))
-            is_empty = np.all([np.char.strip(found.cells(rows, number)) == b"" for number, _ in _UNITS], axis=0)
+            is_empty, is_unclear = np.ones(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
+            for number, letter in reversed(_NUMBERS):
+                cells, factors = found.cells(rows, number), _factors(found.cells(rows, number + 1), letter)
+                is_given = np.char.strip(cells) != b""
+                is_empty, is_unclear = is_empty & ~is_given, is_unclear | (is_given & np.isnan(factors))
+                depths = np.where(is_given & np.isfinite(factors), factors * numbers_of(cells), depths)
             depths = np.where(is_empty, 0.0, depths)  # lost bottom
+            is_unclear &= ~np.isfinite(depths)
+            self._content.left_out[f"{source[2:]} {_NO_UNIT}"] += int(is_unclear.sum())
+            at, depths, offsets = at[~is_unclear], depths[~is_unclear], offsets[~is_unclear]
         good = np.isfinite(depths)
         self._incomplete(source[2:], int((~good).sum()))
         table = np.column_stack([at, depths, offsets])[good]
@@ -257,6 +266,17 @@ def _is_fix(found: Sentences, rows: Numbers, kind: str) -> Mask:
         status, mode = found.cells(rows, 5, 1), found.cells(rows, 6, 1)
         is_fix = (found.counts[rows] < 6) | ((status == b"A") & ~np.isin(mode, _NO_MODE))
     return is_fix
+
+
+def _factors(letters: NDArray[np.bytes_], own: bytes) -> Array:
+    """Metres per unit by the letters behind numbers; NaN for one that is unclear.
+
+    F where f belongs, or f where F does, may be either unit.
+    """
+    unique, where = np.unique(np.char.strip(letters), return_inverse=True)
+    is_either = [{letter, own} == {b"f", b"F"} for letter in unique.tolist()]
+    factors = [_UNITS_M.get(letter or own, math.nan) for letter in unique.tolist()]
+    return np.where(is_either, math.nan, factors)[where]
 
 
 def _leading_numbers(cells: NDArray[np.bytes_]) -> Array:
