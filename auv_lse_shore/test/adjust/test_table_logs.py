@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 from adjust.survey_logs import START_S, depth_m, survey
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.survey_import.command import parser, user_facts
-from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.survey_log import LogError
 
 ROWS = survey()[:120]
@@ -409,3 +411,25 @@ def test_two_frequencies_side_by_side_are_two_sounders(tmp_path, name):
     found = gathered(tmp_path, of_frequencies(SIDE_BY_SIDE[name]))
     assert "takes them instead" in " ".join(found.lines)
     assert sum(len(log.soundings) for log in found.placed) < len(SIDE_BY_SIDE[name])
+
+
+@pytest.mark.parametrize(
+    ("header", "form", "zone"),
+    [
+        ("time", "%Y-%m-%dT%H:%M:%S", "Z"),
+        ("time", "%d.%m.%Y %H:%M:%S", "+02:00"),
+        ("date,time", "%Y-%m-%d,%H:%M:%S", " UTC"),
+        ("time", "%H:%M:%S", "Z"),
+    ],
+)
+def test_times_of_which_only_some_state_a_zone_are_refused(tmp_path, header, form, zone):
+    lines = [f"{header},lat,lon,depth_m"]
+    for i, (stamp, lat, lon, depth) in enumerate(survey()[:40]):
+        when = datetime.fromtimestamp(stamp, UTC).strftime(form) + (zone if i in (3, 7) else "")
+        lines.append(f"{when},{lat:.8f},{lon:.8f},{depth:.3f}")
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(LogError, match=r"a\.csv: 2 of 40 times in column time state a zone, .* the others none\."):
+        gather([path], UserFacts())
+    path.write_text("\n".join(line.replace(zone, "") for line in lines))
+    assert len(gather([path], UserFacts()).placed[0].soundings) == 40

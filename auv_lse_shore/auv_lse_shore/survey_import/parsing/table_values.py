@@ -26,6 +26,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     header_zone_s,
     of_day_s,
     seconds,
+    zoned_of,
 )
 from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, TIME_UNITS, UNITS, factor_of
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
@@ -391,6 +392,7 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         return _from_numbers(numbers_of(texts, table.decimal_comma), column, table, options, content)
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
         clock = of_day_s(texts)
+        _check_zones(texts, zoned_of(texts), column, date_of or column, table.path)
         if date_of is None:
             clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
@@ -398,13 +400,32 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
         is_utc = is_utc or "utc" in date_of.name.lower()
         has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:
-        stamps, has_zone, assumed = datetimes(texts, options.day_first)
+        stamps, zoned, assumed = datetimes(texts, options.day_first)
+        _check_zones(texts, zoned, column, column, table.path)
+        has_zone = bool(zoned)
         if not np.isfinite(stamps).mean() > 0.5:
             return None
         stamps = stamps if has_zone else stamps - header_zone_s(column.name)
     if assumed:
         content.notes.append("it is unclear whether dates begin with the day or the month: see --day-first")
     return (Clock.UTC if has_zone or is_utc else Clock.LOCAL), stamps
+
+
+def _check_zones(texts: Sequence[str], zoned: Sequence[str], column: Column, date_of: Column, path: Path) -> None:
+    """Checks that all times state a zone, or none, unless the header does.
+
+    Raises:
+        LogError: if only some do.
+    """
+    names = f"{column.name} {date_of.name}".lower()
+    if not zoned or len(zoned) == len(texts) or "utc" in names or "gmt" in names:
+        return
+    count = sum(1 for text in texts if ":" in text)
+    if len(zoned) < count:
+        raise LogError(
+            f"{path}: {len(zoned)} of {count} times in column {column.name} state a zone, such as {zoned[0][:40]!r}, "
+            "the others none. Write the same zone behind all of them"
+        )
 
 
 def _from_numbers(

@@ -108,23 +108,23 @@ def _date(text: str, day_first: bool) -> float:
         return float("nan")
 
 
-def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool, bool]:
-    """Seconds since 1970 of dates with times, NaN for others; whether a zone is stated; whether the order is assumed.
+def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, Sequence[str], bool]:
+    """Seconds since 1970 of dates with times, NaN for others; those that state a zone; whether the order is assumed.
 
     Args:
         texts: Such as "2026-06-14T10:00:00Z", "14.06.2026 10:00:00" or "6/14/2026 2:03 PM".
         day_first: See `days`.
     """
     if (quick := _iso(texts)) is not None:
-        return quick, texts[0].endswith("Z"), False
+        return quick, texts if texts[0].endswith("Z") else (), False
     zones = [_ZONE.search(text) if ":" in text else None for text in texts]
-    has_zone = any(zones)
+    zoned = [text for text, zone in zip(texts, zones, strict=True) if zone]
     bare = [text[: zone.start()] if zone else text for text, zone in zip(texts, zones, strict=True)]
     parts = [re.split(r"[T ,]+", text.strip(), maxsplit=1) for text in bare]
     day, assumed = days([part[0] for part in parts], day_first)
     clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
     shift = np.array([_zone_s(zone[1]) if zone else 0.0 for zone in zones])
-    return day + clock - shift, has_zone, assumed
+    return day + clock - shift, zoned, assumed
 
 
 def _iso(texts: Sequence[str]) -> Array | None:
@@ -143,6 +143,12 @@ def _iso(texts: Sequence[str]) -> Array | None:
         return None
     seconds_: Array = np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-6)
     return seconds_
+
+
+def zoned_of(texts: Sequence[str]) -> list[str]:
+    """The times of day that state their zone."""
+    zoned = {text for text in set(texts) if ":" in text and _ZONE.search(text.strip())}
+    return [text for text in texts if text in zoned] if zoned else []
 
 
 def header_zone_s(name: str) -> float:
