@@ -10,6 +10,7 @@ turns them into depths below a datum:
 from __future__ import annotations
 
 import dataclasses
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_data import RunData, VehicleRun
 
 Array = NDArray[np.float64]
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 USUAL_SOUNDER_SPEED_MPS = 1500.0
 #: Times (s) from here on are UTC since 1970, as on vehicles; smaller ones count from the start of a simulation.
 FIRST_UTC_S = 1e9
+#: Between water levels farther apart than this multiple of their usual step, the level is unknown.
+_LONGEST_GAP = 5.0
 #: Spacing (m) of the depths at which travel times through a profile are integrated.
 _LAYER_M = 0.05
 
@@ -136,17 +140,46 @@ class Survey:
         """Water level (m) at times (n,).
 
         Raises:
-            SurveyError: if a table of water levels does not cover them.
+            SurveyError: if a table of water levels does not cover them, or has a gap around some.
         """
         level = self.water_level
         if level is None:
             return np.zeros(len(stamp_s))
         if len(level) > 1 and len(stamp_s) and not level[0, 0] <= stamp_s.min() <= stamp_s.max() <= level[-1, 0]:
             raise SurveyError(
-                f"--water-level covers only {level[0, 0]:.0f} to {level[-1, 0]:.0f} s, but the soundings are "
-                f"from {stamp_s.min():.0f} to {stamp_s.max():.0f} s. Give the levels of the whole dive"
+                f"--water-level covers only {_moment(level[0, 0])} to {_moment(level[-1, 0])}, but the soundings are "
+                f"from {_moment(stamp_s.min())} to {_moment(stamp_s.max())}. Give the levels of the whole dive"
             )
+        _check_gaps(level[:, 0], stamp_s)
         return np.interp(stamp_s, level[:, 0], level[:, 1])
+
+
+def _check_gaps(times_s: Array, stamp_s: Array) -> None:
+    """Checks that no sounding lies in a gap between the times (n,) of water levels.
+
+    Raises:
+        SurveyError: naming the longest gap around soundings.
+    """
+    steps = np.diff(times_s)
+    if len(steps) < 2 or not len(stamp_s):
+        return
+    usual_s = float(np.median(steps))
+    before = (np.searchsorted(times_s, stamp_s) - 1).clip(0)  # a sounding at the time of a level has its own
+    around = np.where(times_s[before + 1] == stamp_s, 0.0, steps[before])
+    if around.max() > _LONGEST_GAP * usual_s:
+        first = before[around.argmax()]
+        raise SurveyError(
+            f"--water-level has no level from {_moment(times_s[first])} to {_moment(times_s[first + 1])}, "
+            f"where levels are usually {usual_s:g} s apart, and {counted(int((before == first).sum()), 'sounding')} "
+            "are within. Add the levels of this time, measured or predicted"
+        )
+
+
+def _moment(stamp_s: float) -> str:
+    """A time for messages: UTC, or seconds of a simulation."""
+    if stamp_s < FIRST_UTC_S:
+        return f"{stamp_s:.0f} s"
+    return f"{datetime.datetime.fromtimestamp(stamp_s, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def _described(table: Array | None, source: str, unit: str) -> str:

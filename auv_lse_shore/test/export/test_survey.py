@@ -189,7 +189,7 @@ def test_a_constant_sound_speed_scales_the_range():
     ("options", "message"),
     [
         (["--water-level", "0.3"], "--water-level needs --datum"),
-        (["--water-level", "LEVEL", "--datum", "D"], r"covers only 0 to 10 s, but the soundings are from"),
+        (["--water-level", "LEVEL", "--datum", "D"], r"covers only 0 s to 10 s, but the soundings are from"),
         (["--sound-speed", "15"], "must be within 1000 to 2000 m/s"),
         (["--sound-speed", "LEVEL"], r"has the columns time_s, level_m; needed is a CSV file with columns depth_m"),
         (["--std", "sounder=x"], "--std: sounder=x is not NAME=VALUE"),
@@ -311,3 +311,14 @@ def test_the_published_schema_accepts_it(for_b12):
 def test_a_water_level_needs_a_datum():
     with pytest.raises(SurveyError, match="needs --datum"):
         Survey(water_level=np.array([[0.0, 1.0]]))
+
+
+def test_a_gap_between_water_levels_is_refused_if_soundings_lie_in_it():
+    stamps = np.append(np.arange(0.0, 3600.0, 600.0), np.arange(36_000.0, 39_601.0, 600.0))
+    survey = Survey(water_level=np.column_stack([stamps, stamps / 36_000.0]), datum="D")
+    assert survey.water_level_at(np.array([900.0, 37_000.0])) == pytest.approx([0.025, 1.0278], abs=1e-4)
+    with pytest.raises(SurveyError, match=r"no level from 3000 s to 36000 s, .* 600 s apart, and 2 soundings"):
+        survey.water_level_at(np.array([900.0, 4000.0, 30_000.0, 37_000.0]))
+    utc = Survey(water_level=np.column_stack([1.8e9 + stamps, stamps]), datum="D")
+    with pytest.raises(SurveyError, match=r"no level from 2027-01-15T08:50:00Z to 2027-01-15T18:00:00Z"):
+        utc.water_level_at(1.8e9 + np.array([4000.0]))
