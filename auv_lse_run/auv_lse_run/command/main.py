@@ -139,8 +139,9 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
     """Runs a verb; returns its exit code.
 
     Raises:
-        CommandError: if a package that it needs is not installed.
+        CommandError: if a package that it needs is not installed, or an argument is empty.
     """
+    _check_arguments(verb, arguments)
     _check_needs(verb)
     try:
         module = importlib.import_module(verb.module)
@@ -152,6 +153,15 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
         raise CommandError(
             f"auv_lse {verb.name} needs the Python package {name}, which is not installed: {install_command(name)}"
         ) from error
+
+
+def _check_arguments(verb: Verb, arguments: Sequence[str]) -> None:
+    """Raises CommandError for an empty argument: as a path, it would mean the current folder."""
+    for number, argument in enumerate(arguments, 1):
+        option = argument.removesuffix("=") if argument else arguments[number - 2] if number > 1 else ""
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
+            what = option if option.startswith("--") else f"auv_lse {verb.name}: argument {number}"
+            raise CommandError(f"{what} is empty. Is a variable of the shell not set? Leave it out, or give a value")
 
 
 def _call(module: ModuleType, options: argparse.Namespace) -> int:

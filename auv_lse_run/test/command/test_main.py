@@ -155,3 +155,16 @@ def test_a_closed_pipe_is_no_error() -> None:
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("topics", "--domain", ""), "error: --domain is empty."),
+        (("topics", "--domain="), "error: --domain is empty."),
+        (("nodes", ""), "error: auv_lse nodes: argument 1 is empty."),
+    ],
+)
+def test_an_empty_argument_is_named(words: tuple[str, ...], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(words) == 2
+    assert expected in capsys.readouterr().err
