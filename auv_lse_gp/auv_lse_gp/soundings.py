@@ -18,19 +18,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES, MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
+from auv_lse_gp.no_data import fill_values, is_no_data
 
 Array = NDArray[np.float64]
 
 #: If all positions are farther than this (m) from the local origin, they are not local coordinates (UTM, a wrong
 #: origin).
 FAR_M = 100_000.0
-
-#: Values that commonly mark missing data, with either sign.
-NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 
 #: Accepted column names, in lower case.
 _NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
@@ -161,6 +159,7 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
     if path.suffix == ".npz":
         grid = read_npz_grid(path)
         known = np.isfinite(grid.values) & ~is_no_data(grid.values)
+        known &= ~np.isin(grid.values, fill_values(grid.values[known]))
         rows, columns = np.nonzero(known)
         if len(rows) == 0:
             raise SoundingsError(f"{path} holds no sounding")
@@ -172,11 +171,6 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
     return np.column_stack(
         [positions.north_m, positions.east_m, depth]
     ), positions.origin if positions.from_degrees else None
-
-
-def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
-    """Mask of the values that usually mark missing data."""
-    return np.isin(np.abs(values), NO_DATA)
 
 
 def is_far(north_m: Array, east_m: Array) -> bool:
@@ -300,12 +294,7 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
     depth_name = header[indices["depth"]]
     upward = depth_name not in _DEPTH
-    marks = np.flatnonzero(is_no_data(arrays["depth"]))
-    if len(marks):
-        raise SoundingsError(
-            f"{path}:{lines[marks[0]]}: {depth_name} is {arrays['depth'][marks[0]]:g}, as on {len(marks)} of "
-            f"{len(lines)} lines: a common mark for missing data. Remove these lines"
-        )
+    _check_marks(arrays["depth"], lines, f"{path}:", depth_name)
     return SoundingsTable(
         path=path,
         lines=lines,
@@ -323,6 +312,17 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         else np.column_stack([arrays["north_std"], arrays["east_std"]]),
         tvu_m=arrays.get("tvu"),
     )
+
+
+def _check_marks(values: Array, lines: NDArray[np.int64], where: str, name: str) -> None:
+    """Raises SoundingsError if some values (n,) of a table mark missing data."""
+    is_marked = is_no_data(values)
+    marks = np.flatnonzero(is_marked | np.isin(values, fill_values(values[~is_marked])))
+    if len(marks):
+        raise SoundingsError(
+            f"{where}{lines[marks[0]]}: {name} is {values[marks[0]]:g}, as on {len(marks)} of {len(lines)} lines: a "
+            "common mark for missing data. Remove these lines"
+        )
 
 
 def _columns(header: list[str], where: str) -> dict[str, int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.soundings import is_no_data
+from auv_lse_gp.no_data import is_no_data
 from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
 
 Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.water import depth_of
+from auv_lse_gp.no_data import fill_values
 from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
@@ -100,10 +101,15 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
             f"{content.name}: all {len(rows)} depths of {name} have a quality below {choice.least_quality:g} %. "
             "Use them with --min-quality 0."
         )
+    rows = rows[good]
+    for depth_m in [] if content.is_checked else fill_values(rows[:, 1]):
+        marked = rows[:, 1] == depth_m
+        content.left_out[f"depths of {depth_m:g} m, repeated and far from all others"] += int(marked.sum())
+        rows = rows[~marked]
     log = SurveyLog(
         name=content.name,
         positions=positions,
-        depths=_in_order(rows[good][:, :2]),
+        depths=_in_order(rows[:, :2]),
         is_geodetic=content.is_geodetic,
         has_time=content.clock is not Clock.NONE and not content.stood_still,
         is_utc=content.clock in (Clock.UTC, Clock.LOCAL),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
-from auv_lse_gp.soundings import is_no_data
+from auv_lse_gp.no_data import OFTEN_NO_DATA, fill_values, is_no_data
 from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
 
@@ -78,6 +78,9 @@ def grid_depths(
 ) -> tuple[Array, list[str]]:
     """As `depths_of` for a grid: no-data values become NaN, which a note reports."""
     marks = is_no_data(values)
+    is_above_0 = config.water_level_m is not None and config.water_level_m > 0.0  # a bed at 0 m may be none
+    often = (*OFTEN_NO_DATA, 0.0) if is_above_0 else OFTEN_NO_DATA
+    marks |= np.isin(values, fill_values(values[~marks], often))
     notes = []
     if marks.any():
         found = ", ".join(f"{v:g}" for v in np.unique(values[marks]))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
-from auv_lse_gp.soundings import is_far, is_no_data
+from auv_lse_gp.no_data import is_no_data
+from auv_lse_gp.soundings import is_far
 from auv_lse_sim.ground.band_meaning import text_says_up
 from auv_lse_sim.ground.depth_sign import grid_depths
 from auv_lse_sim.ground.grid_ground import GridGround

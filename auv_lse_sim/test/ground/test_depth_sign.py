@@ -105,3 +105,57 @@ def test_marks_for_no_data_are_unknown(tmp_path, ending, mark):
 def test_a_water_level_that_is_not_set_is_not_written_to_the_mission_file():
     """Campaigns name their missions by their parameters: those of a default mission are what they were."""
     assert set(to_mapping(BathymetryConfig())) == {"file", "resolution_m", "max_gap_m", "smoothing_m", "depth_sign"}
+
+
+@pytest.mark.parametrize("mark", [999.0, -99.0, -999.0, 1e20, -1e30, 9.96921e36, 500.0])
+@pytest.mark.parametrize("ending", ["npz", "asc", "xyz", "tif"])
+@pytest.mark.parametrize("share", [0.1, 0.7])
+def test_a_block_of_one_value_far_from_all_others_is_unknown_and_reported(tmp_path, ending, mark, share):
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    columns = round(share * 41)
+    depth[:, 41 - columns :] = mark
+    ground = load_ground(written(tmp_path / f"depth.{ending}", axis, depth))
+    assert np.isnan(ground.depth_m(200.0, 395.0))
+    assert ground.depth_m(200.0, 60.0) == pytest.approx(bottom(200.0, 60.0), abs=0.3)
+    assert f"{41 * columns} nodes of {np.float32(mark):g} taken as unknown" in ground.describe().replace(
+        "points", "nodes"
+    )
+
+
+def written(path, axis, depth):
+    """A grid of depths in another program's format."""
+    if path.suffix == ".xyz":
+        north, east = np.meshgrid(axis, axis, indexing="ij")
+        np.savetxt(path, np.column_stack([east.ravel(), north.ravel(), depth.ravel()]), fmt="%.8g")
+    elif path.suffix == ".tif":
+        rasterio = pytest.importorskip("rasterio")
+        transform = rasterio.Affine(10.0, 0.0, -5.0, 0.0, -10.0, 405.0)
+        shape = {"height": 41, "width": 41, "count": 1}
+        with rasterio.open(path, "w", driver="GTiff", dtype="float32", transform=transform, **shape) as file:
+            file.write(depth[::-1].astype("float32"), 1)
+    else:
+        write_grid(path, axis, depth, "depth_m")
+        if path.suffix == ".asc":
+            path.write_text(path.read_text().replace("NODATA_value -9999", "NODATA_value -1"))
+    return path
+
+
+def test_zeros_in_a_grid_of_elevations_are_no_deep_water(tmp_path):
+    axis = np.arange(0.0, 401.0, 10.0)
+    height = 372.0 - bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    height[:, :20] = 0.0
+    ground = load_ground(write_grid(tmp_path / "g.asc", axis, height), BathymetryConfig(water_level_m=372.0))
+    assert np.isnan(ground.depth_m(200.0, 100.0))
+    assert f"{41 * 20} nodes of 0 taken as unknown" in ground.describe()
+
+
+def test_ground_of_steps_keeps_its_steps(tmp_path):
+    """Whole metres repeat, and a plateau is no mark."""
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = np.round(bottom(*np.meshgrid(axis, axis, indexing="ij")))
+    depth[:20, :20] = depth.max() + 12.0
+    ground = load_ground(write_grid(tmp_path / "depth.asc", axis, depth))
+    assert ground.known_share == 1.0
+    two = np.where(np.arange(41)[:, None] < 20, 8.0, 20.0) * np.ones(41)
+    assert load_ground(write_grid(tmp_path / "depth.asc", axis, two)).known_share == 1.0

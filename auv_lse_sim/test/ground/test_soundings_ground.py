@@ -123,3 +123,12 @@ def test_projected_soundings_with_degrees_are_placed_by_these(tmp_path, names):
     assert ground.origin == (47.5, 9.3)
     assert "metres ignored: far from any local origin (projected?)" in ground.describe()
     check_bottom(ground)
+
+
+@pytest.mark.parametrize("mark", [999.0, -99.0, 1e10])
+def test_soundings_that_repeat_one_value_far_from_all_others_are_refused(tmp_path, mark):
+    north, east, depth = soundings()
+    depth = np.where(np.arange(len(depth)) % 5 == 0, mark, depth)
+    path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "depth_m"], north, east, depth)
+    with pytest.raises(GroundError, match=r"s\.csv:2: depth_m is .*, as on 600 of 3000 lines: .* missing data"):
+        load_ground(path)
