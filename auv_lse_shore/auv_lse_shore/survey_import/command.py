@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -130,22 +130,24 @@ def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
         MissingPackageError: if a package that a format needs is missing.
         OSError: if a file cannot be read or written.
     """
-    facts = user_facts(options)
-    found = gather(options.logs, facts, _progress())
+    facts, progress = user_facts(options), _Progress()
+    found = gather(options.logs, facts, progress, progress.step)
     _refuse_unused(options, facts.read.used | facts.clock.used)
-    yield from found.lines
+    yield from progress.lines(found.lines)
+    progress.step("learning the prior")
     vehicles = vehicles_of(found.placed, options.position_std)
     run, area = survey_run(vehicles, found.origin, options.level, found.depth_std_m)
     lines = survey_lines(run, area)
-    yield from lines
+    yield from progress.lines(lines)
     if options.dry_run:
         yield "dry run: nothing is written"
         return
+    progress.step(f"writing {folder}")
     table, note = survey_table(run)
     dive = dive_parameters(run, area, folder.resolve() / SOUNDINGS)
     after = next_lines(folder, dive["/**"], note)
     write_survey(run, area, table, dive, folder, [*found.lines, *lines, *after])
-    yield from after
+    yield from progress.lines(after)
 
 
 def _refuse_unused(options: argparse.Namespace, used: set[str]) -> None:
@@ -200,17 +202,31 @@ def _clock_facts(options: argparse.Namespace) -> ClockFacts:
     return ClockFacts(start=start, ahead_h=options.utc_offset, today=datetime.now(UTC).date())
 
 
-def _progress() -> Callable[[Path, float], None]:
-    """Draws a bar of the share of a log that has been read, if it takes long."""
-    out = sys.stdout  # readers of logs redirect sys.stdout
-    shown_s, is_terminal = time.monotonic(), out.isatty()
+class _Progress:
+    """Shows, if it takes long, how much of a log has been read, and each step after that."""
 
-    def show(path: Path, share: float) -> None:
-        nonlocal shown_s
-        if time.monotonic() - shown_s >= (_REWRITE_S if is_terminal else _LINE_S):
-            shown_s = time.monotonic()
-            bar = f"[{'#' * round(_BAR * share):<{_BAR}}]"
-            end = "\x1b[K\r" if is_terminal else "\n"
-            print(f"reading {path.name} {bar} {100.0 * share:.0f} %", end=end, flush=True, file=out)
+    def __init__(self) -> None:
+        """Nothing is shown yet."""
+        self._out = sys.stdout  # readers of logs redirect sys.stdout
+        self._is_terminal = self._out.isatty()
+        self._start_s = self._shown_s = time.monotonic()
 
-    return show
+    def __call__(self, path: Path, share: float) -> None:
+        """Draws a bar of the share of a log that has been read."""
+        if time.monotonic() - self._shown_s >= (_REWRITE_S if self._is_terminal else _LINE_S):
+            self._show(f"reading {path.name} [{'#' * round(_BAR * share):<{_BAR}}] {100.0 * share:.0f} %")
+
+    def step(self, text: str) -> None:
+        """Shows the step that begins."""
+        if self._is_terminal or time.monotonic() - self._start_s >= _LINE_S:
+            self._show(f"{text} ...")
+
+    def lines(self, lines: Iterable[str]) -> Iterator[str]:
+        """Yields lines; on a terminal, each in the place of what was shown last."""
+        for line in lines:
+            self._out.write("\x1b[K" if self._is_terminal else "")
+            yield line
+
+    def _show(self, text: str) -> None:
+        self._shown_s = time.monotonic()
+        print(text, end="\x1b[K\r" if self._is_terminal else "\n", flush=True, file=self._out)

@@ -52,9 +52,18 @@ class Gathered:
 
 
 def gather(
-    names: Sequence[Path], facts: UserFacts, progress: Callable[[Path, float], None] = lambda path, share: None
+    names: Sequence[Path],
+    facts: UserFacts,
+    progress: Callable[[Path, float], None] = lambda path, share: None,
+    step: Callable[[str], None] = lambda text: None,
 ) -> Gathered:
     """Reads files, folders and patterns, and places what they hold.
+
+    Args:
+        names: Of the files, folders and patterns.
+        facts: What the user knows.
+        progress: Takes the share of a file that has been read.
+        step: Takes the name of each step after reading.
 
     Raises:
         LogError, FlightLogError: if a log cannot be used.
@@ -82,6 +91,7 @@ def gather(
     placed = []
     for log in logs:
         log.lag_std_s = log.lag_std_s if facts.lag_std_s is None else facts.lag_std_s
+        step(f"placing {log.name}")
         try:
             placed.append((log, placed_log(log, origin, facts.placement)))
         except LogError as error:

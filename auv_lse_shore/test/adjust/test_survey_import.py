@@ -305,6 +305,33 @@ def test_ctrl_c_leaves_nothing_and_a_second_import_replaces_nothing(tmp_path, ca
     assert (out / "mission.yaml").read_text() == before
 
 
+def test_what_takes_long_is_shown_to_the_end(tmp_path, capsys, monkeypatch):
+    path = written(tmp_path, "a.csv")
+    assert main([str(path), "--out", str(tmp_path / "quick")]) == 0
+    assert "..." not in capsys.readouterr().out
+    monkeypatch.setattr("auv_lse_shore.survey_import.command._LINE_S", 0.0)
+    assert main([str(path), "--out", str(tmp_path / "slow")]) == 0
+    out = capsys.readouterr().out
+    shown = [line for line in out.splitlines() if line.endswith((" ...", " %"))]
+    assert shown == [
+        f"reading a.csv [{'#' * 30}] 100 %", "placing a.csv ...", "learning the prior ...",
+        f"writing {tmp_path / 'slow'} ...",
+    ]  # fmt: skip
+    assert "..." not in (tmp_path / "slow" / "import.md").read_text()
+
+
+@pytest.mark.parametrize("name", ["a.nmea", "a.BIN", "a.tlog", "a.csv"])
+def test_a_depth_that_a_sounder_shows_without_an_echo_is_left_out(tmp_path, capsys, name):
+    rows = survey()
+    rows[5::20, 3] = 45.0  # within the range of the range finders
+    path = written(tmp_path, name, rows)
+    assert main([str(path), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    found = re.search(r"(\d+) depths of 45 m, repeated and far from all others", capsys.readouterr().out)
+    assert found
+    assert int(found[1]) == len(rows[5::20])
+    assert read_run(tmp_path / "run").vehicles[0].soundings.depth_m.max() < 17.0
+
+
 def test_several_logs_become_one_run_one_after_the_other(tmp_path):
     rows = survey()
     first, second = written(tmp_path, "a.nmea", rows[:300]), written(tmp_path, "a.tlog", rows[400:])
