@@ -67,16 +67,21 @@ def _unit_in(text: str) -> str:
     return found[-1] if is_unit else ""
 
 
+def length_m(unit: str) -> float | None:
+    """Metres per unit; None if it is no unit of length."""
+    return _METRES.get(unit.strip().lower())
+
+
 def metres_per(unit: str, where: str) -> float:
     """Metres per unit; 1 without a unit.
 
     Raises:
         GroundError: if it is no unit of length.
     """
-    plain = unit.strip().lower()
-    if plain and plain not in _METRES:
+    unit_m = length_m(unit)
+    if unit.strip() and unit_m is None:
         raise GroundError(f"{where}: its unit is {unit!r}, which is not a length. Convert it to metres (gdal_calc.py)")
-    return _METRES.get(plain, 1.0)
+    return unit_m or 1.0
 
 
 def meaning(

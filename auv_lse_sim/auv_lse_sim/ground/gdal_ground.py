@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.user_error import brief
-from auv_lse_sim.ground.band_meaning import Meaning, is_other, meaning, text_says_up
+from auv_lse_sim.ground.band_meaning import Meaning, is_other, length_m, meaning, text_says_up
 from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
@@ -32,6 +32,13 @@ _DRIVERS = {
     **dict.fromkeys((*_CLASSIC_NETCDF, b"CDF\5"), ("netCDF",)),
     b"\x89HDF": ("BAG", "S102", "netCDF"),
 }
+#: Standard names and units of the coordinates of rows and of columns in a netCDF file.
+_AXES = (
+    ("latitude", "projection_y_coordinate", "degrees_north", "degree_north", "degrees_N", "degree_N"),
+    ("longitude", "projection_x_coordinate", "degrees_east", "degree_east", "degrees_E", "degree_E"),
+)
+#: Steps of an axis differ by less than this share.
+_UNEVEN = 0.1
 _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
 
 
@@ -144,7 +151,7 @@ def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float
     said, crs = _meaning(data, band, path)
     _check_no_picture(data, band, said, path, config)
     transform = data.transform
-    if transform.b or transform.d or transform.a <= 0 or not transform.e:
+    if transform.b or transform.d or not transform.a or not transform.e:
         raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
     if transform.is_identity:
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
@@ -160,9 +167,55 @@ def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float
     rows, columns = values.shape
     x = transform.c + transform.a * (np.arange(columns) + 0.5)
     y = transform.f + transform.e * (np.arange(rows) + 0.5)
+    unit = _checked_axes(data, path, x, y) if data.driver == "netCDF" else 1.0
+    x, y = unit * x, unit * y
     if transform.e < 0.0:
         y, values = y[::-1], values[::-1]
+    if transform.a < 0.0:
+        x, values = x[::-1], values[:, ::-1]
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
+
+
+def _checked_axes(data: Any, path: Path, x: Array, y: Array) -> float:
+    """Checks the axes of a netCDF file; returns the factor from their unit to that of the CRS.
+
+    GDAL takes the last dimension for x, and even steps for granted.
+
+    Raises:
+        GroundError: if the axes are not those of the rows and columns, or have uneven steps.
+    """
+    tags = data.tags()
+    names = [next((key.partition("#")[0] for key, text in tags.items() if text in marks), "") for marks in _AXES]
+    for name, what, found in zip(names, ("rows", "columns"), (y, x), strict=True):
+        axis, precision = _values(path, name) if name else (np.empty(0), 0.0)
+        if not axis.size or len(found) < 2:
+            continue
+        steps, step = np.diff(axis), abs(found[1] - found[0])
+        if np.ptp(steps) > _UNEVEN * step + 4.0 * precision:
+            raise GroundError(
+                f"{path}: its {name} has uneven steps, from {steps.min():.4g} to {steps.max():.4g}. Grid it evenly, or "
+                "write its points as .xyz"
+            )
+        apart = abs(axis[0] - found.min())
+        apart = min(apart, abs(apart - 360.0)) if what == "columns" else apart  # longitudes from 0 to 360
+        if len(axis) != len(found) or apart > step:
+            raise GroundError(
+                f"{path}: its {what} are not those of {name}: its dimensions have another order. Turn it: "
+                f"ncpdq -a {','.join(names)} {path.name} out.nc"
+            )
+    unit_m = length_m(tags.get(f"{names[1]}#units", ""))
+    return 1.0 if unit_m is None else unit_m / (data.crs.linear_units_factor[1] if data.crs else 1.0)
+
+
+def _values(path: Path, name: str) -> tuple[Array, float]:
+    """The values of a netCDF variable with one dimension, growing, and their precision; none of another one."""
+    import rasterio
+
+    with rasterio.open(f"netcdf:{path}:{name}", driver="netCDF") as file:
+        if 1 not in file.shape:
+            return np.empty(0), 0.0
+        axis = file.read(1).ravel()
+    return np.sort(axis.astype(float)), float(np.spacing(np.abs(axis).max())) if axis.dtype.kind == "f" else 0.0
 
 
 def _band(data: Any, path: Path) -> tuple[int, list[str]]:
