@@ -61,11 +61,15 @@ def dataflash_messages(
         try:
             reader: Any = DFReader_binary(str(path), progress_callback=lambda percent: progress(percent / 200.0))
             number = 0
-            while (message := reader.recv_match(type=list(kinds))) is not None:
+            # pymavlink's list of messages ends at the first of an unknown type: then each is read
+            complaints.seek(0)
+            is_listed = b"unknown msg type" not in complaints.read()
+            while (message := reader.recv_match(type=list(kinds) if is_listed else None)) is not None:
                 if number % _MESSAGES == 0:
                     progress(0.5 + 0.5 * reader.offset / max(reader.data_len, 1))
                 number += 1
-                yield message._timestamp, message
+                if is_listed or message.get_type() in kinds:
+                    yield message._timestamp, message
         except (OSError, GeneratorExit):
             raise
         except Exception as error:  # pymavlink raises errors of many kinds for a damaged log
@@ -152,3 +156,4 @@ def _frames(data: bytes, damage: Counter[str]) -> Iterator[tuple[float, bytes, f
             break
         yield int.from_bytes(data[at : at + 8], "big") * 1e-6, data[at + 8 : at + 8 + size], at / len(data)
         at += 8 + size
+    damage["messages that are cut off"] += in_step and at != len(data)

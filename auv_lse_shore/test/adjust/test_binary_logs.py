@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from adjust.survey_logs import START_S, Dataflash, depth_m, nmea, survey
+from adjust.survey_logs import START_S, Dataflash, dataflash, depth_m, nmea, survey, telemetry
 
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import gather
@@ -250,3 +250,15 @@ def test_every_depth_and_position_is_a_sounding_or_counted(tmp_path):
     assert counts["positions at the time of the one before, or earlier"] > 0.8 * len(fast)
     assert len(placed.soundings) + counts["soundings: jump"] == len(ROWS)
     assert f"- pings of each second are one sounding: {placed.combined} pings" in found.lines
+
+
+@pytest.mark.parametrize("name", ["a.nmea", "a.bin", "a.tlog", "a.sl2"])
+def test_a_depth_that_a_sounder_shows_without_an_echo_is_left_out(tmp_path, name):
+    rows = survey()
+    rows[5::20, 3] = 45.0  # within the range of the range finders
+    logs = {"a.nmea": lambda own: nmea(own).encode(), "a.bin": lambda own: dataflash(own).data, "a.tlog": telemetry}
+    path = tmp_path / name
+    path.write_bytes((logs | LOGS)[name](rows))
+    found = gathered(path)
+    assert f"- left out: {len(rows[5::20])} depths of 45 m, repeated and far from all others" in found.lines
+    assert found.placed[0].soundings[:, 3].max() < 17.0

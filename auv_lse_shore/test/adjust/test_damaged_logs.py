@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import gzip
 import os
+import re
 import resource
 import threading
 import time
 
 import numpy as np
 import pytest
-from adjust.survey_logs import dataflash, nmea, survey, telemetry
-from adjust.test_binary_logs import LOGS, humminbird
+from adjust.survey_logs import ORIGIN, dataflash, depth_m, nmea, survey, telemetry
+from adjust.test_binary_logs import LOGS, humminbird, lowrance
 from adjust.test_table_logs import TABLES
 
 from auv_lse_mavlink.flight_logs import FlightLogError
+from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.command import parser, user_facts
-from auv_lse_shore.survey_import.gather import gather
+from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.log_file import HEAD
 from auv_lse_shore.survey_import.survey_log import LogError
 from benchmarks.faults.files import damaged
@@ -99,3 +101,45 @@ def test_a_pipe_is_read_once_and_whole(tmp_path, packed):
     found = gather([path], user_facts(parser().parse_args([str(path)])))
     writer.join()
     assert len(found.placed[0].soundings) == len(survey())
+
+
+def test_what_follows_a_damaged_byte_is_read(tmp_path):
+    """A wrong type of message, or a wrong size of a ping, costs that one and not the rest of the log."""
+    rows = survey()[:200]
+    packed = dataflash(rows).data
+    at = packed.index(b"\xa3\x95\x84", len(packed) // 3)  # RFND
+    assert len(soundings_of(tmp_path / "a.bin", packed[: at + 2] + b"\xee" + packed[at + 3 :])) >= 198
+    dat = humminbird(rows, tmp_path)
+    sound = tmp_path / "R00001" / "B001.SON"
+    pings = sound.read_bytes()
+    at = pings.index(b"\xa0\0\0\0\x08", len(pings) // 3)
+    sound.write_bytes(pings[: at + 1] + b"\x7f" + pings[at + 2 :])
+    assert len(soundings_of(tmp_path / "R00001.DAT", dat)) >= 198
+    for version, size_at in ((2, 28), (3, 8)):
+        frames = lowrance(rows, version)
+        length = (len(frames) - 8) // 400
+        at = 8 + 130 * length + size_at
+        damaged = frames[:at] + b"\xff\xff" + frames[at + 2 :]
+        assert len(soundings_of(tmp_path / f"a.sl{version}", damaged)) >= 198
+
+
+@pytest.mark.parametrize("name", ["a.tlog", "a.sl2", "R00001.DAT"])
+def test_a_log_that_ends_within_a_message_is_reported(tmp_path, name):
+    rows = survey()[:60]
+    if name == "R00001.DAT":
+        data = humminbird(rows, tmp_path)
+        sound = tmp_path / "R00001" / "B001.SON"
+        sound.write_bytes(sound.read_bytes()[:-30])
+    else:
+        data = {"a.tlog": telemetry, "a.sl2": lowrance}[name](rows)[:-30]
+    (tmp_path / name).write_bytes(data)
+    lines = "\n".join(gather([tmp_path / name], UserFacts()).lines)
+    assert re.search(r"left out: \d+ (damaged pieces|messages that are cut off|pings that are incomplete)", lines)
+
+
+def soundings_of(path, data):
+    """The soundings of a damaged log, all of them at the known depth."""
+    path.write_bytes(data)
+    (log,) = gather([path], UserFacts(origin=ORIGIN, choice=Choice(draught_m=0.3))).placed
+    assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.12)
+    return log.soundings

@@ -92,6 +92,8 @@ def _read_pings(content: LogContent, path: Path, data: bytes, start_s: float) ->
             content.position(name, stamp_s, 0.0, 0.0)
         content.depth(name, stamp_s, 0.1 * values[_DEPTH])
         at = end + values.get(_ECHOES, 0)
+        if at != len(data) and data[at : at + 4] != _PING:  # the number of echoes may be wrong
+            at = end
 
 
 def _values(data: bytes, at: int) -> tuple[dict[int, int], int]:

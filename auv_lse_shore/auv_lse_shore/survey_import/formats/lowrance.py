@@ -44,14 +44,14 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     created_s = float(struct.unpack_from("<I", data, 8 + at_of["created"])[0])
     if not UTC_FROM_S < created_s < 0xFFFF_FFFF:
         created_s, content.clock = 0.0, Clock.ELAPSED
-    at, count = 8, 0
-    while at + length <= len(data):
-        if struct.unpack_from("<I", data, at)[0] != at:  # a frame begins with its own position
-            found = _next_frame(data, at)
+    at, after, count = 8, 8, 0
+    while at != len(data):
+        if at + length > len(data) or struct.unpack_from("<I", data, at)[0] != at:  # a frame begins with its position
+            at = _next_frame(data, after - 1)  # the size of the last one may be wrong
             content.left_out["damaged pieces"] += 1
-            if found < 0:
+            if at < 0:
                 break
-            at = found
+            after = at + 1
             continue
         size, channel = (struct.unpack_from("<H", data, at + at_of[name])[0] for name in ("size", "channel"))
         flags = struct.unpack_from("<H", data, at + at_of["flags"])[0]
@@ -62,7 +62,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         else:
             content.left_out[NO_FIX] += 1
         content.depth(f"channel {_CHANNELS.get(channel, channel)}", stamp_s, _FEET_M * depth_ft)
-        at += max(size, length)
+        at, after = at + max(size, length), at + length
         count += 1
         if count % _PIECE == 0:
             file.progress(at / len(data))

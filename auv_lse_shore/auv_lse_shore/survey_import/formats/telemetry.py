@@ -52,7 +52,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
             if system in (None, sender):
                 _take(content, message, stamp_s)
             elif kind != "HEARTBEAT":
-                content.left_out["messages of other vehicles"] += 1
+                content.left_out[f"messages of vehicle {sender}, beside those of vehicle {system}"] += 1
     return [content]
 
 
