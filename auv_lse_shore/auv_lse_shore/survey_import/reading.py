@@ -53,6 +53,8 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
     file = LogFile(path, progress)
     if not file.head.strip(b"\0 \r\n\t"):
         raise LogError(f"{path} is empty. Copy it again.")
+    if file.head.startswith(b"PK\x03\x04"):
+        raise LogError(f"{path} is a zip archive, or a spreadsheet. Unpack it, or save it as CSV.")
     for module in formats():
         if module.recognizes(file):
             contents: list[LogContent] = module.read(file, options)

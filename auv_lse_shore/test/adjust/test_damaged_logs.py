@@ -11,6 +11,7 @@ import re
 import resource
 import threading
 import time
+import zipfile
 
 import numpy as np
 import pytest
@@ -143,3 +144,11 @@ def soundings_of(path, data):
     (log,) = gather([path], UserFacts(origin=ORIGIN, choice=Choice(draught_m=0.3))).placed
     assert log.soundings[:, 3] == pytest.approx(depth_m(*log.soundings[:, 1:3].T), abs=0.12)
     return log.soundings
+
+
+def test_an_archive_names_its_cure(tmp_path):
+    path = tmp_path / "day.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.nmea", nmea(ROWS))
+    with pytest.raises(LogError, match=r"day\.zip is a zip archive, or a spreadsheet\. Unpack it, or save it as CSV\."):
+        gather([path], UserFacts())

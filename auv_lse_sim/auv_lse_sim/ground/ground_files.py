@@ -47,8 +47,10 @@ def load_ground(
         ".bag": read_gdal_ground,
         ".h5": read_gdal_ground,
     }
-    reader = kinds.get(path.suffix.lower())
-    if is_raster_file(_begin(path)):
+    reader, begin = kinds.get(path.suffix.lower()), _begin(path)
+    if begin[:4] in (b"DSAA", b"DSBB", b"DSRB"):
+        raise GroundError(f"{path} is a Surfer grid. Convert it: gdal_translate {path.name} {path.stem}.tif")
+    if is_raster_file(begin):
         reader = read_gdal_ground
     elif reader is read_soundings_ground and is_xyz(path):
         reader = read_xyz_ground

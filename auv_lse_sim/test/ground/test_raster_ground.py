@@ -107,3 +107,10 @@ def test_an_ascii_grid_with_a_byte_order_mark(tmp_path):
     text = ascii_text(bottom(*np.meshgrid(axis, axis, indexing="ij")), 0.0, 0.0, 10.0, "xllcenter")
     (tmp_path / "depth.asc").write_text("\ufeff" + text, encoding="utf-8")
     check_bottom(load_ground(tmp_path / "depth.asc"), tolerance=0.05)
+
+
+@pytest.mark.parametrize("begin", [b"DSAA\n2 2\n", b"DSBB\x02\0", b"DSRB\x04\0"])
+def test_a_grid_of_surfer_names_its_cure(tmp_path, begin):
+    (tmp_path / "g.grd").write_bytes(begin + bytes(60))
+    with pytest.raises(GroundError, match=r"g\.grd is a Surfer grid\. Convert it: gdal_translate g\.grd g\.tif"):
+        load_ground(tmp_path / "g.grd")
