@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,9 @@ MEAN_S, FIRST_S, LONGEST_S = 0.08, 3.0, 0.25
 SEED = 9003
 SMOKE = {"mission.steps": 4, "mission.vehicles": 2}
 FULL = {"mission.vehicles": 3}
-#: Parts of a mission, in the order of the rows. Judging comes after it.
-PARTS = ("planner", "positions", "map", "packets", "world", "rest", "judging")
+#: Parts of a mission whose functions are watched, and all, in the order of the rows. Judging comes after it.
+WATCHED = ("planner", "positions", "map", "packets", "world")
+PARTS = (*WATCHED, "rest", "judging")
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,12 @@ def timed(function: Callable[..., Any], times_s: list[float]) -> Callable[..., A
     return call
 
 
-def flown(method: str, size: dict[str, Any]) -> Flown:
-    """Processor time of one mission."""
-    settings = Settings.load(None, {"planner.method": method, "mission.seed": SEED, **size})
-    fleet = Fleet(settings, ground_of(settings))
-    times_s: dict[str, list[list[float]]] = defaultdict(list)  # by part, of each function's calls
+def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
+    """Processor times (s) of the calls of each part to come, one list for each function.
+
+    Those of `map` include `positions`: positions are corrected while the map takes what came.
+    """
+    times_s: dict[str, list[list[float]]] = defaultdict(list)
 
     def watch(owner: object, name: str, part: str) -> None:
         times_s[part].append([])
@@ -69,17 +71,31 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
         for name in ("receive", "next_packet"):
             watch(cores, name, "packets")
         watch(cores.planner, "decide", "planner")
+    return times_s
+
+
+def spent_s(times_s: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, float]:
+    """Sum (s) of what `watched` has measured so far, by part; that of `map` without `positions`."""
+    spent = {part: sum(map(sum, times_s[part])) for part in WATCHED}
+    spent["map"] -= spent["positions"]
+    return spent
+
+
+def flown(method: str, size: dict[str, Any]) -> Flown:
+    """Processor time of one mission."""
+    settings = Settings.load(None, {"planner.method": method, "mission.seed": SEED, **size})
+    fleet = Fleet(settings, ground_of(settings))
+    times_s = watched(fleet)
     began = time.process_time()
     run = fleet.run()
     mission_s = time.process_time() - began
-    spent_s = {part: sum(map(sum, times_s[part])) for part in PARTS[:5]}
-    spent_s["map"] -= spent_s["positions"]  # positions are corrected while the map takes what came
-    spent_s["rest"] = mission_s - sum(spent_s.values())
-    spent_s["mission"] = mission_s
+    spent = spent_s(times_s)
+    spent["rest"] = mission_s - sum(spent.values())
+    spent["mission"] = mission_s
     began = time.process_time()
     evaluate(run, 1)
-    spent_s["judging"] = time.process_time() - began
-    return Flown(spent_s, times_s["planner"])
+    spent["judging"] = time.process_time() - began
+    return Flown(spent, times_s["planner"])
 
 
 def run(*, smoke: bool = False) -> list[Row]:
@@ -89,8 +105,8 @@ def run(*, smoke: bool = False) -> list[Row]:
         flown(method, SMOKE)
     mowing, touring = flown("lawnmower", size), flown("tour", size)
     team = f"{size['mission.vehicles']} vehicles"
-    spent_s, without_s = touring.spent_s, mowing.spent_s
-    whole = spent_s["mission"]
+    spent, without_s = touring.spent_s, mowing.spent_s
+    whole = spent["mission"]
     rows = [
         row(
             f"mission, tour, {team}", whole, "s", "lawnmower", without_s["mission"] / whole,
@@ -99,8 +115,8 @@ def run(*, smoke: bool = False) -> list[Row]:
         row(f"mission, lawnmower, {team}", without_s["mission"], "s"),
     ]  # fmt: skip
     for part in PARTS:
-        ratio = without_s[part] / spent_s[part] if spent_s[part] else None
-        rows.append(row(f"{part}, tour, {team}", spent_s[part], "s", "lawnmower", ratio))
+        ratio = without_s[part] / spent[part] if spent[part] else None
+        rows.append(row(f"{part}, tour, {team}", spent[part], "s", "lawnmower", ratio))
     every = [t for each in touring.decisions_s for t in each]
     firsts = [each[0] for each in touring.decisions_s]
     largest = max(t for each in touring.decisions_s for t in each[1:])

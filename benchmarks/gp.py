@@ -64,8 +64,6 @@ class Sizes:
         judged: Centers of the map whose quality is judged.
         queries: Locations at which the local subset is compared with all centers.
         every: Every how many soundings of the survey are used.
-        soundings: Soundings of the fit.
-        restarts: Starts of the fit.
         repeats: Most repeats of a timed call.
     """
 
@@ -76,8 +74,6 @@ class Sizes:
     judged: int = 12000
     queries: int = 3000
     every: int = 1
-    soundings: int = 500
-    restarts: int = 5
     repeats: int = 5
 
 
@@ -90,8 +86,6 @@ SMOKE = Sizes(
     judged=60,
     queries=20,
     every=4,
-    soundings=40,
-    restarts=1,
     repeats=1,
 )
 
@@ -139,7 +133,6 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
         *real_time(sizes),
         judgement(sizes),
         *local_subset(survey, sizes),
-        *planned(sizes),
     ]
 
 
@@ -644,23 +637,3 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         )
     )
     return rows
-
-
-def planned(sizes: Sizes = FULL) -> list[Row]:
-    """Benefit of measuring along a path by planning its end after its prefix, against planning the whole path."""
-    locations, depths = made_up(sizes.data[0])
-    posterior, level_set = Posterior(GpConfig()), LevelSet()
-    posterior.extend(Centers(locations, depths, np.full(len(depths), 0.3)))
-    path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
-
-    def benefit_of(prior: Posterior, more: np.ndarray) -> None:
-        at = prior.with_planned(more).at(path)
-        level_set.benefit(at.mean_m, np.sqrt(at.data_var_m2 - at.planned_var_m2), np.sqrt(at.planned_var_m2))
-
-    whole = best_of(sizes.repeats, lambda: benefit_of(posterior, path))
-    prefix = posterior.with_planned(path[:100])
-    ends = best_of(sizes.repeats, lambda: benefit_of(prefix, path[100:]))
-    return [
-        row(f"benefit of a path of 120 locations, n = {len(locations)}", 1e3 * whole, "ms"),
-        row("the same, extending one of 100 locations", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),
-    ]

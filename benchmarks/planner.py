@@ -2,8 +2,8 @@
 
 All in processor time, so that it can be measured on a machine that has other things to do.
 
-Ratios to scikit-learn and GPyTorch are of the same work: the values of the same paths by conditioning the library's
-own posterior on the path's locations. Where a library is not installed its rows are left out.
+Ratios to scikit-learn are of the same work: the values of the same paths by conditioning the library's own posterior on
+the path's locations. Where it is not installed, they are left out.
 """
 
 from __future__ import annotations
@@ -146,17 +146,15 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
         row("exact values of 100-location paths, one by one", alone, "1/s", goal=">= 1000", holds=alone >= 1000),
     ]
     exact = reward.value(posterior.at(whole))
-    for name, library in (("scikit-learn", _sklearn), ("GPyTorch", _gpytorch)):
-        try:
-            value = library(whole, centers(sizes.centers))
-        except ImportError:
-            continue
-        assert abs(value() - exact) < 1e-3 * exact, f"{name} gives {value()}, not {exact}"
-        theirs = per_second(lambda value=value: value(), 1, sizes.least_s)
-        rows.append(row(f"the same by {name}", theirs, "1/s"))
-        rows[1]["against"] = rows[2]["against"] = name
-        rows[1]["ratio"], rows[2]["ratio"] = batched / theirs, alone / theirs
-    return rows
+    try:
+        value = _sklearn(whole, centers(sizes.centers))
+    except ImportError:
+        return rows
+    assert abs(value() - exact) < 1e-3 * exact, f"scikit-learn gives {value()}, not {exact}"
+    theirs = per_second(value, 1, sizes.least_s)
+    rows[1]["against"] = rows[2]["against"] = "scikit-learn"
+    rows[1]["ratio"], rows[2]["ratio"] = batched / theirs, alone / theirs
+    return [*rows, row("the same by scikit-learn", theirs, "1/s")]
 
 
 #: Anytime reward: kernel centers of the map, legs left, team mates with as many legs.
@@ -242,49 +240,6 @@ def _sklearn(whole: Any, data: Centers) -> Callable[[], float]:
     return value
 
 
-def _gpytorch(whole: Any, data: Centers) -> Callable[[], float]:
-    """Path value with GPyTorch's exact GP in double precision (its cached, fast predictive path)."""
-    import gpytorch
-    import torch
-
-    torch.set_num_threads(1)
-    config = GpConfig()
-
-    class Model(gpytorch.models.ExactGP):  # type: ignore[misc]  # untyped library
-        def __init__(self, x: Any, y: Any, likelihood: Any) -> None:
-            super().__init__(x, y, likelihood)
-            self.mean_module = gpytorch.means.ConstantMean()
-            self.covar_module = gpytorch.kernels.ScaleKernel(gpytorch.kernels.MaternKernel(nu=2.5))
-
-        def forward(self, x: Any) -> Any:
-            return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
-
-    x, y = torch.tensor(data.locations_m), torch.tensor(data.depths_m)
-    likelihood = gpytorch.likelihoods.GaussianLikelihood().double()
-    model = Model(x, y, likelihood).double()
-    likelihood.noise = config.noise_std_m**2
-    model.mean_module.constant.data.fill_(config.mean_depth_m)
-    model.covar_module.outputscale = config.signal_std_m**2
-    model.covar_module.base_kernel.lengthscale = config.length_scale_m
-    model.eval()
-    likelihood.eval()
-    at = torch.tensor(whole)
-
-    def value() -> float:
-        with (
-            torch.no_grad(),
-            gpytorch.settings.fast_pred_var(),
-            gpytorch.settings.fast_computations(False, False, False),
-        ):
-            posterior = model(at)
-            mean, covariance = posterior.mean.numpy(), posterior.covariance_matrix.numpy()
-        with_noise = covariance + config.noise_std_m**2 * np.eye(len(whole))
-        after = np.diag(covariance - covariance @ np.linalg.solve(with_noise, covariance))
-        return _risk_of(mean, np.diag(covariance).copy(), after)
-
-    return value
-
-
 def decisions(sizes: Sizes = FULL) -> list[Row]:
     """Time of a first decision at the default budget, and the share of its value that remains with a 20 ms deadline.
 
@@ -351,22 +306,6 @@ def under_way(sizes: Sizes = FULL) -> list[Row]:
     ]
 
 
-def samples_cost(sizes: Sizes = FULL) -> list[Row]:
-    """What several measurement locations along a leg cost."""
-    rows = []
-    for samples in (1, 2, 3):
-        options = {"samples_per_leg": samples, **sizes.options}
-        planner("augmented", sizes.centers, **options).decide(0.0)
-        made = planner("augmented", sizes.centers, **options)
-        made._take_centers(evaluates=True)
-        begin = time.process_time()
-        made.decide(0.0)
-        rows.append(
-            row(f"one decision, augmented, samples_per_leg={samples}", 1e3 * (time.process_time() - begin), "ms")
-        )
-    return rows
-
-
 _MEMORY = """
 import resource, sys
 import numpy as np
@@ -409,6 +348,5 @@ def run(*, smoke: bool = False) -> list[Row]:
         *anytime(sizes),
         *decisions(sizes),
         *under_way(sizes),
-        *samples_cost(sizes),
         *memory(sizes),
     ]

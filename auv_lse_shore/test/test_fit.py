@@ -236,7 +236,7 @@ def test_reads_a_recorded_run(tmp_path):
 def test_reaches_the_best_of_scikit_learn():
     positions, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=200, seed=4)
     result = fit(positions, depths, mean_depth_m=float(depths.mean()), restarts=2)
-    # scikit-learn 1.9.1, best of five starts (benchmarks/navigation/gp_rivals.py): constant * Matern + white
+    # scikit-learn 1.9.1, best of five starts: constant * Matern 5/2 + white
     assert result.log_likelihood == pytest.approx(-361.48280766, abs=1e-3)  # where its optimizer stops
 
 

@@ -2,8 +2,8 @@
 
 Usage: python gp_rivals.py DATA.npz
 
-DATA.npz: positions (n, 2), depths (n,), queries (P, 2), new (m, 2), new_depths (m,), signal_std, length, noise_std,
-mean; for the fit also fit_positions (k, 2), fit_depths (k,).
+DATA.npz: locations (n, 2), depths (n,), queries (P, 2), new (m, 2), new_depths (m,), signal_std, length, noise_std,
+mean.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-#: Positions asked for in one call: the speed of both libraries hangs on it, so the best is looked for too.
+#: Locations asked for in one call: the speed of both libraries hangs on it, so the best is looked for too.
 CHUNKS = (256, 2048)
 
 
@@ -27,14 +27,14 @@ def seconds(function: Any) -> float:
 
 
 def scikit_learn(data: Any) -> dict[str, Any]:
-    """Map (at once and in chunks: the faster counts) and fit."""
+    """Map, at once and in chunks: the faster counts."""
     import sklearn
     from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
     kernel = ConstantKernel(float(data["signal_std"]) ** 2) * Matern(float(data["length"]), nu=2.5)
     model = GaussianProcessRegressor(kernel, alpha=float(data["noise_std"]) ** 2, optimizer=None)
-    model.fit(data["positions"], data["depths"] - float(data["mean"]))
+    model.fit(data["locations"], data["depths"] - float(data["mean"]))
     queries = data["queries"]
     parts: list[Any] = []
 
@@ -42,19 +42,12 @@ def scikit_learn(data: Any) -> dict[str, Any]:
         parts[:] = [model.predict(queries[i : i + chunk], return_std=True) for i in range(0, len(queries), chunk)]
 
     by_chunk = {str(chunk): seconds(lambda chunk=chunk: predict(chunk)) for chunk in (*CHUNKS, len(queries))}
-    result: dict[str, Any] = {
+    return {
         "version": sklearn.__version__,
         "by_chunk": by_chunk,
         "mean_sum": float(sum(m.sum() for m, _ in parts) + len(queries) * float(data["mean"])),
         "std_sum": float(sum(s.sum() for _, s in parts)),
     }
-    if "fit_positions" in data:
-        free = ConstantKernel(50.0, (1e-2, 1e5)) * Matern(100.0, (1.0, 1e5), nu=2.5) + WhiteKernel(0.1, (1e-6, 1e3))
-        depths = data["fit_depths"] - data["fit_depths"].mean()
-        fitted = GaussianProcessRegressor(free, n_restarts_optimizer=4, random_state=0)
-        result["fit_s"] = seconds(lambda: fitted.fit(data["fit_positions"], depths))
-        result["fit_log_likelihood"] = float(fitted.log_marginal_likelihood_value_)
-    return result
 
 
 def gpytorch(data: Any) -> dict[str, Any]:
@@ -74,7 +67,7 @@ def gpytorch(data: Any) -> dict[str, Any]:
         def forward(self, x: Any) -> Any:
             return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
 
-    x, y, queries = (torch.tensor(data[name]) for name in ("positions", "depths", "queries"))
+    x, y, queries = (torch.tensor(data[name]) for name in ("locations", "depths", "queries"))
 
     def model() -> Any:
         likelihood = gpytorch.likelihoods.GaussianLikelihood()

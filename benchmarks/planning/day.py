@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import resource
 import time
-from collections import defaultdict
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
@@ -19,7 +18,7 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_record.size_estimate import size_of
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
-from benchmarks.fleet import SEED, timed
+from benchmarks.fleet import SEED, WATCHED, spent_s, watched
 from benchmarks.rows import Row, row
 
 #: Legs and vehicles of each mission.
@@ -27,7 +26,6 @@ FULL = ((100, 1), (300, 1), (1000, 1), (1200, 1), (2000, 1), (100, 3), (300, 3),
 SMOKE = ((4, 1),)
 #: Area (m^2) for each leg of each vehicle.
 AREA_M2 = 600.0 * 700.0 / 300.0
-PARTS = ("planner", "map", "locations", "packets", "world")
 #: Legs of a mission of at least twice as many that its last quarter is compared with.
 EARLY = (50, 100)
 #: Goals: milliseconds of an idle core, and the cost of a leg relative to that of the shortest mission, and to that of
@@ -52,53 +50,28 @@ def square(legs: int, vehicles: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def watched(fleet: Fleet) -> dict[str, list[list[float]]]:
-    """Processor times of the calls of each part, one list for each function."""
-    times_s: dict[str, list[list[float]]] = defaultdict(list)
-
-    def watch(owner: object, name: str, part: str) -> None:
-        times_s[part].append([])
-        setattr(owner, name, timed(getattr(owner, name), times_s[part][-1]))
-
-    watch(fleet.world, "tick", "world")
-    for cores in fleet.cores:
-        watch(cores, "update_map", "map")
-        if cores.corrector is not None:
-            watch(cores.corrector, "correct", "locations")
-        for name in ("receive", "next_packet"):
-            watch(cores, name, "packets")
-        watch(cores.planner, "decide", "planner")
-    return times_s
-
-
 def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
     """The rows of one mission, and its cost of a leg late in it (s)."""
     settings = Settings.load(None, square(legs, vehicles))
     fleet = Fleet(settings, ground_of(settings))
     times_s = watched(fleet)
     marks: list[dict[str, float]] = []
-
-    def spent() -> dict[str, float]:
-        found = {part: sum(map(sum, times_s[part])) for part in PARTS}
-        found["map"] -= found["locations"]  # locations are corrected while the map takes what came
-        return found
-
     at = (*(EARLY if legs >= 2 * EARLY[1] else ()), 0.75 * legs)
     began = time.process_time()
     while not fleet.finished and fleet.now_s < settings.longest_s:
         fleet.tick()
         if len(marks) < len(at) and fleet.cores[0].planner.decided >= at[len(marks)]:
-            marks.append(spent())
-    whole_s, end = time.process_time() - began, spent()
-    late = {part: (end[part] - marks[-1][part]) / (0.25 * legs * vehicles) for part in PARTS}
-    cost_s = sum(late[part] for part in PARTS if part != "world")
+            marks.append(spent_s(times_s))
+    whole_s, end = time.process_time() - began, spent_s(times_s)
+    late = {part: (end[part] - marks[-1][part]) / (0.25 * legs * vehicles) for part in WATCHED}
+    cost_s = sum(late[part] for part in WATCHED if part != "world")
     size = f"{legs} legs, {vehicles} vehicle{'s' if vehicles > 1 else ''}"
     decisions = times_s["planner"]
     later = [t for each in decisions for t in each[1:]]
     counts = [cores.map.counts.full for cores in fleet.cores]
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     rows = [row(f"{size}: whole mission", whole_s, "s")]
-    rows += [row(f"{size}: {part}, a leg in the last quarter", 1e3 * late[part], "ms") for part in PARTS]
+    rows += [row(f"{size}: {part}, a leg in the last quarter", 1e3 * late[part], "ms") for part in WATCHED]
     for name, value_s, goal in (
         ("first decision, longest", max(each[0] for each in decisions), FIRST_MS),
         ("other decisions, mean", sum(later) / max(len(later), 1), MEAN_MS),
@@ -111,7 +84,7 @@ def mission(legs: int, vehicles: int) -> tuple[list[Row], float]:
         row(f"{size}: largest memory of the process so far, all vehicles", memory_mb, "MB"),
     ]
     if len(at) > 1:
-        early_s = sum(marks[1][part] - marks[0][part] for part in PARTS if part != "world")
+        early_s = sum(marks[1][part] - marks[0][part] for part in WATCHED if part != "world")
         early_s /= (EARLY[1] - EARLY[0]) * vehicles
         rows.append(row(f"{size}: a leg in the last quarter, of the same mission", 1e3 * cost_s, "ms",
                         f"its legs {EARLY[0]} to {EARLY[1]}", cost_s / early_s,

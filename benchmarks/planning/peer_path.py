@@ -17,18 +17,13 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def area(request):
-    """Locations (P, 2) of a request, by default a grid of 20 m, the kernel, and a start (1, 2) for each vehicle."""
+    """Locations (P, 2) of a request, the kernel, and a start (1, 2) for each vehicle."""
     import gpflow
     import numpy as np
 
-    if "locations_m" in request:
-        locations = np.array(request["locations_m"], dtype=float)
-    else:
-        (south, west), (north, east) = request["low_m"], request["high_m"]
-        grid = np.meshgrid(np.arange(south, north + 1, 20.0), np.arange(west, east + 1, 20.0), indexing="ij")
-        locations = np.stack(grid, -1).reshape(-1, 2)
     kernel = gpflow.kernels.Matern52(variance=request["std_m"] ** 2, lengthscales=request["length_scale_m"])
-    return locations, kernel, np.repeat([request["start_m"]], request.get("vehicles", 1), axis=0)
+    starts = np.repeat([request["start_m"]], request["vehicles"], axis=0)
+    return np.array(request["locations_m"], dtype=float), kernel, starts
 
 
 def planned(request):

@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.planning.areas import area, lake
-from benchmarks.planning.planner_loop import light_mission, settings_for
+from benchmarks.planning.planner_loop import light_mission
 
 Array = NDArray[np.float64]
 
@@ -97,16 +97,23 @@ def ground_of(kind: str, name: str, where: str, real: str) -> Any:
 
 
 def settings(vehicles: int) -> PlannerSettings:
-    """Settings of a mission."""
-    return settings_for("tour", vehicles, area(where_of(vehicles))[1])
+    """Settings of a mission. No vehicle surfaces: positions are exact."""
+    return PlannerSettings.from_parameters(
+        {
+            "area": area(where_of(vehicles))[1],
+            "vehicle": {"surfacings": 0},
+            "mission": {"vehicles": vehicles},
+            "planner": {"method": "tour"},
+        },
+        "benchmark",
+    )
 
 
 def mission(kind: str, vehicles: int, name: str, real: str) -> dict[str, Any]:
     """Simulates one mission; returns its line, with all soundings as rows of time (s), north, east, depth (m)."""
     ground = ground_of(kind, name, where_of(vehicles), real)
     seed = int(name) if name.isdigit() else sum(name.encode())
-    outcome = light_mission(settings(vehicles), ground, seed, LOSS)
-    rows = sorted(row for boat in outcome.boats for row in boat.soundings)
+    rows = light_mission(settings(vehicles), ground, seed, LOSS)
     return {
         "kind": kind,
         "vehicles": vehicles,

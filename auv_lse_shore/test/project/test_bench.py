@@ -1,5 +1,6 @@
 """Every benchmark runs at its smallest size, so that none can rot unnoticed. What the figures are is not tested."""
 
+import dataclasses
 import importlib
 import json
 import math
@@ -17,9 +18,9 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import mission_parts, vehicle
+from benchmarks import comms, gp, mission_parts, vehicle
 from benchmarks.command import end_with
-from benchmarks.planning import areas, peer, peer_environment
+from benchmarks.planning import areas, peer_environment
 from benchmarks.rows import KEYS
 
 main = verb_main("bench")
@@ -125,46 +126,23 @@ def test_memory_counts_the_pages_of_this_process_alone_and_by_share():
 
 def test_the_made_up_survey_can_be_sounded():
     """It once held depths below 0, which `OnlineGp.add` refuses."""
-    gp = importlib.import_module("benchmarks.gp")
     lake = gp.Survey.of(None)
     assert lake.depths_m.min() >= gp.LEAST_DEPTH_M
     assert len(lake.locations_m) > 2000
 
 
-def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
-    rivals = importlib.import_module("benchmarks.navigation.gp_rivals")
-    gp = importlib.import_module("benchmarks.gp")
-    positions, depths = gp.made_up(30)
-    scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
-    data = {
-        "positions": positions,
-        "depths": depths,
-        "queries": positions[:5],
-        "new": positions[:2],
-        "new_depths": depths[:2],
-    }
-    np.savez(tmp_path / "data.npz", **data, **scales, fit_positions=positions, fit_depths=depths)
-    monkeypatch.setattr(sys, "argv", ["gp_rivals.py", str(tmp_path / "data.npz")])
-    rivals.main()
-    results = json.loads(capsys.readouterr().out)
-    assert results.keys() == {"scikit-learn", "GPyTorch"}
-    for result in results.values():
-        assert "missing" in result or {"version", "mean_sum", "std_sum"} <= result.keys()
+def test_the_map_is_compared_with_an_installed_library(monkeypatch):
+    pytest.importorskip("sklearn")
+    monkeypatch.setattr(gp, "RIVALS", Path(sys.executable))
+    rows = gp.maps(dataclasses.replace(gp.SMOKE, repeats=2))
+    assert any("scikit-learn 1." in row["against"] and row["ratio"] > 0.0 for row in rows)
+    (off,) = [row for row in rows if "sums differ" in row["name"] and "scikit-learn" in row["against"]]
+    assert off["holds"]
 
 
 def test_the_figure_of_the_channel_is_drawn(tmp_path):
-    importlib.import_module("benchmarks.comms").channel_figure(tmp_path / "channel.png", packets=1)
+    comms.channel_figure(tmp_path / "channel.png", packets=1)
     assert (tmp_path / "channel.png").stat().st_size > 10_000
-
-
-def test_methods_are_held_against_hindsight(capsys):
-    hindsight = importlib.import_module("benchmarks.planning.hindsight")
-    assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
-    out = capsys.readouterr().out
-    assert "| hindsight |" in out
-    assert "| hindsight on the isobath |" in out
-    assert "| random |" in out
-    assert out.count("100% |") == 2  # each aim by its own paths
 
 
 def test_methods_are_compared_scene_by_scene():
@@ -312,29 +290,6 @@ def test_calibration_is_judged_where_the_depth_is_known(monkeypatch):
     (row,) = [row for row in text if row.startswith("| all |")]
     assert "| 2 |" in row
     assert "| 1.25 | 0.50 (" in row
-
-
-def test_a_path_given_by_waypoints_is_flown_and_judged_like_a_mission():
-    ground = SyntheticLake(LakeConfig(seed=3, height_m=400.0, width_m=500.0, north_m=180.0, east_m=230.0))
-    lanes = np.array([[0.0, 0.0], [360.0, 30.0], [360.0, 230.0], [0.0, 230.0], [0.0, 430.0], [360.0, 430.0]])
-    crossed = peer.steered(lanes, ground, 3)
-    stayed = peer.steered(np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 60.0], [0.0, 60.0], [0.0, 0.0]] * 9), ground, 3)
-    assert tuple(crossed) == tuple(peer.FIGURES)
-    assert crossed["risk_end"] < 0.6 * stayed["risk_end"]
-    assert crossed["risk_end"] < crossed["risk_third"]
-
-
-def test_the_peers_table_pairs_the_missions_of_a_lake():
-    lines = [
-        {"kind": "valley", "method": method, "lake": lake, **dict.fromkeys(peer.FIGURES, risk)}
-        for method, lake, risk in (
-            ("tour", "1", 0.5), ("tour", "2", 0.9), ("tour", "3", 9.0),
-            ("peer, seed 1", "1", 1.0), ("peer, seed 1", "2", 2.0),
-        )
-    ]  # fmt: skip
-    table = peer.table(lines)
-    assert "| valley: tour | 3 | 3.47 |" in table
-    assert "| -52 % (-84 to -21; worst -50) |" in table
 
 
 def test_a_peer_that_cannot_be_installed_is_named(tmp_path, monkeypatch):

@@ -80,9 +80,9 @@ def mission(
             found, spent = whole_mission(settings, ground)
         else:
             began = _cpu_s()
-            outcome = light_mission(own, ground, seed, LOSS)
+            soundings = light_mission(own, ground, seed, LOSS)
             spent = _cpu_s() - began
-            found = judge(own, ground, sorted(row for boat in outcome.boats for row in boat.soundings))
+            found = judge(own, ground, soundings)
     return {
         **dataclasses.asdict(found),
         **{_key(share): found.distance(share) for share in SHARES},

@@ -19,7 +19,7 @@ from benchmarks.planning.planners.interface import View
 
 Array = NDArray[np.float64]
 
-#: Waypoints for each leg of the mission, and time of the travelling salesman (s), as in `benchmarks.planning.peer`.
+#: Waypoints for each leg of the mission, and time of the travelling salesman (s).
 WAYPOINTS_PER_LEG, TSP_S = 0.45, 10
 
 
