@@ -20,7 +20,6 @@ from benchmarks.rows import KEYS, Row
 
 GROUPS = (
     "mission",
-    "phases",
     "vehicle",
     "fleet",
     "executor",
@@ -37,7 +36,6 @@ PLANNERS = "planners"
 #: Modules of groups that are not named after them.
 MODULES = {
     "mission": "mission_parts",
-    "phases": "mission",
     "day": "planning.day",
     "altitude": "navigation.altitude",
     "battery": "planning.battery",

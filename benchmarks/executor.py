@@ -1,19 +1,22 @@
-"""Processor time per message of a node, with the stack's executor and with rclpy's, in one process."""
+"""Processor time with the stack's executor and with rclpy's: of a message in one process, and of a short mission."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from auv_lse_common.node.executor import make_executor
+from auv_lse_common.node.executor import CHOICE, make_executor
 from auv_lse_common.topics.quality import EVERY
 from auv_lse_run.process.domain import node_environment, own_domain
+from benchmarks.mission import fly
 from benchmarks.rows import Row, row
 
 #: As many publishers and subscriptions as planner_node has, and some more.
@@ -23,19 +26,37 @@ _BURST = 4
 
 
 def run(*, smoke: bool = False) -> list[Row]:
-    """Sends messages through a node with as many topics as one of the stack's, by either executor."""
+    """Sends messages through a node with as many topics as one of the stack's, by either executor.
+
+    If it is no smoke run, also flies a mission with each.
+
+    Raises:
+        RuntimeError: if a mission failed, with its output.
+    """
     messages = 400 if smoke else 100_000
     few = 400 if smoke else 5000  # rclpy's takes long
     with own_domain() as domain:
         os.environ.update(node_environment(domain))
         plain_s, plain_lost = _measure(SingleThreadedExecutor, few)
         ours_s, ours_lost = _measure(make_executor, messages)
-    return [
+    rows = [
         row("executor: processor time of a message", 1e6 * ours_s, "us", "rclpy's executor", plain_s / ours_s),
         row("executor: messages sent, reliably", messages),
         row("executor: lost or out of order", ours_lost, goal="0", holds=ours_lost == 0),
         row("executor: lost or out of order by rclpy's", plain_lost),
     ]
+    if not smoke:
+        plain_s, ours_s = _flying_s("rclpy"), _flying_s("standing")
+        name = "executor: processor time of a mission of 10 steps, flying"
+        rows.append(row(name, ours_s, "cpu s", "rclpy's executor", plain_s / ours_s))
+    return rows
+
+
+def _flying_s(executor: str) -> float:
+    """Processor time (s) of all nodes of a short mission with an executor, without their start."""
+    with tempfile.TemporaryDirectory() as parent:
+        flight = fly(Path(parent) / "run", "--steps", "10", "--no-report", **{CHOICE: executor})
+    return sum(flight.processor_s.values()) - sum(flight.start_s.values())
 
 
 def _measure(make: Callable[[], Executor], messages: int) -> tuple[float, int]:

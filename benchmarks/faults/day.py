@@ -28,8 +28,9 @@ from auv_lse_common.vocabulary.mission_run import RunState
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.bed.ledger import journal_problem, lost_positions
 from benchmarks.faults.kills import LEG_S
-from benchmarks.faults.nodes import look, memory_mb
+from benchmarks.faults.nodes import look
 from benchmarks.faults.report import Report
+from benchmarks.vehicle import memory_mb
 
 #: Speed (m/s) at which a leg takes `LEG_S`.
 SPEED_MPS = 1.5
@@ -346,13 +347,13 @@ def _times(seconds: Sequence[float]) -> str:
 
 def _memory(vehicle: Vehicle) -> str:
     """Memory of all processes of a vehicle, and what each node does not share with others."""
-    share_mb, alone_mb = memory_mb(vehicle.pids())
+    alone_mb, shares = memory_mb(vehicle.pids())
     assert vehicle.program is not None
     own = look(vehicle.program.process.pid).items()
     nodes = ", ".join(
         f"{name.partition('.')[2].removesuffix('_node')} {found.memory_mb:.0f}" for name, found in sorted(own)
     )
-    return f"{share_mb:.0f} MB, {alone_mb:.0f} MB alone ({nodes})"
+    return f"{sum(shares.values()):.0f} MB, {alone_mb:.0f} MB alone ({nodes})"
 
 
 def _late_rows(days: Sequence[VehicleDay], sizes: Mapping[int, str], packets: Mapping[int, int]) -> list[str]:

@@ -36,7 +36,7 @@ def set_limit(vehicle: Vehicle, limit: int) -> None:
 
 def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float, list[str]]:
     """Fills the disk and kills a node; returns a description, the recovery time (s) and what went wrong."""
-    from auv_lse_msgs.msg import MissionCommand, MissionState
+    from auv_lse_msgs.msg import MissionState
 
     vehicle, wrong = bed.vehicles[1], []
     water = vehicle.witness
@@ -46,11 +46,8 @@ def fill(bed: DiveBed, node: str, rng: np.random.Generator) -> tuple[str, float,
     set_limit(vehicle, limit)
     reported_s = bed.wait(lambda: "cannot be written" in water.problems, REPORTED_S)
     order = _ORDERS[rng.integers(len(_ORDERS))]
-    if order:
-        water.order(getattr(MissionCommand, order))
-        wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
-        if math.isnan(bed.wait(lambda: water.is_in(wanted), 5.0)):
-            wrong.append(f"{order} was not obeyed on a full disk")
+    if not bed.obeys(order):
+        wrong.append(f"{order} was not obeyed on a full disk")
     before = water.state.state
     what = f"{'read-only' if limit == 0 else 'full'} disk, {order or 'no order'}, {node} killed"
     is_full = any(file.stat().st_size > limit - 1000 for file in vehicle.out.glob("journal/*/*.journal"))

@@ -92,11 +92,8 @@ def break_disk(bed: DiveBed, mounted: Path, fault: str, node: str, order: str) -
 
     vehicle, wrong = bed.vehicles[1], []
     water = vehicle.witness
-    states = {"HOLD": MissionState.HOLDING, "ABORT": MissionState.ABORTED}
-    if order:
-        water.order(getattr(MissionCommand, order))
-        if math.isnan(bed.wait(lambda: water.is_in(states[order]), 5.0)):
-            wrong.append(f"{order} was not obeyed")
+    if not bed.obeys(order):
+        wrong.append(f"{order} was not obeyed")
     before = water.state.state
     FAULTS[fault](mounted)
     bed.spend(0.5)

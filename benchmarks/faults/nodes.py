@@ -8,15 +8,13 @@ babbles in its mates' names. Each process is looked at ten times.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import re
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from auv_lse_common.support.option_types import whole_from
 from benchmarks.faults.kills import Program
@@ -43,32 +41,9 @@ class Look:
     cpu_s: float
 
 
-class _MemoryKb(NamedTuple):
-    """Memory of a process (kB): resident, its own share of that (PSS), and pages that no other process has."""
-
-    resident: int
-    share: int
-    private: int
-
-
-def _memory_kb(pid: int) -> _MemoryKb:
+def _private_mb(pid: int) -> float:
     rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
-    found = {name: int(number) for name, number in re.findall(r"^(\w+):\s+(\d+) kB", rollup, re.MULTILINE)}
-    private = sum(number for name, number in found.items() if name.startswith("Private_"))
-    return _MemoryKb(found["Rss"], found["Pss"], private)
-
-
-def memory_mb(pids: Iterable[int]) -> tuple[float, float]:
-    """Memory of processes (MB): their share of it (PSS), and the most that they would need alone on a machine.
-
-    Alone they would also have the pages that they share with others now; these are mostly the same for all of them.
-    """
-    found = []
-    for pid in pids:
-        with contextlib.suppress(OSError):  # it has ended
-            found.append(_memory_kb(pid))
-    shared = max((each.resident - each.private for each in found), default=0)
-    return sum(each.share for each in found) / 1e3, (sum(each.private for each in found) + shared) / 1e3
+    return sum(int(kb) for kb in re.findall(r"^Private_\w+:\s+(\d+) kB", rollup, re.MULTILINE)) / 1e3
 
 
 def look(pid: int) -> dict[str, Look]:
@@ -79,14 +54,14 @@ def look(pid: int) -> dict[str, Look]:
         try:
             command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            memory_kb = _memory_kb(member)
+            memory_mb = _private_mb(member)
         except OSError:
             continue  # it has ended
         match = _NODE.search(command)
         if match is None or "fork_server" in command:
             continue
         cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-        found[f"{match[2]}.{match[1]}" if match[2] else match[1]] = Look(memory_kb.private / 1e3, cpu_s)
+        found[f"{match[2]}.{match[1]}" if match[2] else match[1]] = Look(memory_mb, cpu_s)
     return found
 
 

@@ -1,7 +1,6 @@
 """`auv_lse faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
 
 import math
-import os
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -22,7 +21,6 @@ from benchmarks.faults import __main__ as faults
 from benchmarks.faults import day, files, water
 from benchmarks.faults.bed.dive_bed import DiveBed, Vehicle
 from benchmarks.faults.bed.ledger import Ledger, journal_problem, lost_positions
-from benchmarks.faults.nodes import memory_mb
 from benchmarks.faults.report import Report
 
 main = verb_main("faults")
@@ -223,11 +221,6 @@ def test_a_center_is_lost_if_no_later_one_is_near():
     assert lost_positions(before, after, 10.0) == 1
     assert lost_positions(before, [], 10.0) == 3
     assert lost_positions([], after, 10.0) == 0
-
-
-def test_memory_alone_is_not_less_than_the_share_of_it():
-    share_mb, alone_mb = memory_mb([os.getpid(), 2**30])  # no process has the second number
-    assert 0.0 < share_mb <= alone_mb
 
 
 # ------------------------------------------------------------------ a vehicle's day

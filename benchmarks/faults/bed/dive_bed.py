@@ -240,6 +240,17 @@ class DiveBed:
         """Moves the vehicles for so long (s)."""
         self.wait(lambda: False, seconds)
 
+    def obeys(self, order: str) -> bool:
+        """Orders vehicle 1 to "HOLD" or "ABORT", or "" nothing; returns whether it obeys in time."""
+        from auv_lse_msgs.msg import MissionCommand, MissionState
+
+        if not order:
+            return True
+        water = self.vehicles[1].witness
+        water.order(getattr(MissionCommand, order))
+        wanted = MissionState.ABORTED if order == "ABORT" else MissionState.HOLDING
+        return not math.isnan(self.wait(lambda: water.is_in(wanted), 5.0))
+
     def resume(self) -> bool:
         """Resets and resumes the mission of vehicle 1; returns whether steps are decided again."""
         from auv_lse_msgs.msg import MissionCommand, MissionState
