@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from auv_lse_common.topics.quality import NEWEST
-from auv_lse_mavlink.messages.events import Altitude
+from auv_lse_common.topics.records import Altitude
 
 _PACKAGE = "marine_acoustic_msgs.msg"
 #: A height needs as many good beams.

@@ -34,21 +34,13 @@ from collections.abc import Callable
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_mavlink.depth_gauge import DepthGauge
 from auv_lse_mavlink.messages.clock import AutopilotClock
 from auv_lse_mavlink.messages.conversion import Target, altitude_m, pressure_pa
 from auv_lse_mavlink.messages.datum import Datum, Origin
-from auv_lse_mavlink.messages.events import (
-    Altitude,
-    AutopilotEstimate,
-    AutopilotState,
-    Event,
-    LinkLost,
-    LinkUp,
-    Pressure,
-    Problem,
-)
+from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState, Event, LinkLost, LinkUp, Problem
 from auv_lse_mavlink.messages.modes import obeying_modes
 from auv_lse_mavlink.messages.origin import OriginExchange
 from auv_lse_mavlink.messages.sender_filter import SenderFilter

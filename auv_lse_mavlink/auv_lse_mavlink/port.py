@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.topics.records import Altitude
 from auv_lse_common.vocabulary.health import Health
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.packet.key import new_nonce
@@ -13,7 +14,7 @@ from auv_lse_comms.transport import Connection, Transport, open_transport, read_
 from auv_lse_mavlink.health import link_health
 from auv_lse_mavlink.link import VehicleLink
 from auv_lse_mavlink.messages.datum import Origin
-from auv_lse_mavlink.messages.events import Altitude, AutopilotEstimate, Problem
+from auv_lse_mavlink.messages.events import AutopilotEstimate, Problem
 from auv_lse_mavlink.messages.events import Event as LinkEvent
 from auv_lse_mavlink.sounder import Sounder
 from auv_lse_mavlink.targets.limits import TargetLimits

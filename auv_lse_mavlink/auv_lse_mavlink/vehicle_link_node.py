@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.transforms_node import TransformPublisher
-from auv_lse_common.topics.records import GeodeticPosition, RunReport, Waypoint
+from auv_lse_common.topics.records import Altitude, GeodeticPosition, Pressure, RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.mission_run import RunState, Stop
 from auv_lse_common.vocabulary.sounding import Sounding
@@ -69,7 +69,7 @@ class VehicleLinkNode(DriverNode):
         self.listen("mission/state", self._on_state)
         self.drive(self._autopilot, f"link.endpoint {config.endpoint}")
 
-    def _on_dvl(self, altitude: events.Altitude) -> None:
+    def _on_dvl(self, altitude: Altitude) -> None:
         self._autopilot.add_altitude(altitude)
         self._altitude.publish(altitude)
 
@@ -146,9 +146,9 @@ class VehicleLinkNode(DriverNode):
                     self.diagnose()
             case Fix():
                 self._fix.publish(event)
-            case events.Altitude():
+            case Altitude():
                 self._altitude.publish(event)
-            case events.Pressure():
+            case Pressure():
                 self._pressure.publish(event)
             case Sounding():
                 self._sounding.publish(event)

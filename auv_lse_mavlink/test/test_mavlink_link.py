@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_mavlink.link import LinkState, VehicleLink
@@ -252,14 +253,14 @@ def test_only_the_sensor_that_looks_down_is_an_altimeter():
     pilot = Autopilot().up()
     pilot.say(distance(500, orientation=0))
     pilot.say(distance(1234))
-    (altitude,) = pilot.of(events.Altitude)
+    (altitude,) = pilot.of(Altitude)
     assert (altitude.altitude_m, altitude.min_m, altitude.max_m) == pytest.approx((12.34, 0.2, 50.0))
 
 
 def test_pressure_in_pascal():
     pilot = Autopilot(pressure="SCALED_PRESSURE2").up()
     pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))
-    assert pilot.of(events.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
+    assert pilot.of(Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
 
 
 def test_global_position_that_does_not_agree_is_reported_once():

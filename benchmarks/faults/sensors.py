@@ -20,11 +20,12 @@ from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.support.option_types import whole_from
+from auv_lse_common.topics.records import Altitude
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.mission_run import Action, MissionRun, Stop
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_mavlink.messages.datum import Origin
-from auv_lse_mavlink.messages.events import Altitude, AutopilotEstimate, AutopilotState
+from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_mavlink.messages.wire import mavlink
 from auv_lse_mavlink.sounder import Sounder
 from auv_lse_sim.emulated.autopilot_report import Report as Sensed

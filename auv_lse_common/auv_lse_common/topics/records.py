@@ -84,7 +84,7 @@ class GeodeticPosition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Altitude:
-    """Height over ground (m), and the range of its sensor; infinite: no echo."""
+    """Height over ground (m), and the range of its sensor; not finite: no echo."""
 
     stamp_s: float
     altitude_m: float

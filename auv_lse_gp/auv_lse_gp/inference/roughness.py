@@ -73,7 +73,7 @@ class Roughness:
             locations = locations[own]
         steep = steepness(posterior, locations, 0.0)  # hardly any variance is left at a center
         yield FUNCTION * len(locations) * posterior.data_rows
-        squares = (yield from _left_out_squares(posterior, LEFT_OUT * length_m, own)) / steep
+        squares = (yield from left_out_squares(posterior, LEFT_OUT * length_m, own)) / steep
         return cls(locations_m=locations, squares=squares, length_m=length_m)
 
     @classmethod
@@ -178,7 +178,7 @@ def scale_of(sums: Array, steep: Array, total: float, count: int, worth: float) 
     return np.asarray(steep * (LOCAL_WORTH * whole + sums[:, 0]) / (LOCAL_WORTH + sums[:, 1]))
 
 
-def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = None) -> Array:
+def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = None) -> Work[Array]:
     """Squared standardized error of each center, predicted from the centers farther away than `radius_m`.
 
     With the inverse S of the data's covariance, uncertain positions included, and the centers B left out, the errors
@@ -187,10 +187,6 @@ def left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None = N
     Args:
         own: Mask (n,) of the centers to predict; None: all.
     """
-    return finish(_left_out_squares(posterior, radius_m, own))
-
-
-def _left_out_squares(posterior: Posterior, radius_m: float, own: Mask | None) -> Work[Array]:
     n = posterior.data_rows
     predicted = np.arange(n) if own is None else np.flatnonzero(own)
     if not len(predicted):

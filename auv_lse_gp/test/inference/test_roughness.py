@@ -20,6 +20,7 @@ from auv_lse_gp.inference.roughness import (
     steepness,
     variance_scales,
 )
+from auv_lse_gp.inference.work import finish
 
 CONFIG = GpConfig()
 
@@ -47,7 +48,7 @@ def test_left_out_errors_are_those_of_maps_without_the_centers(modes: int) -> No
         weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, i])
         error = centers.depths_m[i] - 15.0 - weights @ (centers.depths_m[rest] - 15.0)
         expected.append(error**2 / (covariance[i, i] - weights @ covariance[rest, i]))
-    assert_allclose(left_out_squares(posterior, 25.0), expected, rtol=1e-6)
+    assert_allclose(finish(left_out_squares(posterior, 25.0)), expected, rtol=1e-6)
 
 
 def test_scale_at_a_location_is_the_weighted_mean_of_nearby_squares() -> None:
@@ -133,6 +134,6 @@ def test_errors_of_some_centers_are_those_of_all():
     effect = rng.normal(size=(120, 3))
     posterior.follow(Centers(locations, 15.0 + rng.normal(size=120), np.full(120, 0.3), effect))
     own = locations[:, 0] < 90.0
-    found = left_out_squares(posterior, 25.0, own)
-    assert found == pytest.approx(left_out_squares(posterior, 25.0)[own], rel=1e-8)
-    assert left_out_squares(posterior, 25.0, np.zeros(120, dtype=bool)).shape == (0,)
+    found = finish(left_out_squares(posterior, 25.0, own))
+    assert found == pytest.approx(finish(left_out_squares(posterior, 25.0))[own], rel=1e-8)
+    assert finish(left_out_squares(posterior, 25.0, np.zeros(120, dtype=bool))).shape == (0,)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_mavlink.messages.conversion import Target
 
@@ -50,24 +51,6 @@ class LinkLost:
     """The autopilot has not been heard for `silent_s`."""
 
     silent_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Altitude:
-    """Height over ground (m) from the sensor that looks down; NaN: no ground in its range."""
-
-    stamp_s: float
-    altitude_m: float
-    min_m: float
-    max_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pressure:
-    """Absolute pressure of the water (Pa)."""
-
-    stamp_s: float
-    pressure_pa: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,13 +13,14 @@ from sim_helpers import FunctionGround
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.topics.records import Altitude, Pressure
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_comms.transport import UdpPort
 from auv_lse_mavlink.link import LinkState, VehicleLink
 from auv_lse_mavlink.messages.conversion import Target, mission_item
 from auv_lse_mavlink.messages.datum import Datum, Origin
-from auv_lse_mavlink.messages.events import Altitude, AutopilotEstimate, Pressure
+from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.emulated.autopilot_report import Report
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
