@@ -19,7 +19,14 @@ import numpy as np
 from PIL import Image
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
+from auv_lse_record.recording import recording_in
+from auv_lse_record.run_writer import write_run
+from auv_lse_shore.live.sources.follow import RecordingFollower
+from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.server import LiveServer
+
+#: Latitude and longitude of the runs served.
+ORIGIN = (46.5, -6.6)
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -181,6 +188,15 @@ class Serving:
     def stop(self):
         self._loop.call_soon_threadsafe(self._ended.set)
         self._thread.join(10)
+
+
+def serving_of(run, folder, commands=None):
+    """A server of the recording of a run, which gets an origin; it is read to its end."""
+    run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
+    write_run(run, folder)
+    serving = Serving(Timeline(), commands)
+    RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
+    return serving
 
 
 def at(browser, t):

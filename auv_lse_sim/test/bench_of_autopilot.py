@@ -1,4 +1,7 @@
-"""One simulated ArduPilot on the bench: a ground station, the link's system, and a vehicle that follows exactly."""
+"""One simulated ArduPilot on the bench: a ground station, the link's system, and a vehicle that follows exactly.
+
+Also what the tests of whole dives share: flat ground, and the target at a leg's end.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
+from sim_helpers import FunctionGround
 
+from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_mavlink.messages.conversion import Target, mission_item, position_target
 from auv_lse_mavlink.messages.datum import Datum, Origin
 from auv_lse_sim.emulated.ardupilot.autopilot import ArduPilot
@@ -18,6 +24,23 @@ from auv_lse_sim.emulated.autopilot_report import Report
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 #: System ids of the link and of the operator's ground station.
 LINK, OPERATOR = 245, 255
+#: Ground 20 m deep.
+FLAT_GROUND = FunctionGround(
+    lambda north, east: 20.0 + 0.0 * north, Extent(north_min_m=-1e4, north_max_m=1e4, east_min_m=-1e4, east_max_m=1e4)
+)
+
+
+def end_of(leg: Leg) -> Target:
+    """The target at the end of a leg, 4 m deep."""
+    heading, north, east = leg.state_at(leg.length_m)
+    return Target(
+        north_m=float(north),
+        east_m=float(east),
+        depth_m=4.0,
+        heading_rad=float(heading),
+        step=leg.step,
+        begins_m=(leg.north_m, leg.east_m),
+    )
 
 
 class Bench:

@@ -8,17 +8,9 @@ from numpy.testing import assert_allclose
 from textbook import dense
 
 from auv_lse_common.mission_file.sections.gp import KERNELS
-from auv_lse_common.support import compiled
 from auv_lse_gp import CachedPoints, Centers, GpConfig, IllConditionedError, LevelSet, Posterior
 from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.point_posteriors import PointPool, join_by_path
-
-
-@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
-def _path(request, monkeypatch):
-    if request.param and not compiled.USE_NUMBA:
-        pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
 def config(kernel="matern52"):
@@ -68,7 +60,7 @@ def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
     assert_allclose([one_mean[0], one_variance[0]], [mean[0], given_both[0, 0]], rtol=1e-9, atol=tiny)
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("planned", [0, 1, 15])
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -82,7 +74,7 @@ def test_agrees_with_the_dense_solve(kernel, planned, seed):
     agrees(posterior, queries[:0], queries)
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 @pytest.mark.parametrize("seed", range(4))
 def test_random_sequences_of_changes_agree_with_the_dense_solve(seed):
     """A random walk of changes; columns and moments that are kept follow it, asked for now and then."""

@@ -35,20 +35,13 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
-def _path(request, monkeypatch):
-    if request.param and not compiled.USE_NUMBA:
-        pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
-
-
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 def test_expected_risk_of_known_cases():
     for *args, wanted in CASES:
         assert expected_bayes_risk(*args) == pytest.approx(wanted, abs=1e-15 * (args[4] + args[5]))
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 def test_expected_risk_of_the_reference_table():
     table = np.genfromtxt(REFERENCE, delimiter=",", names=True)
     names = ["mean_m", "std_of_mean_m", "std_after_m", "level_m", "cost_false_safe", "cost_false_unsafe"]
@@ -108,7 +101,7 @@ def test_compiled_agrees_with_numpy():
     assert np.max(np.abs(fast - slow) / costs.sum(axis=0)) < 1e-13
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 def test_slope_worked_by_hand():
     # mean 14, s_mu 2, s_q 1, costs 10: 20 / 2 phi(1/2) / 2 phi(0) / 1
     expected = 5.0 * stats.norm.pdf(0.5) * stats.norm.pdf(0.0)
@@ -203,7 +196,7 @@ def test_risk_and_estimate_worked_by_hand():
     assert bayes_risk([15.0, 14.0], 0.0, 15.0, 10.0, 10.0).tolist() == [0.0, 0.0]
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 def test_broadcasting_and_nan():
     value = expected_bayes_risk(
         np.full((4, 1), 16.0), np.ones(3), 1.0, 15.0, 10.0, np.array([[5.0], [6.0], [7.0], [8.0]])

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from auv_lse_common.mission_file.sections.gp import KERNELS
-from auv_lse_common.support import compiled
 from auv_lse_common.vocabulary.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.health import map_health, map_totals
@@ -15,13 +14,6 @@ from auv_lse_gp.inference.roughness import variance_scales
 from auv_lse_gp.level_set.lines import beyond_border
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
-
-
-@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
-def _path(request, monkeypatch):
-    if request.param and not compiled.USE_NUMBA:
-        pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
 def depth(north, east):
@@ -37,7 +29,7 @@ def track(n, seed=0):
     return np.column_stack([np.arange(n) * 1.0, path, depth(path[:, 0], path[:, 1]) + rng.normal(0, 0.3, n)])
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 @pytest.mark.parametrize("merge", [False, True])
 @pytest.mark.parametrize("name", KERNELS)
 def test_field_updated_in_steps_equals_one_update(name, merge):

@@ -9,17 +9,9 @@ from numpy.testing import assert_allclose
 from textbook import dense
 
 from auv_lse_common.mission_file.sections.gp import KERNELS
-from auv_lse_common.support import compiled
 from auv_lse_gp import GpConfig, Kernel, OnlineGp, Outcome, SoundingError
 from auv_lse_gp.inference.factor import BLOCK, Factor
 from auv_lse_gp.map.store import MERGE_WINDOW
-
-
-@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
-def _path(request, monkeypatch):
-    if request.param and not compiled.USE_NUMBA:
-        pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
 def bottom(locations):
@@ -44,7 +36,7 @@ def textbook(gp, queries):
     return mean, covariance
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 @pytest.mark.parametrize("merge", [False, True])
 @pytest.mark.parametrize("name", KERNELS)
 def test_agrees_with_the_textbook(name, merge):
@@ -74,7 +66,7 @@ def test_agrees_with_the_textbook(name, merge):
     assert_allclose(lower @ lower.T, own, atol=1e-13 * config.signal_std_m**2)
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 @pytest.mark.parametrize("name", KERNELS)
 def test_agrees_with_the_textbook_when_the_noise_is_small(name):
     gp = OnlineGp(GpConfig(kernel=name, noise_std_m=0.05, min_spacing_m=8.0, merge=False))
@@ -218,7 +210,7 @@ def test_locations_of_another_shape_are_rejected():
         OnlineGp(GpConfig()).predict(np.zeros(2))
 
 
-@pytest.mark.usefixtures("_path")
+@pytest.mark.usefixtures("numba_or_numpy")
 def test_factor_appends_truncates_and_solves():
     rng = np.random.default_rng(0)
     n = 2 * BLOCK + 37

@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 
-from auv_lse_common.support import compiled
 from auv_lse_gp import GpConfig, Kernel, Outcome
 from auv_lse_gp.map.store import CenterStore
 
-
-@pytest.fixture(params=[True, False], ids=["numba", "numpy"], autouse=True)
-def either(request, monkeypatch):
-    if request.param and not compiled.USE_NUMBA:
-        pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
+pytestmark = pytest.mark.usefixtures("numba_or_numpy")
 
 
 def made(**options):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sim_helpers import TINY
 
 from auv_lse_common.mission_file.sections.world import ChartConfig
 from auv_lse_common.mission_file.settings import Settings
@@ -66,15 +67,7 @@ def test_a_mission_starts_from_its_chart(tmp_path):
 
 
 def test_vehicles_and_judge_start_from_the_same_chart():
-    small = {
-        "mission.steps": 3,
-        "planner.method": "plain",
-        "planner.iterations": 10,
-        "gp.map_resolution_m": 20.0,
-        "area.polygon_m": [-50.0, -50.0, 200.0, -50.0, 200.0, 200.0, -50.0, 200.0],
-        "area.raster_m": 5.0,
-        "sim.ideal": True,
-    }
+    small = {**TINY, "mission.steps": 3, "planner.method": "plain"}
     flat = simulate_and_evaluate(settings(**small).to_patterns(), "flat").summary
     charted = simulate_and_evaluate(
         settings(**small, **{"sim.chart.smoothing_m": 75.0}).to_patterns(), "charted"

@@ -4,33 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-import threading
 import time
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser, Serving, at, pixels, text
+from browser import CHROMIUM, ORIGIN, Browser, at, pixels, serving_of, text
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
-from auv_lse_record.recording import recording_in
-from auv_lse_record.run_writer import write_run
-from auv_lse_shore.live.sources.follow import RecordingFollower
-from auv_lse_shore.live.sources.timeline import Timeline
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
 
 
-ORIGIN = (46.5, -6.6)
-
-
 @pytest.fixture(scope="module")
 def serving(tmp_path_factory, synthetic_run):
-    folder = tmp_path_factory.mktemp("page") / "a run"
-    run = synthetic_run()
-    run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
-    write_run(run, folder)
-    serving = Serving(Timeline())
-    RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
+    serving = serving_of(synthetic_run(), tmp_path_factory.mktemp("page") / "a run")
     yield serving
     serving.stop()
 

@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 from itertools import combinations
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser, Serving, at, pixels, seen, text
+from browser import CHROMIUM, ORIGIN, Browser, at, pixels, seen, serving_of, text
 
 from auv_lse_common.vocabulary.frames import geodetic_from_local
-from auv_lse_record.recording import recording_in
-from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.command_queue import CommandQueue
-from auv_lse_shore.live.sources.follow import RecordingFollower
-from auv_lse_shore.live.sources.timeline import Timeline
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
 
-ORIGIN = (46.5, -6.6)
 SIZES = [(360, 740), (768, 1024), (1400, 900)]
 
 
 @pytest.fixture(scope="module")
 def serving(tmp_path_factory, synthetic_run):
-    folder = tmp_path_factory.mktemp("tools") / "a run"
-    run = synthetic_run()
-    run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
-    write_run(run, folder)
-    commands = CommandQueue()
-    serving = Serving(Timeline(), commands)
-    RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
+    serving = serving_of(synthetic_run(), tmp_path_factory.mktemp("tools") / "a run", CommandQueue())
     health = {"kind": "health", "vehicle": 1, "node": "gp_node"}
     state = {"kind": "run", "vehicle": 2, "reason": "", "state": "running", "limits": [], "warnings": []}
     serving.timeline.add(

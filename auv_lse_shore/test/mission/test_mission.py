@@ -78,16 +78,16 @@ def fly(*arguments: str, timeout_s: float = 240.0) -> subprocess.CompletedProces
     )
 
 
-def nodes_of(folder: Path) -> list[str]:
-    """Processes that were started with this run's mission file."""
+def nodes_of(folder: Path, executable: str = "") -> list[int]:
+    """Processes that were started with this run's mission file, all or those of an executable."""
     found = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
             line = path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
         except OSError:
             continue
-        if f"{folder}/mission.yaml" in line:
-            found.append(line)
+        if f"{folder}/mission.yaml" in line and executable in line:
+            found.append(int(path.parent.name))
     return found
 
 
@@ -391,7 +391,7 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
             assert time.monotonic() < until, "the mission did not get going"
             time.sleep(0.2)
             if (folder / "bag" / "bag.mcap").exists() and (folder / "bag" / "bag.mcap").stat().st_size > 20_000:
-                victim = next(iter(_pids(folder, "gp_node")), None)
+                victim = next(iter(nodes_of(folder, "gp_node")), None)
         maps = Path(f"/proc/{victim}/maps").read_text()
         os.kill(victim, signal.SIGKILL)
         output, _ = process.communicate(timeout=60)
@@ -400,18 +400,6 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
     assert "auv1.log" in output
     assert not nodes_of(folder)
     assert "/dev/shm/fastrtps" not in maps, "shared memory of a node that is killed would stay"
-
-
-def _pids(folder: Path, executable: str) -> list[int]:
-    pids = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            line = path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
-        except OSError:
-            continue
-        if f"{folder}/mission.yaml" in line and executable in line:
-            pids.append(int(path.parent.name))
-    return pids
 
 
 @pytest.mark.parametrize(

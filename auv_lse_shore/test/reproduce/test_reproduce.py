@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 
 import pytest
+from sim_helpers import TINY
 from verb_main import verb_main
 
 from auv_lse_shore.campaign.cluster import cluster
@@ -17,18 +18,9 @@ from auv_lse_shore.reproduce.study import quick_study
 
 main = verb_main("reproduce")
 
-TINY = {
-    "mission.steps": 3,
-    "planner.iterations": 10,
-    "gp.map_resolution_m": 20.0,
-    "area.polygon_m": [-50.0, -50.0, 200.0, -50.0, 200.0, 200.0, -50.0, 200.0],
-    "area.raster_m": 5.0,
-    "sim.ideal": True,
-}
-
 
 def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(studies, "SMALL", TINY)
+    monkeypatch.setattr(studies, "SMALL", {**TINY, "mission.steps": 3})
     monkeypatch.setattr(studies, "METHODS", ("augmented", "lawnmower"))
     study = replace(quick_study(1e9), examples=((3, "augmented"),))
     for name, spec in study.campaigns.items():

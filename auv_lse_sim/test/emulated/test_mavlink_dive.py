@@ -6,8 +6,8 @@ import random
 from itertools import pairwise
 
 import pytest
+from bench_of_autopilot import FLAT_GROUND, end_of
 from pymavlink.dialects.v20 import common as mavlink
-from sim_helpers import FunctionGround
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
@@ -16,10 +16,7 @@ from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
 from auv_lse_common.vocabulary.dead_reckoning import Fix
-from auv_lse_common.vocabulary.extent import Extent
-from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, Stop
-from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState
 from auv_lse_planner.paths.motion import MotionTable
@@ -29,28 +26,13 @@ from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
-GROUND = FunctionGround(
-    lambda north, east: 20.0 + 0.0 * north, Extent(north_min_m=-1e4, north_max_m=1e4, east_min_m=-1e4, east_max_m=1e4)
-)
-
-
-def end_of(leg: Leg) -> Target:
-    heading, north, east = leg.state_at(leg.length_m)
-    return Target(
-        north_m=float(north),
-        east_m=float(east),
-        depth_m=4.0,
-        heading_rad=float(heading),
-        step=leg.step,
-        begins_m=(leg.north_m, leg.east_m),
-    )
 
 
 class Dive(LoneVehicle):
     """Along straight legs to the north, with a record of truth and dead reckoning."""
 
     def __init__(self, mode: str, **parameters):
-        super().__init__(GROUND, ORIGIN, {"auv1.link.mode": mode, **parameters})
+        super().__init__(FLAT_GROUND, ORIGIN, {"auv1.link.mode": mode, **parameters})
         self.truth, self.raw = [], []
 
     def fly(self, seconds: int) -> None:

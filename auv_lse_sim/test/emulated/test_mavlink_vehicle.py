@@ -6,15 +6,14 @@ import time
 from dataclasses import replace
 
 import pytest
+from bench_of_autopilot import end_of
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
-from sim_helpers import FunctionGround
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.topics.records import Altitude, Pressure
-from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_comms.transport import UdpPort
 from auv_lse_mavlink.link import LinkState, VehicleLink
@@ -30,21 +29,6 @@ from auv_lse_sim.vehicle.target_leg import leg_to
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
 START = (0.3, 10.0, -20.0)
-GROUND = FunctionGround(
-    lambda north, east: 20.0 + 0.0 * north, Extent(north_min_m=-1e4, north_max_m=1e4, east_min_m=-1e4, east_max_m=1e4)
-)
-
-
-def end_of(leg: Leg) -> Target:
-    heading, north, east = leg.state_at(leg.length_m)
-    return Target(
-        north_m=float(north),
-        east_m=float(east),
-        depth_m=4.0,
-        heading_rad=float(heading),
-        step=leg.step,
-        begins_m=(leg.north_m, leg.east_m),
-    )
 
 
 def test_legs_by_hand():
