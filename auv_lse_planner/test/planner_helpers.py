@@ -13,6 +13,7 @@ from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.methods.method import PlanningContext
 from auv_lse_planner.methods.team import Team
@@ -27,6 +28,7 @@ from auv_lse_planner.paths.free_space import (
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import SearchProblem
 
 MAX_SMALL_PATH = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
@@ -94,6 +96,15 @@ def centers(rng: np.random.Generator, count: int, noise: float = 0.3) -> Centers
 
 def depth(locations):
     return 15.0 + 8.0 * np.sin(locations[:, 0] / 60.0) * np.cos(locations[:, 1] / 75.0)
+
+
+def path_reward(data: int, team: int, credit: str, seed: int = 3) -> tuple[np.random.Generator, PathReward]:
+    """The reward of paths beside so many centers and planned locations of the team, and the random numbers' source."""
+    rng = np.random.default_rng(seed)
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(rng, data))
+    posterior = posterior.with_planned(rng.uniform(0, 400, (team, 2)))
+    return rng, PathReward(posterior, LevelSet(), credit)
 
 
 def dense_posterior(config: GpConfig, data: Centers, measured, at):

@@ -1,11 +1,12 @@
 """One simulated ArduPilot on the bench: a ground station, the link's system, and a vehicle that follows exactly.
 
-Also what the tests of whole dives share: flat ground, and the target at a leg's end.
+Also what tests of simulated autopilots share: flat ground, the target at a leg's end, a free port.
 """
 
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Iterable
 from typing import Any
 
@@ -41,6 +42,13 @@ def end_of(leg: Leg) -> Target:
         step=leg.step,
         begins_m=(leg.north_m, leg.east_m),
     )
+
+
+def free_udp_port() -> int:
+    """A UDP port of this computer that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class Bench:

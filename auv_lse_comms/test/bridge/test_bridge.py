@@ -475,6 +475,14 @@ def test_a_restarted_sender_is_heard_at_once() -> None:
     assert listener.receive(43.0, 2, restarted.poll(41.0)) is not None
 
 
+def cycle(team: list[ModemBridge], start_s: float) -> list[bool]:
+    """Whether each of two vehicles' packets is heard, in a cycle of slots."""
+    return [
+        team[1 - k].receive(start_s + 10.0 * k + 3.0, k + 1, team[k].poll(start_s + 10.0 * k + 1.0)) is not None
+        for k in (0, 1)
+    ]
+
+
 @pytest.mark.parametrize("restarted", [False, True])
 def test_vehicles_whose_wrong_clocks_are_corrected_hear_each_other_again(restarted: bool) -> None:
     team = tagged_team()
@@ -482,36 +490,23 @@ def test_vehicles_whose_wrong_clocks_are_corrected_hear_each_other_again(restart
     for b, journal in zip(team, journals, strict=True):
         b.remember = lambda *event, journal=journal: journal.append(json.dumps(event))
 
-    def cycle(start_s: float) -> list[bool]:
-        return [
-            team[1 - k].receive(start_s + 10.0 * k + 3.0, k + 1, team[k].poll(start_s + 10.0 * k + 1.0)) is not None
-            for k in (0, 1)
-        ]
-
-    assert cycle(3600.0) == [True, True]
+    assert cycle(team, 3600.0) == [True, True]
     if restarted:
         team = tagged_team()
         for b, journal in zip(team, journals, strict=True):
             b.recall([json.loads(event) for event in journal])
-    assert [cycle(30.0 * n) for n in range(3)] == [[True, True]] * 3
+    assert [cycle(team, 30.0 * n) for n in range(3)] == [[True, True]] * 3
     assert not [text for b in team for text in bridge_problems(b, 90.0).values()]
 
 
 def test_a_vehicle_that_lost_its_state_in_a_later_era_is_named_and_heard_after_an_answer() -> None:
     team = tagged_team()
-
-    def cycle(start_s: float) -> list[bool]:
-        return [
-            team[1 - k].receive(start_s + 10.0 * k + 3.0, k + 1, team[k].poll(start_s + 10.0 * k + 1.0)) is not None
-            for k in (0, 1)
-        ]
-
-    assert [cycle(start_s) for start_s in (7200.0, 3600.0, 0.0)] == [[True, True]] * 3
+    assert [cycle(team, start_s) for start_s in (7200.0, 3600.0, 0.0)] == [[True, True]] * 3
     team[0] = tagged_team()[0]
     team[0].begin_era()
-    assert cycle(30.0) == [False, True]
+    assert cycle(team, 30.0) == [False, True]
     assert "vehicle 1 are refused: a clock was set back" in " ".join(bridge_problems(team[1], 60.0).values())
-    assert [cycle(30.0 * (2 + n)) for n in range(3)] == [[True, True]] * 3
+    assert [cycle(team, 30.0 * (2 + n)) for n in range(3)] == [[True, True]] * 3
 
 
 @pytest.mark.parametrize(("off_s", "words"), [(3600.0, "3600 s ahead of"), (-7200.0, "7200 s behind")])

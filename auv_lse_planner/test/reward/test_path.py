@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from planner_helpers import centers, dense_posterior, expected_risk
+from planner_helpers import centers, dense_posterior, expected_risk, path_reward
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.compiled import plain
@@ -98,17 +98,9 @@ def test_indefinite_covariance_is_an_error(length):
         reward.value(broken.slice(0, length))
 
 
-def _reward(data, team, credit, seed=3):
-    rng = np.random.default_rng(seed)
-    posterior = Posterior(GpConfig())
-    posterior.follow(centers(rng, data))
-    posterior = posterior.with_planned(rng.uniform(0, 400, (team, 2)))
-    return rng, PathReward(posterior, LevelSet(), credit)
-
-
 @pytest.mark.parametrize("length", [1, 10, 24, 25])
 def test_values_of_equal_paths_equal_single_values(length):
-    rng, reward = _reward(50, 10, "beyond")
+    rng, reward = path_reward(50, 10, "beyond")
     columns = reward.posterior.at(rng.uniform(0, 400, (5 * length, 2)))
     expected = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(5)]
     assert reward.values_of_equal(columns, length) == pytest.approx(expected, abs=1e-10)
@@ -128,7 +120,7 @@ def test_diagonals_of_small_inverses(function):
 
 
 def test_long_paths_use_lapack_and_have_the_same_value(monkeypatch):
-    rng, reward = _reward(30, 0, "whole")
+    rng, reward = path_reward(30, 0, "whole")
     columns = reward.posterior.at(rng.uniform(0, 400, (40, 2)))
     short = reward.values_of_equal(columns, 10)
     monkeypatch.setattr(module, "MAX_SMALL_PATH", 0)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planner_helpers import actions_by_chance, centers, rollout
+from planner_helpers import actions_by_chance, centers, path_reward, rollout
 from reference_tree import exhaustive_search
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -14,20 +14,12 @@ from auv_lse_planner.search.sequences import PathSequences
 STATE = np.array([0.3, 150.0, 150.0])
 
 
-def _reward(data, team, credit, seed=3):
-    rng = np.random.default_rng(seed)
-    posterior = Posterior(GpConfig())
-    posterior.follow(centers(rng, data))
-    posterior = posterior.with_planned(rng.uniform(0, 400, (team, 2)))
-    return rng, PathReward(posterior, LevelSet(), credit)
-
-
 @pytest.mark.parametrize("credit", ["whole", "beyond"])
 @pytest.mark.parametrize(("data", "team"), [(0, 0), (0, 12), (60, 0), (200, 40)])
 @pytest.mark.parametrize(("naive_paths", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
 def test_batch_values_equal_exact_path_values(data, team, credit, naive_paths, samples, horizon):
     roll, space = rollout(60, samples)
-    rng, reward = _reward(data, team, credit)
+    rng, reward = path_reward(data, team, credit)
     sequences = PathSequences(reward, roll, 0, STATE, naive_paths)
     first = [tuple(int(a) for a in actions_by_chance(space, STATE, rng.random(horizon))) for _ in range(8)]
     second = [(*s[: horizon // 2], *([5] * (horizon - horizon // 2))) for s in first]  # known prefixes

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import socket
 import threading
 import time
 from typing import Any
 
 import pytest
+from bench_of_autopilot import free_udp_port
 from pymavlink.dialects.v20 import common as mavlink
 from verb_main import verb_main
 
@@ -60,16 +60,10 @@ class Sea(threading.Thread):
         self.dock.close()
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def test_the_simulated_autopilot_lacks_nothing_and_flies_three_legs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    port = free_port()
+    port = free_udp_port()
     sea = Sea(port)
     sea.start()
     try:

@@ -4,22 +4,18 @@ import dataclasses
 import math
 
 import pytest
+from bench_of_autopilot import FLAT_GROUND
 from pymavlink.dialects.v20 import common as mavlink
-from sim_helpers import FunctionGround
 
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
-from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_common.vocabulary.mission_run import MissionRun, RunState, Stop
 from auv_lse_mavlink.messages.datum import Origin
 from auv_lse_mavlink.messages.events import AutopilotEstimate, AutopilotState, Surfaced
 from auv_lse_sim.emulated.lone_vehicle import LoneVehicle
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
-GROUND = FunctionGround(
-    lambda north, east: 20.0 + 0.0 * north, Extent(north_min_m=-1e4, north_max_m=1e4, east_min_m=-1e4, east_max_m=1e4)
-)
 
 
 class Dive(LoneVehicle):
@@ -29,7 +25,7 @@ class Dive(LoneVehicle):
     """
 
     def __init__(self, **parameters):
-        super().__init__(GROUND, ORIGIN, {"sim.autopilot.firmware": "generic", **parameters})
+        super().__init__(FLAT_GROUND, ORIGIN, {"sim.autopilot.firmware": "generic", **parameters})
         self.watch = SafetyWatch(SafetyConfig(), Fence((0.0, 0.0, 0.0, 1e4, 1e4, 1e4), 1e4), 8.0, has_autopilot=True)
         self.run = MissionRun(True, Stop(action=2))
         self.depths_m, self.warned_s = [], math.inf

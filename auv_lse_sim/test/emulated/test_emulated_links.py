@@ -1,15 +1,13 @@
 """The emulated hardware between a real world and real drivers, in one process and without ROS."""
 
 import math
-import socket
 import time
 
 import pytest
-from sim_helpers import FunctionGround
+from bench_of_autopilot import FLAT_GROUND, free_udp_port
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
@@ -22,20 +20,12 @@ from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import World
 
 TEAM = (1, 2, 3)
-EXTENT = Extent(north_min_m=-500.0, north_max_m=1500.0, east_min_m=-500.0, east_max_m=1500.0)
-GROUND = FunctionGround(lambda north, east: 20.0 + 0.0 * north, EXTENT)
 
 
 def settings_with(**overrides) -> Settings:
     quiet = {"mission.vehicles": len(TEAM), "sim.ideal": True, "sim.channel.fading_db": 0.0}
     quiet["sim.autopilot.firmware"] = "generic"  # its legs can be compared with the planner's
     return Settings.load(None, {**quiet, **overrides})
-
-
-def free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 class Follower:
@@ -56,7 +46,7 @@ class Sea:
 
     def __init__(self, settings: Settings):
         self.settings = settings
-        self.world = World.of(settings, GROUND)
+        self.world = World.of(settings, FLAT_GROUND)
         self.pending = []
         self.legs = []
         self.links = EmulatedLinks(settings, self.transmit, Follower(self.follow))
@@ -137,7 +127,7 @@ def emulated(tmp_path):
 def test_packets_go_through_the_channel_as_without_modems(emulated):
     sea = emulated
     sea.until(lambda: all(p.modem.state is State.IDLE for p in sea.ports.values()), "the modems were not configured")
-    direct = World.of(sea.settings, GROUND)
+    direct = World.of(sea.settings, FLAT_GROUND)
     expected = []
     for number in range(30):
         k = TEAM[number // 10]

@@ -16,6 +16,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from bench_of_autopilot import free_udp_port
 from verb_main import verb_main
 
 from auv_lse_mavlink.messages.datum import Origin
@@ -30,12 +31,6 @@ if importlib.util.find_spec("mavsdk") is None:
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 VEHICLE = Report(heading_rad=0.7, north_m=120.0, east_m=-45.0, depth_m=4.0, speed_mps=1.5, altitude_m=11.0)
-
-
-def free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextlib.contextmanager
