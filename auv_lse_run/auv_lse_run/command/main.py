@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -156,10 +157,15 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
 
 
 def _check_arguments(verb: Verb, arguments: Sequence[str]) -> None:
-    """Raises CommandError for an empty argument: as a path, it would mean the current folder."""
+    """Raises CommandError for an empty argument: as a path, it would mean the current folder.
+
+    A parameter's value may be empty.
+    """
+    if verb.name == "params":
+        return
     for number, argument in enumerate(arguments, 1):
         option = argument.removesuffix("=") if argument else arguments[number - 2] if number > 1 else ""
-        if not argument or (argument.startswith("--") and argument.endswith("=")):
+        if not argument or re.fullmatch(r"--[\w-]+=", argument):
             what = option if option.startswith("--") else f"auv_lse {verb.name}: argument {number}"
             raise CommandError(f"{what} is empty. Is a variable of the shell not set? Leave it out, or give a value")
 
