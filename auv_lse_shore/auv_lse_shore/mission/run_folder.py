@@ -23,7 +23,9 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
     """
     try:
         folder = wanted or _new_folder(root / "runs" / datetime.now().strftime("%Y-%m-%d-%H%M%S"))
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if folder.exists() and not folder.is_dir():
+            raise RunFolderError(f"--out {folder} is a file. Choose a new or empty folder")
+        if folder.exists() and any(folder.iterdir()):
             raise RunFolderError(f"--out {folder} is not empty, and was left as it is. Choose a new or empty folder")
         (folder / "logs").mkdir(parents=True)
     except OSError as error:

@@ -6,7 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
-from auv_lse_shore.mission.run_folder import run_folder
+import pytest
+
+from auv_lse_shore.mission.run_folder import RunFolderError, run_folder
 
 
 def test_missions_that_start_in_the_same_second_have_a_folder_each(tmp_path: Path) -> None:
@@ -20,3 +22,10 @@ def test_missions_that_start_in_the_same_second_have_a_folder_each(tmp_path: Pat
         folders = list(pool.map(started, range(8)))
     assert len({*folders}) == 8
     assert all((folder / "logs").is_dir() for folder in folders)
+
+
+def test_a_file_is_no_run_folder(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RunFolderError, match=r"notes.txt is a file. Choose a new or empty folder"):
+        run_folder(tmp_path / "notes.txt", tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
