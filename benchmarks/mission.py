@@ -44,7 +44,7 @@ def fly(folder: Path, *arguments: str, **environment: str) -> Flight:
     process = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
     processor_s = _children_s() - before_s
     if process.returncode:
-        raise RuntimeError(f"the mission ended with {process.returncode}: {process.stdout[-2000:]}")
+        raise RuntimeError(f"the mission ended with {process.returncode}: {(process.stdout + process.stderr)[-2000:]}")
     times = json.loads((folder / "logs" / "times.json").read_text())
     return Flight(
         start_s=times["processor_start_s"],

@@ -55,8 +55,9 @@ def _say(console: Console, text: str) -> None:
     console.print(Text(text), highlight=False, soft_wrap=True)
 
 
-def _complain(console: Console, error: object) -> None:
-    console.print(Text.assemble(("error:", "red"), f" {error}"), highlight=False, soft_wrap=True)
+def complain(error: object) -> None:
+    """Prints an error."""
+    Console(stderr=True).print(Text.assemble(("error:", "red"), f" {error}"), highlight=False, soft_wrap=True)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -80,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
             with removed_on_error(folder):
                 settings = write_mission(settings, folder, options)
     except ValueError as error:
-        _complain(console, error)
+        complain(error)
         return 2
     for note in notes:
         _say(console, note)
@@ -174,7 +175,7 @@ def fly(
             load = threading.Thread(target=preload_report, daemon=True)  # while the nodes leave a core idle
             phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
     except (MissionError, LaunchError, DomainError) as error:
-        _complain(console, error)
+        complain(error)
         return 1
     wall_s = time.monotonic() - started
     if interrupt.came and "mission" not in phases:
@@ -216,10 +217,10 @@ def report_mission(
         _say(console, f"interrupted: {mission} and recorded. For its report: auv_lse replay {folder} --report")
         return 130
     except ImportError as error:
-        _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")
+        complain(f"{mission}, but {missing(error, 'its figures and report')}")
         return code or 1
     except (OSError, ValueError) as error:
-        _complain(console, f"{mission}, but its evaluation failed: {error_text(error)}")
+        complain(f"{mission}, but its evaluation failed: {error_text(error)}")
         return code or 1
     return code
 

@@ -17,7 +17,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import SIMULATION, new_dive
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
-from auv_lse_shore.mission.mission import fly, prepare, write_mission
+from auv_lse_shore.mission.mission import complain, fly, prepare, write_mission
 from auv_lse_shore.mission.options import add_mission_options
 from auv_lse_shore.mission.run_folder import removed_on_error, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
             note_run(domain, folder, new_dive(SIMULATION))  # before a vehicle can look for it
             settings = _written(settings, folder, options)
         except (ValueError, DomainError) as error:
-            say(f"error: {error}")
+            complain(error)
             return 2
         for note in notes:
             say(note)

@@ -146,8 +146,7 @@ def test_a_wrong_set_is_named(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["--set", argument, "--out", str(tmp_path / "run")]) == 2
-    printed = capsys.readouterr().out
-    assert words in printed
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("factor", "words"), [("0", "must be more than 0; without it"), ("-1", "not -1.0")])
@@ -157,7 +156,7 @@ def test_a_pace_that_cannot_be_is_refused(
     """0 was taken and flown at once real time, where the parameter says that it is as fast as it goes."""
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["--real-time-factor", factor]) == 2
-    assert "error: --real-time-factor" in (said := capsys.readouterr().out)
+    assert "error: --real-time-factor" in (said := capsys.readouterr().err)
     assert words in said
 
 
@@ -168,9 +167,9 @@ def test_the_help_names_the_methods_that_there_are() -> None:
 
 def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     words = "[ERROR] [1.5] [auv1.gp_node]: [/x] [red]"
-    mission._complain(Console(width=200), words)
+    mission.complain(words)
     mission._say(Console(width=200), words)
-    assert capsys.readouterr().out == f"error: {words}\n{words}\n"
+    assert capsys.readouterr() == (f"{words}\n", f"error: {words}\n")
 
 
 def test_a_disk_without_room_for_the_recording_refuses_the_mission(
@@ -178,7 +177,7 @@ def test_a_disk_without_room_for_the_recording_refuses_the_mission(
 ) -> None:
     monkeypatch.setattr(mission, "free_mb", lambda folder: 205.0)
     assert main(["--out", str(tmp_path / "run")]) == 2
-    assert "record.folder has 5 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().out
+    assert "record.folder has 5 MB of free space beyond record.least_free_mb (200 MB)" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
@@ -218,6 +217,6 @@ def test_a_parameter_of_a_vehicle_that_the_mission_lacks_is_refused(
     words = ["--set", "auv4.vehicle.depth_m=4", "--for-vehicles", str(tmp_path / "v.yaml"), *PORT]
     assert main(words) == 2
     assert "--set auv4.vehicle.depth_m: the mission has no auv4; its vehicles are auv1 to auv3" in (
-        capsys.readouterr().out
+        capsys.readouterr().err
     )
     assert main([*words, "--vehicles", "4"]) == 0
