@@ -421,7 +421,7 @@ def test_what_cannot_be_flown_is_refused_with_words_and_nothing_is_made(
 ) -> None:
     folder = tmp_path / "run"
     assert main([*arguments, "--out", str(folder)]) == 2
-    assert expected in capsys.readouterr().out
+    assert expected in capsys.readouterr().err
     assert not folder.exists()
 
 
@@ -429,6 +429,6 @@ def test_a_run_folder_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("data")
     process = fly("--out", str(tmp_path))
     assert process.returncode == 2
-    assert "not empty" in process.stdout
+    assert "not empty" in process.stderr
     assert "Traceback" not in process.stdout + process.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["precious"]
