@@ -254,6 +254,15 @@ def load_early(processes: Iterable[Process], environment: Mapping[str, str]) -> 
     _early = _launch(environment, _modules_of(processes))
 
 
+def end_early() -> None:
+    """Ends the server of `load_early` if no `ForkServer` uses it: the command has started nothing."""
+    global _early
+    if _early is not None:
+        _early.kill()
+        _early.communicate()
+        _early = None
+
+
 def _modules_of(processes: Iterable[Process]) -> list[str]:
     return sorted({entry.module for p in processes for entry in entries_of(p)})
 

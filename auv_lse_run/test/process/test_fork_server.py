@@ -100,6 +100,16 @@ def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:
         server.close()
 
 
+def test_early_server_that_nothing_uses_is_ended() -> None:
+    fork_server.load_early([MODEM], dict(os.environ))
+    early = fork_server._early
+    fork_server.end_early()
+    assert early is not None
+    assert early.returncode is not None
+    assert fork_server._early is None
+    fork_server.end_early()
+
+
 def test_missing_process_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
     with pytest.raises(LaunchError, match="auv_lse_gp has no node sonar_node"):

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 
 from auv_lse_run.process.domain import node_environment
-from auv_lse_run.process.fork_server import load_early
+from auv_lse_run.process.fork_server import end_early, load_early
 from auv_lse_run.process.processes import LaunchError
 from auv_lse_shore.mission.options import parser
 from auv_lse_sim.engine.processes import mission_processes
@@ -19,6 +19,9 @@ def run(options: argparse.Namespace) -> int:
     if not options.parameters and options.for_vehicles is None:
         with contextlib.suppress(LaunchError):  # reported when the processes are started
             load_early(mission_processes(1, together=True), node_environment(0))
-    from auv_lse_shore.mission import mission  # takes more than a second
+    try:
+        from auv_lse_shore.mission import mission  # takes more than a second
 
-    return mission.run(options)
+        return mission.run(options)
+    finally:
+        end_early()

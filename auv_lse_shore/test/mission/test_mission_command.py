@@ -18,6 +18,7 @@ from auv_lse_common.mission_file.methods import METHODS
 from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_run.process import fork_server
 from auv_lse_run.process.domain import node_environment
 from auv_lse_shore.mission import mission
 from auv_lse_shore.mission.options import overrides_of, parser
@@ -147,6 +148,7 @@ def test_a_wrong_set_is_named(
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["--set", argument, "--out", str(tmp_path / "run")]) == 2
     assert words in capsys.readouterr().err
+    assert fork_server._early is None, "a mission that is refused leaves no process"
 
 
 @pytest.mark.parametrize(("factor", "words"), [("0", "must be more than 0; without it"), ("-1", "not -1.0")])
