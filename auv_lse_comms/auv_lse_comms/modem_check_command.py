@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file, yaml_value
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
 from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES, ModemConfig
+from auv_lse_common.mission_file.strict_yaml import yaml_value
 from auv_lse_common.support.device_findings import Finding, print_findings
 from auv_lse_comms.micromodem import events
 from auv_lse_comms.micromodem.modem_check import ModemCheck

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameter_file import yaml_value
 from auv_lse_common.mission_file.parameters import from_mapping
 from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_common.mission_file.strict_yaml import yaml_value
 from auv_lse_common.support.user_error import error_text
 from auv_lse_comms.micromodem.log import read_entries, replay_log
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameter_file import yaml_value
 from auv_lse_common.mission_file.parameters import ParameterError, nest
+from auv_lse_common.mission_file.strict_yaml import yaml_value
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.inspect.nodes import known_node
 from auv_lse_run.process.domain import DomainError

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.methods import METHODS
-from auv_lse_common.mission_file.parameter_file import yaml_value
 from auv_lse_common.mission_file.parameters import ParameterError, nest, problems
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
+from auv_lse_common.mission_file.strict_yaml import yaml_value
 
 #: First part of the name of a vehicle's own parameter: auv2.vehicle.depth_m.
 _VEHICLE = re.compile(r"auv\d+")

@@ -1,0 +1,92 @@
+"""Strict YAML: what YAML 1.1 would change without a word is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.input_bounds import MAX_YAML_VALUES
+from auv_lse_common.support.user_error import brief
+
+
+def yaml_value(text: str) -> Any:
+    """The value of a text in YAML, as for a parameter on the command line.
+
+    Raises:
+        ParameterError: if it is not YAML.
+    """
+    return parse_yaml(text, repr(text))
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
+    """Rejects duplicate keys; PyYAML would silently keep only the last one.
+
+    Also rejects aliases that multiply a short file into more than `MAX_YAML_VALUES` values, and numbers that YAML 1.1
+    reads in base 8 (010 is 8) or 60 (1:30 is 90).
+    """
+
+    def get_single_node(self) -> yaml.Node | None:
+        node: yaml.Node | None = super().get_single_node()
+        if node is not None and (number := _count_values(node, {})) > MAX_YAML_VALUES:
+            what = f"too many values: {number:.3g}, aliases included; at most {MAX_YAML_VALUES} are read"
+            raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
+                what = f"the key {key.value!r} appears twice; remove one"
+                raise yaml.constructor.ConstructorError(problem=what, problem_mark=key.start_mark)
+            seen.add((key.tag, str(key.value)))
+        found: dict[Any, Any] = super().construct_mapping(node, deep)
+        return found
+
+    def construct_number(self, node: yaml.ScalarNode) -> int | float:
+        """Whole numbers and others."""
+        text = node.value.lstrip("+-")
+        if ":" in text or re.fullmatch(r"0[0-7_]+", text):
+            base, cure = (60, "in one unit") if ":" in text else (8, "without the zero in front")
+            what = f"YAML reads {node.value} in base {base}; write the number {cure}"
+            raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
+        is_whole = node.tag.endswith(":int")
+        value: int | float = self.construct_yaml_int(node) if is_whole else self.construct_yaml_float(node)
+        return value
+
+
+for _kind in ("int", "float"):
+    _UniqueKeyLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _UniqueKeyLoader.construct_number)
+
+
+def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
+    """Values below a node, each alias counted as what it stands for; inf where it stands for itself."""
+    if id(node) not in known:
+        known[id(node)] = math.inf  # until it is counted: met again meanwhile, it contains itself
+        parts = node.value if isinstance(node, yaml.CollectionNode) else ()
+        parts = [part for pair in parts for part in pair] if isinstance(node, yaml.MappingNode) else parts
+        known[id(node)] = 1.0 + sum(_count_values(part, known) for part in parts)
+    return known[id(node)]
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """The content of a text in YAML; `where` names it in messages.
+
+    Raises:
+        ParameterError: if it is not YAML, or could be misread.
+    """
+    try:
+        return yaml.load(text, _UniqueKeyLoader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
+        raise ParameterError(f"{where}: not valid YAML: {position}{error.problem or error.context}") from error
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{where}: not valid YAML: {brief(error)}") from error
+    except RecursionError as error:
+        raise ParameterError(f"{where}: not valid YAML: nested too deeply") from error
+    except ValueError as error:  # an impossible date or number
+        raise ParameterError(f"{where}: not valid YAML: {error}") from error
