@@ -15,7 +15,7 @@ NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 OFTEN_NO_DATA = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99)
 #: Missing data repeat one value at this share of all, or so often, apart from the others by this multiple of their
 #: span; the second holds for the values of `OFTEN_NO_DATA`. The others have so many values.
-_FILL_SHARE, _FILL_COUNT, _APART, _APART_OFTEN, _OTHERS = 0.005, 4, 20.0, 0.1, 5
+_FILL_SHARE, _FILL_COUNT, _APART, _APART_OFTEN, _OTHERS = 0.005, 4, 3.0, 0.1, 5
 #: Values from which the span of the others is found.
 _SAMPLED = 100_000
 

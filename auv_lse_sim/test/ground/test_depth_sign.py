@@ -123,15 +123,6 @@ def test_a_block_of_one_value_far_from_all_others_is_unknown_and_reported(tmp_pa
     )
 
 
-def test_a_dredged_basin_beside_shallow_ground_is_known(tmp_path):
-    """Eight metres everywhere, four times the depths around it."""
-    axis = np.arange(0.0, 401.0, 10.0)
-    depth = np.random.default_rng(1).uniform(0.5, 2.0, (41, 41))
-    depth[:, 20:] = 8.0
-    ground = load_ground(write_grid(tmp_path / "basin.npz", axis, depth, "depth_m"))
-    assert ground.depth_m(200.0, 300.0) == pytest.approx(8.0)
-
-
 def written(path, axis, depth):
     """A grid of depths in another program's format."""
     if path.suffix == ".xyz":
