@@ -36,10 +36,11 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
 
 def _new_folder(base: Path) -> Path:
     """Creates `base`, or if another mission has it, the first free one of base-2, base-3 ..."""
+    base.parent.mkdir(parents=True, exist_ok=True)
     folder, again = base, 1
     while True:
         with contextlib.suppress(FileExistsError):
-            folder.mkdir(parents=True)
+            folder.mkdir()
             return folder
         again += 1
         folder = base.with_name(f"{base.name}-{again}")

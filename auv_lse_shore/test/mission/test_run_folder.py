@@ -29,3 +29,9 @@ def test_a_file_is_no_run_folder(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError, match=r"notes.txt is a file. Choose a new or empty folder"):
         run_folder(tmp_path / "notes.txt", tmp_path)
     assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_folder_of_runs_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "runs").symlink_to(tmp_path / "disk that is not mounted")
+    with pytest.raises(RunFolderError, match="runs: cannot be made: File exists"):
+        run_folder(None, tmp_path)
