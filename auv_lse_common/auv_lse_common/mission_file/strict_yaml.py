@@ -49,9 +49,9 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
     def construct_number(self, node: yaml.ScalarNode) -> int | float:
         """Whole numbers and others."""
         text = node.value.lstrip("+-")
-        if ":" in text or re.fullmatch(r"0[0-7_]+", text):
+        if ":" in text or re.fullmatch(r"0[0-7_]*[1-7][0-7_]*", text):
             base, cure = (60, "in one unit") if ":" in text else (8, "without the zero in front")
-            what = f"YAML reads {node.value} in base {base}; write the number {cure}"
+            what = f"YAML reads {node.value} in base {base}; write the number {cure}, or a text in quotes"
             raise yaml.constructor.ConstructorError(problem=what, problem_mark=node.start_mark)
         is_whole = node.tag.endswith(":int")
         value: int | float = self.construct_yaml_int(node) if is_whole else self.construct_yaml_float(node)
@@ -88,5 +88,5 @@ def parse_yaml(text: str, where: str) -> Any:
         raise ParameterError(f"{where}: not valid YAML: {brief(error)}") from error
     except RecursionError as error:
         raise ParameterError(f"{where}: not valid YAML: nested too deeply") from error
-    except ValueError as error:  # an impossible date or number
+    except (ValueError, IndexError) as error:  # an impossible date or number
         raise ParameterError(f"{where}: not valid YAML: {error}") from error

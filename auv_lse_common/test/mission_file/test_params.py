@@ -192,6 +192,15 @@ def test_files_of_another_shape_are_rejected(tmp_path: Path, text: str, message:
         read_parameter_file(tmp_path / "none.yaml")
 
 
+def test_numbers_that_have_one_meaning_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("[0, 00, -0, 1_000, 0x10, 0.5, 00.5, '010', 10.0.0.1:14550, 2026-06-14T10:00:00Z]\n")
+    assert read_yaml(path)[:9] == [0, 0, 0, 1000, 16, 0.5, 0.5, "010", "10.0.0.1:14550"]
+    path.write_text("a: !!int ''\n")
+    with pytest.raises(ParameterError, match="not valid YAML"):
+        read_yaml(path)
+
+
 def test_yaml_merge_key_may_be_overridden(tmp_path: Path) -> None:
     path = tmp_path / "m.yaml"
     path.write_text("x: &x {a: 1, b: 2}\ny: {<<: *x, b: 3}\n")

@@ -112,11 +112,14 @@ def run_set(options: argparse.Namespace, graph: Any) -> int:
     """`params set`."""
     node = known_node(options.node, graph)
     _known_parameter(options.name, node, graph)
+    now = graph.parameters(node, [options.name]).get(options.name)
     try:
         value = yaml_value(options.value)
-    except ParameterError:
+    except ParameterError as error:
+        if isinstance(now, int | float):
+            print(f"error: {error}", file=sys.stderr)
+            return 2
         value = options.value
-    now = graph.parameters(node, [options.name]).get(options.name)
     if isinstance(now, float) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)  # 12 means 12.0
     if isinstance(now, str):

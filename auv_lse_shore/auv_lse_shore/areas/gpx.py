@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.areas.features import Feature, line_of, named_feature
 from auv_lse_shore.areas.outline import MAX_GAP, ends_meet, lengths_m
 from auv_lse_shore.areas.xml_tree import text_of
@@ -41,20 +42,23 @@ def gpx_features(root: Element, where: str) -> Iterator[Feature]:
 def _lines(element: Element, where: str) -> list[tuple[str, Array]]:
     """The lines of a route or track, and what is added to its name for each.
 
-    The segments of a track are one line if a way around was paused: each goes on where the one before ended, and none
-    returns to its own start.
+    The segments of a track are one line if a way around was paused: each goes on where the one before ended, and at
+    most one returns to its own start. Segments of one point are left out.
     """
     if element.tag == "rte":
         return [("", line_of([_position(point, where) for point in element.iter("rtept")]))]
-    parts = [line_of([_position(point, where) for point in part.iter("trkpt")]) for part in element.iter("trkseg")]
-    parts = [part for part in parts if len(part)]
-    if len(parts) < 2:
-        return [("", parts[0] if parts else line_of([]))]
-    whole = np.concatenate(parts)
-    gaps_m = [lengths_m(np.array([one[-1], other[0]]))[0] for one, other in itertools.pairwise(parts)]
-    if max(gaps_m) <= MAX_GAP * lengths_m(whole)[0] and not any(map(ends_meet, parts)):
-        return [(f" ({len(parts)} segments joined over at most {max(gaps_m):.0f} m)", whole)]
-    return [(f", segment {number}", part) for number, part in enumerate(parts, 1)]
+    segments = list(element.iter("trkseg")) or [element]
+    parts = [line_of([_position(point, where) for point in segment.iter("trkpt")]) for segment in segments]
+    long = [part for part in parts if len(part) > 1]
+    points = sum(len(part) == 1 for part in parts)
+    left_out = f" ({counted(points, 'segment')} of one point left out)" if long and points else ""
+    if len(long) < 2:
+        return [(left_out, (long or [part for part in parts if len(part)] or [line_of([])])[0])]
+    whole = np.concatenate(long)
+    gaps_m = [lengths_m(np.array([one[-1], other[0]]))[0] for one, other in itertools.pairwise(long)]
+    if max(gaps_m) <= MAX_GAP * lengths_m(whole)[0] and sum(map(ends_meet, long)) < 2:
+        return [(f" ({len(long)} segments joined over at most {max(gaps_m):.0f} m){left_out}", whole)]
+    return [(f", segment {number}{left_out}", part) for number, part in enumerate(long, 1)]
 
 
 def _position(element: Element, where: str) -> tuple[float, float]:

@@ -133,12 +133,16 @@ def _origin(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
 
 def _crs(name: str) -> str:
     """The name of a coordinate system, or ""."""
+    if not name:
+        return ""
     from pyproj import CRS  # slow to import, and rarely needed
     from pyproj.exceptions import CRSError
 
     try:
-        if name and len(CRS.from_user_input(name).axis_info) != 2:
-            raise SurveyError(f"--crs: {name} is not a system of two coordinates, such as EPSG:32632")
+        crs = CRS.from_user_input(name)
+        crs = crs.sub_crs_list[0] if crs.is_compound else crs
+        if not (crs.is_projected or crs.is_geographic):
+            raise SurveyError(f"--crs: {name} has no horizontal coordinates, as EPSG:32632 has")
     except CRSError as error:
         raise SurveyError(f"--crs: {name} is not a coordinate system, such as EPSG:32632 ({error})") from error
     return name

@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 USUAL_SOUNDER_SPEED_MPS = 1500.0
 #: Times (s) from here on are UTC since 1970, as on vehicles; smaller ones count from the start of a simulation.
 FIRST_UTC_S = 1e9
-#: Between water levels farther apart than this multiple of their usual step, the level is unknown.
-_LONGEST_GAP = 5.0
+#: Between water levels farther apart than this multiple of their usual step, and than this time (s), the level is
+#: unknown. Hourly levels are usual; between them a tide of 2 m amplitude is off by at most .06 m.
+_LONGEST_GAP, _LONGEST_GAP_S = 5.0, 5400.0
 #: Spacing (m) of the depths at which travel times through a profile are integrated.
 _LAYER_M = 0.05
 
@@ -166,7 +167,7 @@ def _check_gaps(times_s: Array, stamp_s: Array) -> None:
     usual_s = float(np.median(steps))
     before = (np.searchsorted(times_s, stamp_s) - 1).clip(0)  # a sounding at the time of a level has its own
     around = np.where(times_s[before + 1] == stamp_s, 0.0, steps[before])
-    if around.max() > _LONGEST_GAP * usual_s:
+    if around.max() > max(_LONGEST_GAP * usual_s, _LONGEST_GAP_S):
         first = before[around.argmax()]
         raise SurveyError(
             f"--water-level has no level from {_moment(times_s[first])} to {_moment(times_s[first + 1])}, "

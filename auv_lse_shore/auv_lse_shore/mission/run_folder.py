@@ -29,7 +29,8 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
             raise RunFolderError(f"--out {folder} is not empty, and was left as it is. Choose a new or empty folder")
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
-        raise RunFolderError(f"--out {wanted or root / 'runs'}: cannot be made: {error.strerror or error}") from error
+        where = f"--out {wanted}" if wanted else str(root / "runs")
+        raise RunFolderError(f"{where}: cannot be made: {error.strerror or error}") from error
     note_software(folder)
     return folder.resolve()
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.water import depth_of
-from auv_lse_gp.no_data import fill_values
+from auv_lse_gp.no_data import APART_IN_LOGS, fill_values
 from auv_lse_shore.survey_import.frequencies import join_frequencies
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Reference, Sounder
 from auv_lse_shore.survey_import.survey_log import LogError, SurveyLog
@@ -102,7 +102,7 @@ def _chosen(content: LogContent, choice: Choice, pings: Counter[str]) -> SurveyL
             "Use them with --min-quality 0."
         )
     rows = rows[good]
-    for depth_m in [] if content.is_checked else fill_values(rows[:, 1]):
+    for depth_m in [] if content.is_checked else fill_values(rows[:, 1], apart=APART_IN_LOGS):
         marked = rows[:, 1] == depth_m
         content.left_out[f"depths of {depth_m:g} m, repeated and far from all others"] += int(marked.sum())
         rows = rows[~marked]

@@ -207,8 +207,8 @@ class _Progress:
 
     def __init__(self) -> None:
         """Nothing is shown yet."""
-        self._out = sys.stdout  # readers of logs redirect sys.stdout
-        self._is_terminal = self._out.isatty()
+        self._out = sys.stdout  # readers of logs redirect it; None if it is closed: print() prints nothing then
+        self._is_terminal = self._out is not None and self._out.isatty()
         self._start_s = self._shown_s = time.monotonic()
 
     def __call__(self, path: Path, share: float) -> None:
@@ -222,9 +222,9 @@ class _Progress:
             self._show(f"{text} ...")
 
     def lines(self, lines: Iterable[str]) -> Iterator[str]:
-        """Yields lines; on a terminal, each in the place of what was shown last."""
+        """Yields lines; on a terminal, each over the text shown last."""
         for line in lines:
-            self._out.write("\x1b[K" if self._is_terminal else "")
+            print("\x1b[K" if self._is_terminal else "", end="", file=self._out)
             yield line
 
     def _show(self, text: str) -> None:

@@ -498,3 +498,12 @@ def test_a_log_of_another_lake_in_a_folder_is_left_out(tmp_path, capsys):
     assert re.search(f"left out: {reason}", capsys.readouterr().out)
     assert main([str(tmp_path / "a.nmea"), str(tmp_path / "a.tlog"), "--dry-run"]) == 2
     assert re.search(reason, capsys.readouterr().err)
+
+
+def test_an_import_without_standard_output_is_whole(tmp_path, monkeypatch):
+    """As with `>&-`."""
+    (tmp_path / "a.csv").write_text(table(survey()))
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main([str(tmp_path / "a.csv"), "--out", str(tmp_path / "out"), *DRAUGHT]) == 0
+    monkeypatch.undo()
+    assert len(read_run(tmp_path / "out").vehicles[0].soundings) == len(survey())

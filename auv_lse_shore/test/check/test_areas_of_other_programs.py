@@ -290,6 +290,11 @@ def test_a_track_that_was_paused_on_the_way_around_is_one_outline(tmp_path):
     north, east = local_from_geodetic(content.area[:, 0], content.area[:, 1], 47.3, 8.5)
     assert abs(np.sum(north * np.roll(east, 1) - east * np.roll(north, 1))) / 2.0 == pytest.approx(62_500.0, rel=0.01)
     assert "3 segments joined over at most 6 m" in " ".join(content.notes)
+    late = len(loop) * 93 // 100  # where the first part alone already ends near its start
+    for segments in ((loop[:late], loop[late:]), (loop[:200], loop[200:201], loop[201:]), (loop, loop[7:8] + 0.01)):
+        again = read(tmp_path, in_segments(*segments), "a.gpx")
+        np.testing.assert_allclose(np.ptp(again.area, axis=0), np.ptp(content.area, axis=0), rtol=0.01)
+    assert "1 segment of one point left out" in " ".join(again.notes)
     # half of the way around is missing: nobody knows where the border was
     with pytest.raises(ParameterError, match="2 lines may be the operating area: 'around, segment 1', 'around, seg"):
         read(tmp_path, in_segments(loop[:150], loop[400:]), "a.gpx")

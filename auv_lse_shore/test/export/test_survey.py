@@ -196,7 +196,7 @@ def test_a_constant_sound_speed_scales_the_range():
         (["--contours", "5,deep"], "--contours: 5,deep cannot be used"),
         (["--sound-speed", "15"], "not 15$"),
         (["--crs", "EPSG:1"], "--crs: EPSG:1 is not a coordinate system"),
-        (["--crs", "EPSG:5773"], "--crs: EPSG:5773 is not a system of two coordinates"),
+        (["--crs", "EPSG:5773"], "--crs: EPSG:5773 has no horizontal coordinates"),
         (["--origin", "146", "-37"], "--origin: latitude 146, longitude -37 is not .* Are they swapped"),
         (["--origin", "nan", "7"], "--origin: latitude nan, longitude 7 is not a position in degrees.$"),
         (["--origin", "46", "7"], "--origin: the mission has one, 46.5, 6.6 deg; leave it out"),
@@ -319,6 +319,9 @@ def test_a_gap_between_water_levels_is_refused_if_soundings_lie_in_it():
     assert survey.water_level_at(np.array([900.0, 37_000.0])) == pytest.approx([0.025, 1.0278], abs=1e-4)
     with pytest.raises(SurveyError, match=r"no level from 3000 s to 36000 s, .* 600 s apart, and 2 soundings"):
         survey.water_level_at(np.array([900.0, 4000.0, 30_000.0, 37_000.0]))
+    filled = np.append(np.arange(0.0, 7200.0, 360.0), np.arange(7200.0, 25_201.0, 3600.0))  # with hourly predictions
+    hourly = Survey(water_level=np.column_stack([filled, filled / 36_000.0]), datum="D")
+    assert hourly.water_level_at(np.array([9000.0])) == pytest.approx([0.25])
     utc = Survey(water_level=np.column_stack([1.8e9 + stamps, stamps]), datum="D")
     with pytest.raises(SurveyError, match=r"no level from 2027-01-15T08:50:00Z to 2027-01-15T18:00:00Z"):
         utc.water_level_at(1.8e9 + np.array([4000.0]))

@@ -223,6 +223,7 @@ def test_params(run: Run) -> None:
     assert run("params", "get", node, "planner.deadline_s") == "Double value is: 3.0\n"
     assert "Setting parameter failed: " in run("params", "set", node, "mission.steps", "5", code=1)
     assert "Setting parameter failed: " in run("params", "set", node, "planner.iterations", "0", code=1)
+    assert "YAML reads 010 in base 8" in run("params", "set", node, "planner.iterations", "010", code=2)
     dump = yaml.safe_load(run("params", "dump", node))
     assert dump[node]["ros__parameters"]["planner"]["iterations"] == 40
     assert run("params", "describe", node, "mission.steps").startswith(

@@ -211,7 +211,7 @@ def _values(path: Path, name: str) -> tuple[Array, float]:
     """The values of a netCDF variable with one dimension, growing, and their precision; none of another one."""
     import rasterio
 
-    with rasterio.open(f"netcdf:{path}:{name}", driver="netCDF") as file:
+    with rasterio.open(f'netcdf:"{path}":{name}', driver="netCDF") as file:
         if 1 not in file.shape:
             return np.empty(0), 0.0
         axis = file.read(1).ravel()

@@ -6,6 +6,7 @@ from ground_helpers import bottom, check_bottom, soundings, topobathy, write_csv
 
 from auv_lse_common.mission_file.parameters import to_mapping
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_gp.no_data import fill_values
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
 
@@ -121,6 +122,18 @@ def test_a_block_of_one_value_far_from_all_others_is_unknown_and_reported(tmp_pa
     assert f"{41 * columns} nodes of {np.float32(mark):g} taken as unknown" in ground.describe().replace(
         "points", "nodes"
     )
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "mark"),
+    [(0.5, 2.0, 8.0), (3.0, 4.0, 10.0), (12.0, 12.3, 0.0), (430.0, 440.0, 512.0), (4.99, 5.01, 6.0)],
+)
+@pytest.mark.parametrize("share", [0.02, 0.5])
+def test_a_basin_of_one_depth_is_no_missing_data(low, high, mark, share):
+    """As dredged, or clipped to the sounder's range."""
+    depth = np.random.default_rng(1).uniform(low, high, (41, 41))
+    depth[:, : round(share * 41)] = mark
+    assert fill_values(depth) == []
 
 
 def written(path, axis, depth):

@@ -77,3 +77,8 @@ def test_axes_in_kilometres_are_converted(tmp_path, has_crs):
     axes = {name: ((at + AXIS) / 1000.0, "km") for name, at in zip(("y", "x"), middle, strict=True)}
     ground = load_ground(netcdf(tmp_path / "a.nc", axes, DEPTH, crs=crs), DOWN)
     check_bottom(ground, offset=(200.0, 200.0) if has_crs else (0.0, 0.0), tolerance=0.35)
+
+
+def test_a_colon_in_the_path_is_part_of_it(tmp_path):
+    (tmp_path / "at 10:30").mkdir()
+    check(netcdf(tmp_path / "at 10:30" / "lake.nc", DEGREES, DEPTH))
