@@ -22,8 +22,8 @@ def yaml_value(text: str) -> Any:
     return parse_yaml(text, repr(text))
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
-    """Rejects duplicate keys; PyYAML would silently keep only the last one.
+class _StrictLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
+    """Rejects duplicate keys, of which PyYAML would silently keep only the last one.
 
     Also rejects aliases that multiply a short file into more than `MAX_YAML_VALUES` values, and numbers that YAML 1.1
     reads in base 8 (010 is 8) or 60 (1:30 is 90).
@@ -59,7 +59,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes w
 
 
 for _kind in ("int", "float"):
-    _UniqueKeyLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _UniqueKeyLoader.construct_number)
+    _StrictLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _StrictLoader.construct_number)
 
 
 def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
@@ -79,7 +79,7 @@ def parse_yaml(text: str, where: str) -> Any:
         ParameterError: if it is not YAML, or could be misread.
     """
     try:
-        return yaml.load(text, _UniqueKeyLoader)
+        return yaml.load(text, _StrictLoader)
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
