@@ -1,13 +1,14 @@
 """The fork server: a process that has imported the modules of all nodes, and forks them without delay.
 
 A node's imports take half a second to a second of processor time. A mission has fourteen or sixty nodes, and a node
-that died must be back soon. The fork server imports once, and once loads compiled code and message types (`prepare`).
-Each node is still a separate process, with its own log, process group and the command line of `ros2 run`. The server
-has no ROS context and starts no thread; importing rclpy starts two idle ones, which forked nodes do not have.
+that died must be back soon. The fork server imports once, and once loads compiled code and message types (`prepare`),
+each module before the first node that needs it: the first nodes begin while it loads for the others. Each node is still
+a separate process, with its own log, process group and the command line of `ros2 run`. The server has no ROS context
+and starts no thread; importing rclpy starts two idle ones, which forked nodes do not have.
 
-Requests are JSON lines on the server's standard input: the first has modules, environment and log file, each further
-one a node. The server answers on its standard output with each node's process id and, later, its exit code. It ends
-when its input is closed, and Linux ends its nodes with it.
+Requests are JSON lines on the server's standard input: the first has environment and log file, each further one a
+node. The server answers on its standard output with each node's process id and, later, its exit code. It ends when its
+input is closed, and Linux ends its nodes with it.
 
 `load_early` starts a server in advance, for a command whose own imports take seconds.
 """
@@ -114,21 +115,16 @@ class ForkServer:
 
     def __init__(
         self,
-        processes: Iterable[Process],
         log: Path,
         environment: Mapping[str, str],
         *,
-        first: Process | None = None,
         in_turn: bool = False,
     ) -> None:
-        """Starts the server, which begins to import.
+        """Starts the server.
 
         Args:
-            processes: The processes to be started later.
             log: File for errors of the server itself. If a log file cannot be written, the output goes to this
                 process's standard error.
-            first: The process that is started before the modules of the others are imported; None: all are imported
-                first, and share more memory.
             in_turn: Whether the receiver of a message waits for the sender to finish its work (Linux: SCHED_BATCH).
                 In lockstep that saves a fifth of the processor time; otherwise it delays answers.
         """
@@ -136,17 +132,8 @@ class ForkServer:
         self.log = log
         self._started: list[ForkedProcess] = []
         self._rest = b""
-        modules = _modules_of(processes)
         self._server, _early = _early or _launch(environment), None
-        self._ask(
-            {
-                "modules": modules,
-                "first": [] if first is None else _modules_of([first]),
-                "log": str(log),
-                "environment": dict(environment),
-                "in_turn": in_turn,
-            }
-        )
+        self._ask({"server_log": str(log), "environment": dict(environment), "in_turn": in_turn})
 
     def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
         """Starts a process; its output goes to the file `log`, appended if `append`."""
@@ -319,7 +306,7 @@ def serve(modules: Sequence[str]) -> int:
         with contextlib.suppress(Exception):
             importlib.import_module(module)
     numbers: dict[int, int] = {}
-    later: list[str] = []  # modules that are loaded after the first process has been forked
+    loaded: set[str] = set()
     terminal = os.dup(2)
     woken, wake = os.pipe()
     os.set_blocking(wake, False)
@@ -339,12 +326,10 @@ def serve(modules: Sequence[str]) -> int:
             *lines, requests = (requests + data).split(b"\n")
             for line in lines:
                 request = json.loads(line)
-                if "modules" in request:
-                    later = _begin(request)
+                if "server_log" in request:
+                    _begin(request)
                     continue
-                if later and numbers:
-                    _load(later)
-                    later = []
+                _load(request["entries"], loaded)
                 server = os.getpid()
                 pid = os.fork()
                 if pid == 0:
@@ -355,25 +340,24 @@ def serve(modules: Sequence[str]) -> int:
                 _answer(number=request["number"], pid=pid)
 
 
-def _begin(request: Mapping[str, Any]) -> list[str]:
-    """Takes environment and log file, and loads the modules of the first process, or all; returns the others."""
-    with open_log(Path(request["log"]), 2, append=True) as output:  # keeps the log of an earlier server
+def _begin(request: Mapping[str, Any]) -> None:
+    """Takes environment and log file."""
+    with open_log(Path(request["server_log"]), 2, append=True) as output:  # keeps the log of an earlier server
         if output != 2:
             os.dup2(output, 2)
     os.environ.update(request["environment"])
     if request["in_turn"] and hasattr(os, "SCHED_BATCH"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    if request["first"]:
-        prepare([*request["first"], _OF_ALL])
-        return list(request["modules"])
-    _load(request["modules"])
-    return []
 
 
-def _load(modules: Sequence[str]) -> None:
-    """Loads modules for all processes that are forked from now on."""
-    prepare([*modules, _OF_ALL])
+def _load(entries: Iterable[str], loaded: set[str]) -> None:
+    """Loads the modules of entry points that are not `loaded` yet, for all processes that are forked from now on."""
+    modules = {entry.partition(":")[0] for entry in entries} - loaded
+    if not modules:
+        return
+    loaded |= modules
+    prepare([*sorted(modules), _OF_ALL])
     gc.collect()
     gc.freeze()  # keeps pages shared: the collector leaves objects from before the fork alone
     return_free_memory()

@@ -3,9 +3,8 @@
 Theory of operation
 -------------------
 The caller calls `ProcessKeeper.tick` a few times a second; the first call starts every process, in order. Nodes are
-forked by a fork server, which has imported their modules; other programs are started directly. With `restart` the
-first node is forked before the modules of the others are imported. No process depends on a log file. A process that has
-ended is reported by `tick`. What follows depends on `restart`:
+forked by a fork server, which imports their modules; other programs are started directly. No process depends on a log
+file. A process that has ended is reported by `tick`. What follows depends on `restart`:
 
 - False, for a mission in lockstep: nothing. A mission cannot go on without one of its nodes, so the caller ends it.
 - True, for a vehicle: the process is started again after a wait that doubles with each death, up to
@@ -322,6 +321,5 @@ class ProcessKeeper:
             return start(command, log, self._environment, append=append)
         if self._server is None or not self._server.running:
             server_log = self._logs / "fork_server.log"
-            first = self._forked[0] if self._restart else None
-            self._server = ForkServer(self._forked, server_log, self._environment, first=first, in_turn=self._in_turn)
+            self._server = ForkServer(server_log, self._environment, in_turn=self._in_turn)
         return self._server.start(task.node, command, log, append=append)

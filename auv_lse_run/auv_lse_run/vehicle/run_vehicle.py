@@ -48,6 +48,8 @@ _TICK_S = 0.2
 #: A node that rejects its parameters within this time (s) after its first start ends the command: a restart cannot
 #: help.
 _FIRST_START_S = 30.0
+#: Nodes that load compiled code; they start last, so that the others need not wait for it.
+_SLOW_NODES = ("gp_node", "planner_node")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,13 +72,14 @@ class VehicleProcesses:
     lockstep: bool
 
     def tasks(self) -> list[Task]:
-        """The processes as tasks of a process keeper.
+        """The processes as tasks of a process keeper, in the order of their starts.
 
         Raises:
             LaunchError: if one is not installed.
         """
         clock = ("-p", "use_sim_time:=true") if self.simulated else ()
-        tasks = [node_task(process, self.file, *clock) for process in self.nodes]
+        nodes = sorted(self.nodes, key=lambda process: process.executable in _SLOW_NODES)
+        tasks = [node_task(process, self.file, *clock) for process in nodes]
         if self.recording is not None:
             tasks.insert(1, self._recorder(self.recording))
         return tasks

@@ -36,7 +36,7 @@ def _command_line(pid: int) -> list[str]:
 
 
 def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> None:
-    server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+    server = ForkServer(tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
     try:
         asked = server.start(MODEM, ["modem_node", "--help"], tmp_path / "help.log")
         assert asked.wait(30.0) == 0
@@ -71,7 +71,7 @@ def test_processes_are_separate_and_their_ends_are_reported(tmp_path: Path) -> N
 def test_what_is_forked_while_the_server_closes_ends_with_it(tmp_path: Path) -> None:
     """Ctrl-C while the nodes are being started: the last of them must not write when the run folder is cleared."""
     for number in range(5):
-        server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+        server = ForkServer(tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
         command = [*RUNS, "-p", f"packet.session:={tmp_path}"]
         assert server.start(MODEM, command, tmp_path / "first.log").pid, "the server has loaded its modules"
         later = [server.start(MODEM, command, tmp_path / f"{number} {k}.log") for k in range(6)]
@@ -88,7 +88,7 @@ def _pids() -> list[int]:
 def test_early_server_is_used_with_a_later_log(tmp_path: Path) -> None:
     fork_server.load_early([MODEM], dict(os.environ))
     early = fork_server._early
-    server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+    server = ForkServer(tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
     try:
         assert early is not None
         assert server._server is early
@@ -112,8 +112,12 @@ def test_early_server_that_nothing_uses_is_ended() -> None:
 
 def test_missing_process_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
-    with pytest.raises(LaunchError, match="auv_lse_gp has no node sonar_node"):
-        ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
+    server = ForkServer(tmp_path / "server.log", dict(os.environ))
+    try:
+        with pytest.raises(LaunchError, match="auv_lse_gp has no node sonar_node"):
+            server.start(ghost, ["sonar_node"], tmp_path / "ghost.log")
+    finally:
+        server.close()
 
 
 def test_keeper_restarts_everything_when_the_fork_server_dies(tmp_path: Path) -> None:
