@@ -60,6 +60,11 @@ def is_other(text: str) -> bool:
     return _OTHER.search(plain) is not None
 
 
+def is_bare(name: str) -> bool:
+    """Whether a name is the word for depth or elevation and nothing else: of `depth` and `depth_min` the first."""
+    return any(pattern.fullmatch(name.lower()) for pattern in (_DOWN, _UP))
+
+
 def _unit_in(text: str) -> str:
     """The unit at the end of a name, such as depth_ft; "" without one. That after a number is of a resolution."""
     found = [word for word in re.split(r"[\W_]+", text.lower()) if word]

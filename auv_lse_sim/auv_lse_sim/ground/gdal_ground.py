@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.user_error import brief
-from auv_lse_sim.ground.band_meaning import Meaning, is_other, length_m, meaning, text_says_up
+from auv_lse_common.vocabulary.frames import unwrapped_deg
+from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_other, length_m, meaning, text_says_up
 from auv_lse_sim.ground.depth_sign import SIGN_FLAGS
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
@@ -37,6 +38,8 @@ _AXES = (
     ("latitude", "projection_y_coordinate", "degrees_north", "degree_north", "degrees_N", "degree_N"),
     ("longitude", "projection_x_coordinate", "degrees_east", "degree_east", "degrees_E", "degree_E"),
 )
+#: Their names in a file that marks none, as GMT writes it.
+_AXIS_NAMES = (("y", "lat", "latitude", "northing", "north"), ("x", "lon", "longitude", "easting", "east"))
 #: Steps of an axis differ by less than this share.
 _UNEVEN = 0.1
 _COLORS = ("red", "green", "blue", "alpha", "palette", "cyan", "magenta", "yellow", "black", "hue", "saturation")
@@ -62,9 +65,9 @@ def read_gdal_ground(path: Path, config: BathymetryConfig, origin: tuple[float, 
             with _opened(path) as data:
                 if data.count or not data.subdatasets:
                     return _ground(data, path, config, origin)
-                variable, driver = _variable(data.subdatasets, path), data.driver
-            with rasterio.open(variable, driver=driver) as data:
-                return _ground(data, path, config, origin)
+                (variable, notes), driver = _variable(data.subdatasets, path), data.driver
+            with rasterio.open(variable, driver=driver, **_options(driver)) as data:
+                return _ground(data, path, config, origin, notes)
     except GroundError:
         raise
     except (RasterioError, RuntimeError, MemoryError, ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -105,10 +108,23 @@ def _opened(path: Path) -> Any:
         raise GroundError(f"{path} is not a readable raster: it is neither TIFF, netCDF nor HDF5 (BAG, S-102)")
     for driver in others:
         try:
-            return rasterio.open(path, driver=driver)
+            return rasterio.open(path, driver=driver, **_options(driver))
         except RasterioIOError:
             continue
-    return rasterio.open(path, driver=last)
+    try:
+        return rasterio.open(path, driver=last, **_options(last))
+    except RasterioIOError as error:
+        if last != "netCDF":
+            raise
+        raise GroundError(
+            f"{path} is not a readable raster: {brief(error)}. If it holds points instead of a grid, write them as "
+            ".csv with lat, lon, depth_m"
+        ) from error
+
+
+def _options(driver: str) -> dict[str, str]:
+    """Options for opening a file: GDAL's own use of a netCDF variable's valid range makes the others 0."""
+    return {"HONOUR_VALID_RANGE": "NO"} if driver == "netCDF" else {}
 
 
 def _check_header(path: Path) -> None:
@@ -127,39 +143,49 @@ def _check_header(path: Path) -> None:
         raise GroundError(f"{path} is a damaged netCDF file ({brief(error)}). Copy it again") from error
 
 
-def _variable(names: list[str], path: Path) -> str:
-    """The subdataset that holds depths or elevations, by its name.
+def _variable(names: list[str], path: Path) -> tuple[str, list[str]]:
+    """The subdataset that holds depths or elevations, by its name, and a note if it is one of several.
 
     Raises:
-        GroundError: if none or several do.
+        GroundError: if none does, or several do and none or more than one is named by that word alone.
     """
     shown = {name: name.rpartition(":")[2].strip("/") for name in names}
     fit = [name for name, last in shown.items() if not is_other(last)]
     named = [name for name in fit if text_says_up(shown[name]) is not None] or fit
-    if len(named) != 1:
-        raise GroundError(
-            f"{path} has the variables {', '.join(shown.values())}; which are the depths? Write that one to a "
-            f"GeoTIFF: gdal_translate '{(named or names)[0]}' depth.tif"
-        )
-    return named[0]
+    plain = [name for name in named if is_bare(shown[name].rpartition("/")[2])]
+    if len(named) == 1 or len(plain) == 1:
+        chosen = named[0] if len(named) == 1 else plain[0]
+        others = ", ".join(shown[name] for name in named if name != chosen)
+        return chosen, [f"variable {shown[chosen]}, not {others}"] if others else []
+    raise GroundError(
+        f"{path} has the variables {', '.join(shown.values())}; which are the depths? Write that one to a "
+        f"GeoTIFF: gdal_translate '{(named or names)[0]}' depth.tif"
+    )
 
 
-def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    """Ground from an opened raster."""
+def _ground(
+    data: Any, path: Path, config: BathymetryConfig, origin: tuple[float, float] | None, about: Sequence[str] = ()
+) -> GridGround:
+    """Ground from an opened raster, with notes about its choice."""
     check_nodes(str(path), data.height, data.width)
     band, notes = _band(data, path)
+    notes = [*about, *notes]
     said, crs = _meaning(data, band, path)
     _check_no_picture(data, band, said, path, config)
     transform = data.transform
     if transform.b or transform.d or not transform.a or not transform.e:
         raise GroundError(f"{path}: it is rotated (transform {tuple(transform)[:6]}). Make it north-up with gdalwarp")
-    if transform.is_identity:
+    if transform.is_identity and data.driver != "netCDF":
         raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
     grid = data.read(band, masked=True)
     if np.iscomplexobj(grid):
         raise GroundError(f"{path}: its values are complex numbers, which are not depths")
     scale, offset = data.scales[band - 1], data.offsets[band - 1]
-    values: Array = np.ma.filled(grid.astype(float), np.nan) * (scale * said.unit_m) + offset * said.unit_m
+    values: Array = np.ma.filled(grid.astype(float), np.nan)
+    if data.driver == "netCDF":
+        values, note = _valid(values, data.tags(band), scale, offset)
+        notes += note
+    values = values * (scale * said.unit_m) + offset * said.unit_m
     if (scale, offset) != (1.0, 0.0):
         notes.append(f"scale {scale:g} and offset {offset:g} of the file applied")
     if said.unit_m != 1.0:
@@ -167,29 +193,58 @@ def _ground(data: Any, path: Path, config: BathymetryConfig, origin: tuple[float
     rows, columns = values.shape
     x = transform.c + transform.a * (np.arange(columns) + 0.5)
     y = transform.f + transform.e * (np.arange(rows) + 0.5)
-    unit = _checked_axes(data, path, x, y) if data.driver == "netCDF" else 1.0
-    x, y = unit * x, unit * y
-    if transform.e < 0.0:
+    if data.driver == "netCDF":
+        x, y = _netcdf_axes(data, path, x, y)
+    if y[0] > y[-1]:
         y, values = y[::-1], values[::-1]
-    if transform.a < 0.0:
+    if x[0] > x[-1]:
         x, values = x[::-1], values[:, ::-1]
     return raster_ground(path, x, y, values, crs, config, origin, replace(said, notes=tuple(notes)))
 
 
-def _checked_axes(data: Any, path: Path, x: Array, y: Array) -> float:
-    """Checks the axes of a netCDF file; returns the factor from their unit to that of the CRS.
+def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) -> tuple[Array, list[str]]:
+    """Values (ny, nx) as stored with those outside of `valid_range`, `valid_min`, `valid_max` unknown, and a note.
 
-    GDAL takes the last dimension for x, and even steps for granted.
+    The range is one of stored values. Where they are packed and it leaves out most, the writer meant unpacked ones.
+    """
+    texts = [*tags.get("valid_range", "").strip("{} ").split(","), "", ""][:2]
+    low, high = (_number(tags.get(key, text)) for key, text in zip(("valid_min", "valid_max"), texts, strict=True))
+    with np.errstate(invalid="ignore"):
+        stored, unpacked = ((v < low) | (v > high) for v in (values, values * scale + offset))
+    known = int(np.isfinite(values).sum())
+    outside = unpacked if known < 2 * stored.sum() and unpacked.sum() < stored.sum() else stored
+    if not outside.any():
+        return values, []
+    limits = [f"{word} {limit:g}" for word, limit in (("below", low), ("above", high)) if np.isfinite(limit)]
+    note = f"{int(outside.sum())} nodes {' or '.join(limits)} (the file's valid range) taken as unknown"
+    return np.where(outside, np.nan, values), [note]
+
+
+def _number(text: str) -> float:
+    """A number of an attribute; NaN, which no value is beyond, if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _netcdf_axes(data: Any, path: Path, x: Array, y: Array) -> tuple[Array, Array]:
+    """The axes of the columns and rows of a netCDF grid, in the unit of its CRS; GDAL found `x` and `y`.
+
+    GDAL takes the last dimension for x, and even steps for granted. It finds no axes that the file does not mark.
 
     Raises:
-        GroundError: if the axes are not those of the rows and columns, or have uneven steps.
+        GroundError: if the axes are not those of the rows and columns, have uneven steps, or there are none.
     """
     tags = data.tags()
     names = [next((key.partition("#")[0] for key, text in tags.items() if text in marks), "") for marks in _AXES]
+    if data.transform.is_identity:
+        names, x, y = _named_axes(data, path)
     for name, what, found in zip(names, ("rows", "columns"), (y, x), strict=True):
         axis, precision = _values(path, name) if name else (np.empty(0), 0.0)
         if not axis.size or len(found) < 2:
             continue
+        axis = np.sort(unwrapped_deg(axis) if tags.get(f"{name}#units") in _AXES[1] else axis)
         steps, step = np.diff(axis), abs(found[1] - found[0])
         if np.ptp(steps) > _UNEVEN * step + 4.0 * precision:
             raise GroundError(
@@ -204,18 +259,44 @@ def _checked_axes(data: Any, path: Path, x: Array, y: Array) -> float:
                 f"ncpdq -a {','.join(names)} {path.name} out.nc"
             )
     unit_m = length_m(tags.get(f"{names[1]}#units", ""))
-    return 1.0 if unit_m is None else unit_m / (data.crs.linear_units_factor[1] if data.crs else 1.0)
+    factor = 1.0 if unit_m is None else unit_m / (data.crs.linear_units_factor[1] if data.crs else 1.0)
+    return factor * x, factor * y
+
+
+def _named_axes(data: Any, path: Path) -> tuple[list[str], Array, Array]:
+    """The axes of a netCDF grid that marks none, by their names: those of rows and columns, and both axes.
+
+    Raises:
+        GroundError: if there are none.
+    """
+    if coordinates := data.tags(1).get("coordinates"):
+        raise GroundError(
+            f"{path}: its rows and columns have no axes; each node has a position ({coordinates}). Grid it evenly: "
+            f"gdalwarp -geoloc {path.name} out.tif"
+        )
+    found = [
+        next(((name, axis) for name in names if (axis := _values(path, name)[0]).size == count), None)
+        for names, count in zip(_AXIS_NAMES, data.shape, strict=True)
+    ]
+    rows, columns = found
+    if rows is None or columns is None:
+        raise GroundError(f"{path}: it has no position on Earth. Use gdal_translate -a_ullr -a_srs")
+    return [rows[0], columns[0]], columns[1], rows[1][::-1]  # GDAL reads it from the last row
 
 
 def _values(path: Path, name: str) -> tuple[Array, float]:
-    """The values of a netCDF variable with one dimension, growing, and their precision; none of another one."""
+    """The values of a netCDF variable with one dimension, and their precision; none of another one."""
     import rasterio
+    from rasterio.errors import RasterioIOError
 
-    with rasterio.open(f'netcdf:"{path}":{name}', driver="netCDF") as file:
-        if 1 not in file.shape:
-            return np.empty(0), 0.0
-        axis = file.read(1).ravel()
-    return np.sort(axis.astype(float)), float(np.spacing(np.abs(axis).max())) if axis.dtype.kind == "f" else 0.0
+    try:
+        with rasterio.open(f'netcdf:"{path}":{name}', driver="netCDF") as file:
+            if 1 not in file.shape:
+                return np.empty(0), 0.0
+            axis = file.read(1).ravel()
+    except RasterioIOError:
+        return np.empty(0), 0.0
+    return axis.astype(float), float(np.spacing(np.abs(axis).max())) if axis.dtype.kind == "f" else 0.0
 
 
 def _band(data: Any, path: Path) -> tuple[int, list[str]]:

@@ -14,6 +14,8 @@ from auv_lse_sim.ground.npz_ground import read_npz_ground
 from auv_lse_sim.ground.soundings_ground import read_soundings_ground
 from auv_lse_sim.ground.xyz_ground import is_xyz, read_xyz_ground
 
+_VECTORS = (".shp", ".gpkg", ".geojson", ".geojsonl", ".json", ".kml", ".kmz", ".gml", ".gpx", ".dxf", ".fgb")
+
 
 def load_ground(
     path: str | Path, config: BathymetryConfig | None = None, origin: tuple[float, float] | None = None
@@ -48,12 +50,11 @@ def load_ground(
         ".h5": read_gdal_ground,
     }
     reader, begin = kinds.get(path.suffix.lower()), _begin(path)
-    if begin[:4] in (b"DSAA", b"DSBB", b"DSRB"):
-        raise GroundError(f"{path} is a Surfer grid. Convert it: gdal_translate {path.name} {path.stem}.tif")
     if is_raster_file(begin):
         reader = read_gdal_ground
-    elif reader is read_soundings_ground and is_xyz(path):
-        reader = read_xyz_ground
+    else:
+        _refuse_other(path, begin)
+        reader = read_xyz_ground if reader is read_soundings_ground and is_xyz(path) else reader
     if reader is None:
         raise GroundError(f"{path}: files ending in {path.suffix!r} cannot be read; use one of {', '.join(kinds)}")
     if origin is not None:
@@ -64,6 +65,29 @@ def load_ground(
         raise GroundError(str(error)) from error
     except OSError as error:
         raise GroundError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _refuse_other(path: Path, begin: bytes) -> None:
+    """Refuses files that another program converts, by their first bytes or their suffix.
+
+    Raises:
+        GroundError: with the command that does it.
+    """
+    if begin[:4] in (b"DSAA", b"DSBB", b"DSRB"):
+        raise GroundError(f"{path} is a Surfer grid. Convert it: gdal_translate {path.name} {path.stem}.tif")
+    if begin[:4] == b"LASF":
+        raise GroundError(
+            f"{path} is a point cloud (LAS). Write the points of the bottom as .xyz: pdal translate {path.name} "
+            f"{path.stem}.xyz --writers.text.order=X,Y,Z --writers.text.keep_unspecified=false "
+            "--writers.text.write_header=false"
+        )
+    if path.suffix.lower() in _VECTORS:
+        raise GroundError(
+            f"{path} holds points or lines, not a grid. Write its soundings as a table: ogr2ogr -t_srs EPSG:4326 -lco "
+            f"GEOMETRY=AS_XY {path.stem}.csv {path.name}; then rename the columns to lon, lat, depth_m"
+        )
+    if begin[:2] == b"\x1f\x8b" or (begin[:4] == b"PK\3\4" and path.suffix.lower() != ".npz"):
+        raise GroundError(f"{path} is packed. Unpack it, and give the file inside")
 
 
 def _begin(path: Path) -> bytes:

@@ -133,3 +133,20 @@ def test_a_survey_both_ways(tmp_path):
         assert np.median(error) < 0.1
         assert np.percentile(error, 99) < 0.5
     assert len(rows) > 6000
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "match"),
+    [
+        ("a.laz", b"LASF", r"a\.laz is a point cloud \(LAS\)\..* pdal translate a\.laz a\.xyz "),
+        ("a.txt", b"LASF", r"a\.txt is a point cloud"),
+        ("a.geojson", b"{}", r"a\.geojson holds points or lines, not a grid\..* ogr2ogr .* a\.csv a\.geojson; then"),
+        ("a.gpkg", b"SQLite", r"a\.gpkg holds points or lines"),
+        ("a.csv.gz", b"\x1f\x8b", r"a\.csv\.gz is packed\. Unpack it"),
+        ("a.zip", b"PK\3\4", r"a\.zip is packed\. Unpack it"),
+    ],
+)
+def test_files_that_another_program_converts_name_the_way(tmp_path, name, begin, match):
+    (tmp_path / name).write_bytes(begin + bytes(20))
+    with pytest.raises(GroundError, match=match):
+        load_ground(tmp_path / name)

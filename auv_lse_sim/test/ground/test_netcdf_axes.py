@@ -24,8 +24,10 @@ def netcdf(path, axes, values, order=None, crs=None):
         for name, (axis, unit) in axes.items():
             file.createDimension(name, len(axis))
             variable = file.createVariable(name, "f4" if axis.dtype == "f4" else "f8", (name,))
-            variable[:], variable.units = axis, unit
-            if name in ("x", "y"):
+            variable[:] = axis
+            if unit:
+                variable.units = unit
+            if name in ("x", "y") and unit:
                 variable.standard_name = f"projection_{name}_coordinate"
         depth = file.createVariable("depth", "f4", order or tuple(axes))
         depth[:], depth.units = values, "m"
@@ -82,3 +84,47 @@ def test_axes_in_kilometres_are_converted(tmp_path, has_crs):
 def test_a_colon_in_the_path_is_part_of_it(tmp_path):
     (tmp_path / "at 10:30").mkdir()
     check(netcdf(tmp_path / "at 10:30" / "lake.nc", DEGREES, DEPTH))
+
+
+@pytest.mark.parametrize("rows", [1, -1])
+@pytest.mark.parametrize("names", [("y", "x"), ("northing", "easting"), ("lat", "lon")])
+def test_axes_that_the_file_does_not_mark_count_by_their_names_as_gmt_writes_them(tmp_path, rows, names):
+    axes = (LAT, LON) if names[0] == "lat" else (5_200_000.0 + AXIS, 500_000.0 + AXIS)
+    marked = {name: (axis, "") for name, axis in zip(names, (axes[0][::rows], axes[1]), strict=True)}
+    ground = load_ground(netcdf(tmp_path / "a.nc", marked, DEPTH[::rows]), DOWN)
+    check_bottom(ground, offset=(200.0, 200.0), tolerance=0.35)
+
+
+def test_axes_without_a_mark_must_be_even_and_those_in_kilometres_are_converted(tmp_path):
+    uneven = AXIS.copy()
+    uneven[20:] += 50.0
+    with pytest.raises(GroundError, match=r"a\.nc: its y has uneven steps, from 10 to 60"):
+        load_ground(netcdf(tmp_path / "a.nc", {"y": (uneven, ""), "x": (AXIS, "")}, DEPTH), DOWN)
+    path = tmp_path / "b.nc"
+    netcdf(path, {"northing": (AXIS / 1000.0, "km"), "easting": (AXIS / 1000.0, "km")}, DEPTH)
+    check_bottom(load_ground(path, DOWN), tolerance=0.35)
+    with pytest.raises(GroundError, match="no position on Earth"):
+        load_ground(netcdf(tmp_path / "c.nc", {"row": (AXIS, ""), "col": (AXIS, "")}, DEPTH), DOWN)
+
+
+def test_longitudes_may_jump_at_the_antimeridian(tmp_path):
+    lon = 179.998 + AXIS / 75_900.0
+    axes = {**DEGREES, "lon": (np.where(lon > 180.0, lon - 360.0, lon), "degrees_east")}
+    check(netcdf(tmp_path / "a.nc", axes, DEPTH))
+
+
+def test_a_grid_with_a_position_for_each_node_and_mere_points_name_the_way(tmp_path):
+    from scipy.io import netcdf_file
+
+    lat, lon = np.meshgrid(LAT, LON, indexing="ij")
+    for name, dimensions in (("nodes.nc", ("y", "x")), ("points.nc", ("n",))):
+        with netcdf_file(tmp_path / name, "w") as file:
+            for dimension in dimensions:
+                file.createDimension(dimension, 41)
+            for variable, values in (("lat", lat), ("lon", lon), ("depth", DEPTH)):
+                file.createVariable(variable, "f8", dimensions)[:] = values if len(dimensions) == 2 else values[0]
+            file.variables["depth"].coordinates = "lon lat"
+    with pytest.raises(GroundError, match=r"each node has a position \(lon lat\).* gdalwarp -geoloc nodes\.nc"):
+        load_ground(tmp_path / "nodes.nc", DOWN)
+    with pytest.raises(GroundError, match=r"If it holds points instead of a grid, write them as \.csv with lat, lon"):
+        load_ground(tmp_path / "points.nc", DOWN)
