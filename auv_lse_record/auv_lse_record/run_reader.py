@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.degrees import AreaReader
 from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.retired import notes_on_retired, without_retired
@@ -58,7 +59,12 @@ _VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
 
 
 def read_run(
-    path: Path, *, mission: Path | None = None, ground: GroundGrid | None = None, wall_s: float = math.nan
+    path: Path,
+    *,
+    mission: Path | None = None,
+    ground: GroundGrid | None = None,
+    wall_s: float = math.nan,
+    read_area: AreaReader | None = None,
 ) -> RunData:
     """Reads the recording of a mission.
 
@@ -67,57 +73,60 @@ def read_run(
         mission: The mission file, if the recording does not contain it.
         ground: True ground on the evaluation grid; None if unknown.
         wall_s: Wall-clock duration of the mission (s); NaN if unknown.
+        read_area: Reads the `area.file` of a mission file that is not the recording's own; None: it is refused.
 
     Raises:
         RecordingError: naming the recording and the missing or damaged part.
         ParameterError: if the mission file is not a parameter file.
     """
     if mission is not None:
-        return read_bag(recording_in(path), read_parameter_file(mission), ground=ground, wall_s=wall_s)
+        return read_bag(recording_in(path), read_parameter_file(mission, read_area), ground=ground, wall_s=wall_s)
     with Recording(recording_in(path)) as recording:
-        run = _run_in(recording, _parameters_in(recording, path), ground, wall_s)
-        return dataclasses.replace(run, notes=[*run.notes, *_on_another_file(recording, path)])
+        run = _run_in(recording, _parameters_in(recording, path, read_area), ground, wall_s)
+        return dataclasses.replace(run, notes=[*run.notes, *_on_another_file(recording, path, read_area)])
 
 
-def recorded_parameters(path: Path, mission: Path | None = None) -> Patterns:
+def recorded_parameters(path: Path, mission: Path | None = None, read_area: AreaReader | None = None) -> Patterns:
     """The mission file of a recording: `mission` if given, else the recording's own, else `mission.yaml` beside it.
 
     It may have parameters and values of earlier versions (`retired.py`).
 
     Args:
         mission: A mission file that replaces the recording's.
+        read_area: As for `read_run`.
 
     Raises:
         RecordingError: if there is no recording, or none of the three.
         ParameterError: if it is not a parameter file.
     """
     if mission is not None:
-        return read_parameter_file(mission)
+        return read_parameter_file(mission, read_area)
     with Recording(recording_in(path)) as recording:
-        return _parameters_in(recording, path)
+        return _parameters_in(recording, path, read_area)
 
 
-def _parameters_in(recording: Recording, path: Path) -> Patterns:
+def _parameters_in(recording: Recording, path: Path, read_area: AreaReader | None) -> Patterns:
     """The mission file of a recording, or that beside it."""
     text = recording.text(MISSION_FILE)
     if text is not None:
-        return parse_parameters(text, f"{path}: {MISSION_FILE}")
+        return parse_parameters(text, f"{path}: {MISSION_FILE}", is_recorded=True)
     for folder in (path, path.parent):
         if (folder / "mission.yaml").is_file():
-            return read_parameter_file(folder / "mission.yaml")
+            return read_parameter_file(folder / "mission.yaml", read_area, is_recorded=True)
     raise RecordingError(
         f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Name the "
         "mission's file with --mission FILE."
     )
 
 
-def _on_another_file(recording: Recording, path: Path) -> list[str]:
+def _on_another_file(recording: Recording, path: Path, read_area: AreaReader | None) -> list[str]:
     """A note if somebody has changed the mission file beside a recording, which is not read."""
     text, beside = recording.text(MISSION_FILE), path / "mission.yaml"
     if text is None or not beside.is_file():
         return []
     with contextlib.suppress(ParameterError):
-        if read_parameter_file(beside) == parse_parameters(text, str(beside)):
+        own = parse_parameters(text, str(beside), is_recorded=True)
+        if read_parameter_file(beside, read_area, is_recorded=True) == own:
             return []
     return [f"{beside} is not the mission file in the recording and is ignored; copy it elsewhere to fly it"]
 

@@ -208,6 +208,25 @@ def test_recording_of_the_last_version_is_read(tmp_path, synthetic_run):
     assert Settings.from_patterns(read_run(tmp_path).parameters, "it").mission.steps == 2
 
 
+@pytest.mark.parametrize("in_recording", [True, False])
+def test_numbers_that_an_earlier_version_read_in_base_8_or_60_are_read_as_it_did(
+    tmp_path, synthetic_run, monkeypatch, in_recording
+):
+    text = run_writer._mission_text(synthetic_run(steps=8).parameters)
+    earlier = text.replace("steps: 8\n", "steps: 010\n")
+    assert earlier != text
+    with monkeypatch.context() as patch:
+        patch.setattr(run_writer, "_mission_text", lambda parameters: earlier)
+        if not in_recording:
+            patch.setattr(run_writer, "MISSION_FILE", "/recorder/other")
+        write_run(synthetic_run(steps=8), tmp_path)
+    run = read_run(tmp_path)
+    assert Settings.from_patterns(run.parameters, "it").mission.steps == 8
+    assert not run.notes
+    with pytest.raises(ParameterError, match="YAML reads 010 in base 8"):
+        read_run(tmp_path, mission=tmp_path / "mission.yaml")
+
+
 def test_recording_with_a_value_of_an_earlier_version_is_read(tmp_path, synthetic_run):
     run = synthetic_run(steps=2)
     flown = run.parameters["/**"]

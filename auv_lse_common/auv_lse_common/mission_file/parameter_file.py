@@ -14,23 +14,27 @@ from auv_lse_common.support.input_bounds import MAX_PATTERNS, MAX_YAML_BYTES, ov
 from auv_lse_common.support.user_error import brief
 
 
-def read_parameter_file(path: str | Path, read_area: AreaReader | None = None) -> dict[str, dict[str, Any]]:
+def read_parameter_file(
+    path: str | Path, read_area: AreaReader | None = None, is_recorded: bool = False
+) -> dict[str, dict[str, Any]]:
     """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; all is in metres.
 
     Args:
         path: The file.
         read_area: Reads the file that `area.file` names; None: such a file is refused.
+        is_recorded: Whether it is the file of a run, which an earlier version may have written: see `parse_yaml`.
 
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
     path = Path(path)
-    return in_metres(parse_parameters(_read_text(path), str(path)), path.parent, str(path), read_area)
+    patterns = parse_parameters(_read_text(path), str(path), is_recorded)
+    return in_metres(patterns, path.parent, str(path), read_area)
 
 
-def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
+def parse_parameters(text: str, where: str, is_recorded: bool = False) -> dict[str, dict[str, Any]]:
     """As `read_parameter_file`, from the file's text; `where` names the file in messages."""
-    data = parse_yaml(text, where)
+    data = parse_yaml(text, where, is_recorded)
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
         raise ParameterError(f"{where} {'is empty' if data is None else f'holds {repr(data)[:60]}'}; write {shape}")

@@ -1,4 +1,7 @@
-"""Strict YAML: what YAML 1.1 would change without a word is refused."""
+"""Strict YAML: what YAML 1.1 would change without a word is refused.
+
+A recording's mission file may be of a version that was less strict: its numbers are read as that version read them.
+"""
 
 from __future__ import annotations
 
@@ -62,6 +65,14 @@ for _kind in ("int", "float"):
     _StrictLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _StrictLoader.construct_number)
 
 
+class _RecordedLoader(_StrictLoader):
+    """As the strict one, with YAML 1.1's numbers: those that a vehicle used."""
+
+
+for _kind in ("int", "float"):
+    _RecordedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", getattr(yaml.SafeLoader, f"construct_yaml_{_kind}"))
+
+
 def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
     """Values below a node, each alias counted as what it stands for; inf where it stands for itself."""
     if id(node) not in known:
@@ -72,14 +83,19 @@ def _count_values(node: yaml.Node, known: dict[int, float]) -> float:
     return known[id(node)]
 
 
-def parse_yaml(text: str, where: str) -> Any:
+def parse_yaml(text: str, where: str, is_recorded: bool = False) -> Any:
     """The content of a text in YAML; `where` names it in messages.
+
+    Args:
+        text: The text.
+        where: Where it is from.
+        is_recorded: Whether it was used already, so that numbers count as YAML 1.1 reads them.
 
     Raises:
         ParameterError: if it is not YAML, or could be misread.
     """
     try:
-        return yaml.load(text, _StrictLoader)
+        return yaml.load(text, _RecordedLoader if is_recorded else _StrictLoader)
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         position = f"line {at.line + 1}, column {at.column + 1}: " if at else ""

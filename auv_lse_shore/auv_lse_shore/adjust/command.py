@@ -9,6 +9,7 @@ from pathlib import Path
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.options import add_survey_options, survey_of
 from auv_lse_shore.export.survey import Survey
@@ -76,7 +77,7 @@ def adjusted(
     survey, recorded = survey or Survey(), []
     for path in paths:
         yield f"reading {path}"
-        recorded.append(read_run(path, mission=mission))
+        recorded.append(read_run(path, mission=mission, read_area=read_area))
         yield from (f"  {note}" for note in recorded[-1].notes)
         for vehicle in recorded[-1].vehicles:
             if missing := missing_in(vehicle):

@@ -88,7 +88,7 @@ def read_recordings(paths: Sequence[Path], mission: Path | None = None) -> Recor
         parameters = (
             read_parameter_file(mission, read_area)
             if mission is not None
-            else parse_parameters(text or "", f"{path}: mission")
+            else parse_parameters(text or "", f"{path}: mission", is_recorded=True)
         )
         runs.append(read_bag(bag, parameters))
     if mission is not None:

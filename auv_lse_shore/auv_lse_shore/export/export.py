@@ -8,6 +8,7 @@ from types import ModuleType
 
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.export.content import Export, ExportError
 from auv_lse_shore.export.formats import formats
 from auv_lse_shore.export.survey import Survey
@@ -26,7 +27,7 @@ def export(run_folder: Path, folder: Path, picture: bool = False, survey: Survey
         _check(module)
     yield f"reading {run_folder}"
     survey = survey or Survey()
-    run = survey.reduce(read_run(run_folder))
+    run = survey.reduce(read_run(run_folder, read_area=read_area))
     yield from run.notes
     yield f"mapping {counted(sum(len(v.soundings) for v in run.vehicles), 'sounding')}"
     yield from write_export(team_map(run), folder, survey)

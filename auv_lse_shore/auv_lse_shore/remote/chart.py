@@ -166,7 +166,7 @@ class TeamChart:
         """Begins the timeline with the first vehicle's mission file; that of the others is the same."""
         if self._events is None:
             where = "the recorded mission file"
-            settings = Settings.from_patterns(without_retired(parse_parameters(text, where)), where)
+            settings = Settings.from_patterns(without_retired(parse_parameters(text, where, is_recorded=True)), where)
             self._events = MissionEvents(settings, maps_on_request=True)
             self.timeline.begin(mission_facts(settings, name=self._name, simulated=False))
 

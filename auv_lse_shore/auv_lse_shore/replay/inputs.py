@@ -25,6 +25,7 @@ from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_planner.vehicle.intake import InputsUsed
 from auv_lse_record.recording import SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_record.run_reader import Patterns, recorded_parameters
+from auv_lse_shore.areas.area_file import read_area
 
 #: Topics that inputs and outputs are read from.
 _TOPICS = {
@@ -161,7 +162,7 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         RecordingError: naming the recording and what is wrong.
         ParameterError: if the mission file is not a parameter file.
     """
-    as_recorded = recorded_parameters(path, mission)
+    as_recorded = recorded_parameters(path, mission, read_area)
     parameters = without_retired(as_recorded)
     lockstep = bool(parameters_for(parameters, "/auv1/gp_node").get("sim", {}).get("lockstep", False))
     gathered: dict[int, _Gathered] = {}

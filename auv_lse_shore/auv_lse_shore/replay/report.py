@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_record.run_reader import read_run
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.judge.team_map import mission_settings
 from auv_lse_shore.judge.true_ground import set_true_ground
 from auv_lse_shore.report.progress import show_step
@@ -36,7 +37,7 @@ def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]
     """
     folder = out or (run if run.is_dir() else run.parent)
     show_step(f"reading {run}")
-    data = read_run(run, mission=mission, wall_s=_wall_s(folder))
+    data = read_run(run, mission=mission, wall_s=_wall_s(folder), read_area=read_area)
     set_true_ground(data, str(run))
     summary = write_report(data, folder, show_step)
     planned_steps = mission_settings(data.parameters, 1)[0].mission.steps

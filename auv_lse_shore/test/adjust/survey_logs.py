@@ -111,8 +111,8 @@ def dataflash(rows, vehicle="ArduRover V4.5.7", immersion_m=0.0):
     return log
 
 
-def telemetry(rows, system=1):
-    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row, from a vehicle."""
+def telemetry(rows, system=1, kinds=("HEARTBEAT", "GLOBAL_POSITION_INT", "DISTANCE_SENSOR")):
+    """HEARTBEAT, GLOBAL_POSITION_INT and DISTANCE_SENSOR of each row, or some of them, from a vehicle."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
@@ -124,5 +124,6 @@ def telemetry(rows, system=1):
             dialect.MAVLink_global_position_int_message(ms, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0),
             dialect.MAVLink_distance_sensor_message(ms, 20, 5000, round(100 * depth), 0, 0, 25, 0),
         ):
-            data += struct.pack(">Q", round(stamp * 1e6)) + message.pack(mav)
+            if message.get_type() in kinds:
+                data += struct.pack(">Q", round(stamp * 1e6)) + message.pack(mav)
     return data

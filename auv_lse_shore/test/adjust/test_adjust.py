@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from verb_main import verb_main
 
+from auv_lse_common.mission_file.degrees import in_metres
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_reader import read_run
-from auv_lse_record.run_writer import write_run
+from auv_lse_record.run_writer import write_mission_file, write_run
+from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
@@ -336,3 +338,28 @@ def test_samples_are_not_needed_for_mates_whose_own_recordings_are_given(synthet
     without = adjust([run])
     assert np.array_equal(with_samples.correction.theta, without.correction.theta)
     assert with_samples.ranges == without.ranges > 0
+
+
+def test_mission_files_with_an_area_file_are_read_beside_a_recording_and_instead_of_its_own(
+    synthetic_run, tmp_path, capsys
+):
+    """Copied beside it, one that says the same gets no note."""
+    ring = [[6.595, 46.497], [6.605, 46.497], [6.605, 46.503], [6.595, 46.503], [6.595, 46.497]]
+    (tmp_path / "lake.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    run = dived(synthetic_run)
+    written = copy.deepcopy(run.parameters)
+    written["/**"]["area"] = {"file": "../lake.geojson", "origin_lat_deg": 46.5, "origin_lon_deg": 6.6}
+    (tmp_path / "run").mkdir()
+    run.parameters = in_metres(written, tmp_path / "run", "it", read_area)
+    write_run(run, tmp_path / "run")
+    mission = tmp_path / "run" / "mission.yaml"
+    write_mission_file(mission, written)
+    assert main([str(tmp_path / "run"), "--out", str(tmp_path / "one")]) == 0
+    assert "ignored" not in capsys.readouterr().out
+    assert main([str(tmp_path / "run"), "--mission", str(mission), "--out", str(tmp_path / "two")]) == 0
+    assert (tmp_path / "one" / "depth.asc").read_text() == (tmp_path / "two" / "depth.asc").read_text()
+    capsys.readouterr()
+    written["/**"]["area"]["origin_lat_deg"] = 46.501
+    write_mission_file(mission, written)
+    assert main([str(tmp_path / "run"), "--out", str(tmp_path / "three")]) == 0
+    assert f"{mission} is not the mission file in the recording" in capsys.readouterr().out

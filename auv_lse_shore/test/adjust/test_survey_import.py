@@ -190,15 +190,32 @@ def test_range_finders_of_older_firmware_are_read(tmp_path):
     assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
 
 
-def test_a_telemetry_log_of_two_vehicles_gives_the_first(tmp_path, capsys):
+def test_a_telemetry_log_of_two_vehicles_gives_both(tmp_path, capsys):
     rows = survey()[:50]
     other = rows + np.array([0.0, 0.01, 0.0, 9.0])
-    data = b"".join(telemetry(r[i : i + 1], system) for i in range(50) for system, r in ((1, rows), (2, other)))
-    (tmp_path / "two.tlog").write_bytes(data)
+    logs = ((1, rows), (2, other))
+    (tmp_path / "two.tlog").write_bytes(b"".join(telemetry(r[i : i + 1], n) for i in range(50) for n, r in logs))
     assert main([str(tmp_path / "two.tlog"), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
-    assert "left out: 100 messages of vehicle 2, beside those of vehicle 1\n" in capsys.readouterr().out
-    soundings = read_run(tmp_path / "run").vehicles[0].soundings
-    assert soundings.depth_m == pytest.approx(depth_m(soundings.north_m, soundings.east_m), abs=0.02)
+    printed = capsys.readouterr().out
+    assert "two.tlog (vehicle 1)" in printed
+    assert "two.tlog (vehicle 2)" in printed
+    vehicles = read_run(tmp_path / "run").vehicles
+    soundings = [vehicle.soundings for vehicle in vehicles]
+    assert [vehicle.vehicle for vehicle in vehicles] == [1, 2]
+    assert soundings[0].depth_m == pytest.approx(depth_m(soundings[0].north_m, soundings[0].east_m), abs=0.02)
+    assert soundings[1].depth_m == pytest.approx(soundings[0].depth_m + 9.0, abs=0.02)
+    assert soundings[1].north_m - soundings[0].north_m == pytest.approx(1112.0, abs=2.0)
+
+
+@pytest.mark.parametrize(("kept", "missing"), [("GLOBAL_POSITION_INT", "depths"), ("DISTANCE_SENSOR", "positions")])
+def test_a_vehicle_without_depths_or_positions_in_a_telemetry_log_is_reported(tmp_path, capsys, kept, missing):
+    """The first vehicle in the log is not the one with soundings."""
+    rows = survey()[:50]
+    data = telemetry(rows[:1], 7, kinds=(kept,)) + telemetry(rows, 2) + telemetry(rows[1:5], 7, kinds=(kept,))
+    (tmp_path / "a.tlog").write_bytes(data)
+    assert main([str(tmp_path / "a.tlog"), "--out", str(tmp_path / "run"), *DRAUGHT]) == 0
+    assert f"left out: 5 messages of vehicle 7, which has no {missing}\n" in capsys.readouterr().out
+    assert len(read_run(tmp_path / "run").vehicles[0].soundings) == 50
 
 
 def test_a_wrong_time_does_not_fill_the_memory(tmp_path):

@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.parameter_file import parse_parameters, read_pa
 from auv_lse_common.mission_file.retired import without_retired
 from auv_lse_record.growing_file import RecordingFile, Wanted
 from auv_lse_record.recording import MISSION_FILE, STORAGES, Recording, RecordingError
+from auv_lse_shore.areas.area_file import read_area
 
 
 class WholeRecording:
@@ -58,12 +59,12 @@ def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
     try:
         for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
             where = f"{recording} ({MISSION_FILE})"
-            return without_retired(parse_parameters(str(message.data), where)), where
+            return without_retired(parse_parameters(str(message.data), where, is_recorded=True)), where
     except RecordingError as error:  # it is read with the mission file beside it
         damaged = error
     for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
-            return without_retired(read_parameter_file(path)), str(path)
+            return without_retired(read_parameter_file(path, read_area, is_recorded=True)), str(path)
     if damaged is not None:
         raise damaged
     raise RecordingError(

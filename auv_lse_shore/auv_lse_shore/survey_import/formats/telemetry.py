@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -31,29 +32,38 @@ def recognizes(file: LogFile) -> bool:
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
-    """Reads a log; a truncated one up to its end.
+    """Reads a log, each vehicle with positions and depths as a log of its own; a truncated one up to its end.
 
     Raises:
         LogError: if the file is too large.
         MissingPackageError: if pymavlink is missing.
         OSError: if it cannot be read.
     """
-    content, system = LogContent(file.path.name), None
-    content.lag_std_s = _LAG_STD_S
+    damaged: Counter[str] = Counter()
+    vehicles: dict[int, LogContent] = defaultdict(lambda: LogContent(file.path.name))
+    messages: Counter[int] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         path = file.path
         if path.stat().st_size != len(file.data):  # it was packed
             path = Path(folder) / path.stem
             path.write_bytes(file.data)
-        for stamp_s, message in _flight_logs().telemetry_messages(path, _KINDS, content.left_out, file.progress):
-            sender, kind = message.get_srcSystem(), message.get_type()
-            if system is None and kind in _POSITIONS:
-                system = sender  # a ground station sends none
-            if system in (None, sender):
-                _take(content, message, stamp_s)
-            elif kind != "HEARTBEAT":
-                content.left_out[f"messages of vehicle {sender}, beside those of vehicle {system}"] += 1
-    return [content]
+        for stamp_s, message in _flight_logs().telemetry_messages(path, _KINDS, damaged, file.progress):
+            sender = message.get_srcSystem()
+            messages[sender] += message.get_type() != "HEARTBEAT"
+            _take(vehicles[sender], message, stamp_s)
+    used = {n: v for n, v in vehicles.items() if v.positions and v.sounders}
+    if not used:  # what is missing is reported of the one that has most
+        fullest = sorted(vehicles.items(), key=lambda item: (not item[1].positions, not item[1].sounders))
+        used = dict(fullest[:1]) or {0: LogContent(file.path.name)}
+    for number, content in used.items():
+        content.lag_std_s = _LAG_STD_S
+        content.name += f" (vehicle {number})" if len(used) > 1 else ""
+    first = next(iter(used.values()))
+    first.left_out += damaged
+    for number in messages.keys() - used.keys():
+        what = "depths" if vehicles[number].positions else "positions"
+        first.left_out[f"messages of vehicle {number}, which has no {what}"] += messages[number]
+    return list(used.values())
 
 
 def _flight_logs() -> Any:
