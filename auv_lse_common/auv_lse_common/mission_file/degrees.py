@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, nest
+from auv_lse_common.mission_file.sections.area import corners
 from auv_lse_common.support.input_bounds import MAX_CORNERS
 from auv_lse_common.vocabulary.frames import local_from_geodetic, unwrapped_deg
 
@@ -77,6 +78,7 @@ def in_metres(
     converted = {pattern: _copied(values) for pattern, values in patterns.items()}
     areas = [values["area"] for values in converted.values() if isinstance(values.get("area"), dict)]
     area = next((a for a in areas if {"file", "polygon_deg", "no_go_deg"} & set(a)), areas[0] if areas else {})
+    file = f"{where}: area.file: {area['file']}" if area.get("file") else ""
     content = _content_of(area, folder, where, read_area)
     own = [values["vehicle"] for values in converted.values() if isinstance(values.get("vehicle"), dict)]
     if content is None and not any({"start_deg", "recovery_deg"} & set(vehicle) for vehicle in own):
@@ -99,15 +101,16 @@ def in_metres(
     if content is None:
         return converted
     area["origin_lat_deg"], area["origin_lon_deg"] = origin
-    if content.area is not None:
-        area["polygon_m"] = _flat(content.area, origin)
     if content.no_go:
         given = area.get("no_go", {})
         if not isinstance(given, Mapping):
             raise ParameterError(f"{where}: area.no_go must map names to corners, not {given!r}")
         area["no_go"] = dict(given)
         for name, ring in content.no_go.items():
-            add_no_go(area["no_go"], name, _flat(ring, origin))
+            add_no_go(area["no_go"], name, _polygon(ring, origin, f"{file or where}: no-go area {name}"))
+    if content.area is not None:
+        what = f"{file}: {content.area_name!r}" if file else f"{where}: area.polygon_deg"
+        area["polygon_m"] = _polygon(content.area, origin, what)
     if content.shores:
         lines = {f"shore_{number}": _flat(line, origin) for number, line in enumerate(content.shores, 1)}
         area["shore"] = {**lines, **(area.get("shore") or {})}
@@ -219,6 +222,17 @@ def _flat(ring: Array, origin: tuple[float, float]) -> list[float]:
     north, east = local_from_geodetic(ring[:, 0], ring[:, 1], *origin)
     corners = [(round(float(n), 2), round(float(e), 2)) for n, e in zip(north, east, strict=True)]
     return [v for k, corner in enumerate(corners) if k == 0 or corner != corners[k - 1] for v in corner]
+
+
+def _polygon(ring: Array, origin: tuple[float, float], what: str) -> list[float]:
+    """As `_flat`, of a polygon.
+
+    Raises:
+        ParameterError: if it crosses itself or has no area; `what` names it.
+    """
+    flat = _flat(ring, origin)
+    corners(what, tuple(flat))
+    return flat
 
 
 def _numbers(value: Any, key: str) -> Array:

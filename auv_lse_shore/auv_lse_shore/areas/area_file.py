@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from auv_lse_common.support.input_bounds import over_size
 from auv_lse_common.support.user_error import brief
 from auv_lse_shore.areas.features import Feature
 from auv_lse_shore.areas.gdal_layers import gdal_features, zipped_features
-from auv_lse_shore.areas.geojson import geojson_features
+from auv_lse_shore.areas.geojson import geojson_features, json_of
 from auv_lse_shore.areas.gpx import gpx_features
-from auv_lse_shore.areas.kml import kml_features, kmz_features
+from auv_lse_shore.areas.kml import is_kmz, kml_features, kmz_features
 from auv_lse_shore.areas.plans import corner_list_features, qgc_features, waypoint_features
 from auv_lse_shore.areas.roles import content_of
 from auv_lse_shore.areas.xml_tree import read_xml
@@ -77,7 +76,7 @@ def read_area(path: str | Path) -> AreaContent:
 def _features(data: bytes, path: Path) -> Iterator[Feature]:
     where = str(path)
     if data[:4] == b"PK\x03\x04":
-        return kmz_features(data, where) if b".kml" in data.lower() else zipped_features(data, where)
+        return kmz_features(data, where) if is_kmz(data) else zipped_features(data, where)
     if any(data.startswith(magic) for magic in _GDAL):
         return gdal_features(path, where)
     text = _text(data)
@@ -88,7 +87,7 @@ def _features(data: bytes, path: Path) -> Iterator[Feature]:
             raise ParameterError(f"{where} is XML of the kind {root.tag[:40]!r}. Save the area as {KINDS}")
         return kml_features(root, where) if root.tag == "kml" else gpx_features(root, where)
     if begin in ("{", "["):
-        found = json.loads(text)
+        found = json_of(text)
         if not isinstance(found, Mapping):
             raise ParameterError(f"{where} is a list, not GeoJSON. Save the area as {KINDS}")
         is_plan = "fileType" in found or "geoFence" in found

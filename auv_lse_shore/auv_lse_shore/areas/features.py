@@ -90,21 +90,23 @@ def with_geometry(named: Feature, geometry: Mapping[str, Any] | None, where: str
         yield replace(named, name=named.name or "without a geometry")
         return
     kind = str(geometry["type"])
+    single = kind.removeprefix("Multi")
+    inside = geometry["geometries" if kind == "GeometryCollection" else "coordinates"]
+    if not inside:
+        yield replace(named, name=f"{named.name} (empty)".strip())
+        return
     if kind == "GeometryCollection":
-        for inner in geometry["geometries"]:
+        for inner in inside:
             yield from with_geometry(named, inner, where)
         return
-    single = kind.removeprefix("Multi")
-    parts = geometry["coordinates"] if kind != single else [geometry["coordinates"]]
+    parts = inside if kind != single else [inside]
     for part in parts:
         if single == "Polygon":
             yield replace(named, rings=tuple(ring_of(ring) for ring in part))
         elif single == "LineString":
             yield replace(named, line=line_of(part))
-        elif single == "Point" and len(part):
-            yield replace(named, point=(float(part[1]), float(part[0])))
         elif single == "Point":
-            yield named
+            yield replace(named, point=(float(part[1]), float(part[0])))
         else:
             raise ParameterError(f"{where}: {named.name!r} is a {kind}, which is not read. Save it as a polygon")
 

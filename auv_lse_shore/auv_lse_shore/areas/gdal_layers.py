@@ -7,6 +7,9 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import brief
@@ -34,6 +37,9 @@ def gdal_features(path: Path, where: str) -> Iterator[Feature]:
     try:
         layers = [(str(name), kind) for name, kind in pyogrio.list_layers(path)]
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+        if path.suffix.lower() == ".shp" and ".shx" in str(error).lower():
+            parts = ", ".join(f"{path.stem}{ending}" for ending in (".shx", ".dbf", ".prj"))
+            raise ParameterError(f"{where} is one part of a shapefile. Copy {parts} beside it") from error
         raise ParameterError(f"{where}: cannot be read: {brief(error)}. Save it as GeoJSON") from error
     for layer, kind in layers:
         if kind is None:
@@ -59,6 +65,14 @@ def _layer(path: Path, layer: str, where: str) -> Iterator[Feature]:
         ) from error
     if len(geometries) > _MAX_FEATURES:
         raise ParameterError(f"{where}: the layer {layer!r} has more than {_MAX_FEATURES:,} features. Remove some")
+    if not len(geometries):
+        yield Feature(f"{layer} (an empty layer)")
+    if known["crs"] is None and _are_metres(geometries):
+        prj = f" ({path.stem}.prj is missing)" if path.suffix.lower() == ".shp" else ""
+        raise ParameterError(
+            f"{where}: the layer {layer!r} has no coordinate reference system{prj}, and its coordinates are no "
+            "degrees. Set it in QGIS, and save the layer as EPSG:4326"
+        )
     convert = to_degrees(known["crs"], where)
     for number, geometry in enumerate(geometries):
         properties = {str(key): _plain(values[number]) for key, values in zip(known["fields"], columns, strict=True)}
@@ -67,6 +81,14 @@ def _layer(path: Path, layer: str, where: str) -> Iterator[Feature]:
             named = named_feature({**properties, "name": f"{layer} {number + 1}"}, layer)
         empty = geometry is None or geometry.is_empty
         yield from map(convert, with_geometry(named, None if empty else mapping(geometry), where))
+
+
+def _are_metres(geometries: Any) -> bool:
+    """Whether coordinates lie outside of all degrees."""
+    import shapely
+
+    bounds = np.abs(shapely.total_bounds(geometries))
+    return bool((bounds > 360.0).any())
 
 
 def _plain(value: object) -> object:

@@ -1,13 +1,33 @@
-"""GeoJSON, with the CRS that older files name."""
+"""GeoJSON, with the CRS that older files name, and with a feature on each line."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_shore.areas.features import Feature, named_feature, with_geometry
 from auv_lse_shore.areas.projection import to_degrees
+
+
+def json_of(text: str) -> Any:
+    """The value of a JSON text; of one with a feature on each line (GeoJSONSeq) their collection.
+
+    Raises:
+        ValueError: if it is not JSON.
+    """
+    try:
+        return json.loads(text)
+    except ValueError:
+        first, *others = [line for line in map(str.strip, text.split("\n")) if line]
+        try:
+            features = [json.loads(first)]
+        except ValueError:
+            others = []
+        if not others:
+            raise  # the error of the whole text
+    return {"type": "FeatureCollection", "features": [*features, *map(json.loads, others)]}
 
 
 def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:

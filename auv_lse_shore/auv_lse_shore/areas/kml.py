@@ -23,6 +23,14 @@ _OVERLAYS = ("GroundOverlay", "ScreenOverlay", "PhotoOverlay", "NetworkLink")
 _MAX_DOCUMENT_BYTES = 50_000_000
 
 
+def is_kmz(data: bytes) -> bool:
+    """Whether a ZIP file has a KML document; a damaged one, whether it may have one."""
+    try:
+        return any(name.lower().endswith(".kml") for name in zipfile.ZipFile(io.BytesIO(data)).namelist())
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
+        return b".kml" in data.lower()
+
+
 def kmz_features(data: bytes, where: str) -> Iterator[Feature]:
     """The features of every document in a KMZ file.
 

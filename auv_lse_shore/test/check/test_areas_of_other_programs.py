@@ -190,6 +190,71 @@ def test_a_shapefile_is_read_in_its_own_projection_and_zipped(tmp_path):
     np.testing.assert_array_equal(read_area(packed).area, content.area)
 
 
+def test_parts_of_a_shapefile_that_are_missing_are_named(tmp_path):
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(4326, 2056, always_xy=True)
+    gdal_file(tmp_path, "a.shp", crs="EPSG:2056", a={"Bay": [transformer.transform(*corner) for corner in LAKE]})
+    (tmp_path / "a.prj").unlink()
+    with pytest.raises(ParameterError, match=r"no coordinate reference system \(a\.prj is missing\).* as EPSG:4326"):
+        read_area(tmp_path / "a.shp")
+    (tmp_path / "a.shx").unlink()
+    with pytest.raises(ParameterError, match=r"one part of a shapefile\. Copy a\.shx, a\.dbf, a\.prj beside it"):
+        read_area(tmp_path / "a.shp")
+    gdal_file(tmp_path, "b.shp", b={"Bay": LAKE})
+    (tmp_path / "b.prj").unlink()
+    assert len(read_area(tmp_path / "b.shp").area) == 4
+
+
+def test_a_zipped_shapefile_beside_a_file_with_kml_in_its_name_is_no_kmz(tmp_path):
+    gdal_file(tmp_path, "a.shp", a={"Bay": LAKE})
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("from.kml.txt", "see lake.kml")
+        for part in tmp_path.glob("a.[sdp]*"):
+            archive.write(part, part.name)
+    assert len(read_area(tmp_path / "a.zip").area) == 4
+
+
+def test_layers_and_features_without_anything_are_reported(tmp_path):
+    path = gdal_file(tmp_path, "a.gpkg", lakes={"Bay": LAKE}, exclusion_zones={})
+    assert read_area(path).ignored == ["exclusion_zones (an empty layer)"]
+    empty = [{"type": "MultiPolygon", "coordinates": []}, {"type": "GeometryCollection", "geometries": []}]
+    shapes = [*empty, {"type": "Polygon", "coordinates": [LAKE]}]
+    features = [{"type": "Feature", "properties": {"name": f"f{n}"}, "geometry": g} for n, g in enumerate(shapes)]
+    content = read(tmp_path, json.dumps({"type": "FeatureCollection", "features": features}), "a.geojson")
+    assert (content.area_name, content.ignored) == ("f2", ["f0 (empty)", "f1 (empty)"])
+
+
+@pytest.mark.parametrize("mark", ["", "\x1e"])
+def test_geojson_with_a_feature_on_each_line_is_read_as_qgis_writes_it(tmp_path, mark):
+    shapes = {"lake": LAKE, "no-go pier": PIER}
+    lines = [
+        json.dumps({"type": "Feature", "properties": {"name": n}, "geometry": {"type": "Polygon", "coordinates": [c]}})
+        for n, c in shapes.items()
+    ]
+    content = read(tmp_path, "".join(f"{mark}{line}\n" for line in lines), "a.geojsonl")
+    np.testing.assert_array_equal(content.area, AREA)
+    assert list(content.no_go) == ["no_go_pier"]
+    with pytest.raises(ParameterError, match=r"damaged, .*Expecting.*line 2 column"):
+        read(tmp_path, '{"type": "FeatureCollection",\n"features": [,', "b.geojson")
+
+
+@pytest.mark.parametrize(("name", "found"), [("lake", "'lake'"), ("no-go", "no-go area no_go")])
+def test_a_polygon_that_crosses_itself_is_named_with_its_file(tmp_path, name, found):
+    bow = [LAKE[0], LAKE[2], LAKE[1], LAKE[3], LAKE[0]]
+    shapes = {"lake": LAKE, name: bow}
+    features = [
+        {"type": "Feature", "properties": {"name": n}, "geometry": {"type": "Polygon", "coordinates": [c]}}
+        for n, c in shapes.items()
+    ]
+    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(ParameterError, match=rf"m\.yaml: area\.file: a\.geojson: {found} crosses itself: the edge"):
+        in_metres({"/**": {"area": {"file": "a.geojson"}}}, tmp_path, "m.yaml", read_area)
+    given = {"/**": {"area": {"polygon_deg": [value for lon, lat in bow for value in (lat, lon)]}}}
+    with pytest.raises(ParameterError, match=r"m\.yaml: area\.polygon_deg crosses itself"):
+        in_metres(given, tmp_path, "m.yaml")
+
+
 def test_an_area_on_both_sides_of_the_antimeridian(tmp_path):
     lake = [(179.999, -16.8), (-179.999, -16.8), (-179.999, -16.798), (179.999, -16.798)]
     feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [lake]}}
