@@ -87,6 +87,7 @@ def adjusted(
         if offset:
             yield f"{path}: its clock is {offset:+z.1f} s off that of {paths[0]}; its times are shifted"
     runs = [survey.reduce(run) for run in shifted]
+    yield from (note for run, before in zip(runs, shifted, strict=True) for note in run.notes[len(before.notes) :])
     names = [path.resolve().name for path in paths]
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]
     soundings = counted(sum(len(v.soundings) for v in vehicles), "sounding")

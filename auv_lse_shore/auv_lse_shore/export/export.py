@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.areas.area_file import read_area
@@ -57,7 +59,8 @@ def write_export(team: TeamMap, folder: Path, survey: Survey) -> Iterator[str]:
         else:
             yield f"  {_written(module, content)}"
     yield f"coordinates: {content.reference.describe()}"
-    yield f"depths refer to: {survey.vertical_datum}"
+    depths = np.concatenate([vehicle.soundings.depth_m for vehicle in team.run.vehicles])
+    yield f"depths: {depths.min():.1f} to {depths.max():.1f} m below {survey.datum or f'the {survey.vertical_datum}'}"
 
 
 def _written(module: ModuleType, content: Export) -> str:

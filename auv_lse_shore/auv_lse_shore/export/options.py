@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.no_data import is_no_data
+from auv_lse_gp.no_data import OFTEN_NO_DATA, is_no_data
 from auv_lse_shore.export.survey import USUAL_SOUNDER_SPEED_MPS, Survey, SurveyError, Uncertainties
 
 Array = NDArray[np.float64]
@@ -23,6 +23,8 @@ _STDS = {
     "sound-speed": "sound_speed_mps",
     "water-level": "water_level_m",
 }
+#: A value that often marks missing data does so in a table if it is farther than this (m, m/s) from the median.
+_APART = 20.0
 #: Largest number of contour levels.
 _MAX_LEVELS = 1000
 
@@ -185,36 +187,63 @@ def _sound_speed(given: str | None) -> Array | None:
 
 
 def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Array:
-    """Rows of two columns of a CSV file, by increasing first column."""
+    """Rows of two columns of a CSV file, by increasing first column; commas, semicolons or tabs separate them."""
     needed = f"needed is a CSV file with columns {' or '.join(firsts)}, {second}"
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            first = next((name for name in firsts if name in (reader.fieldnames or ())), None)
-            if first is None or second not in (reader.fieldnames or ()):
-                columns = ", ".join(reader.fieldnames or ()) or "none"
+            begin = file.readline()
+            file.seek(0)
+            separator = next((sign for sign in ";\t" if sign in begin), ",")
+            reader = csv.DictReader(file, delimiter=separator, skipinitialspace=True)
+            reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+            first = next((name for name in firsts if name in reader.fieldnames), None)
+            if first is None or second not in reader.fieldnames:
+                columns = ", ".join(reader.fieldnames) or "none"
                 raise SurveyError(f"{option} {path} has the columns {columns}; {needed}")
-            rows = []
+            rows: dict[float, tuple[float, str]] = {}
             for row in reader:
-                value = _utc_s(row[first]) if first == "time_utc" else _number(row[first] or "")
-                level = _number(row[second] or "")
-                where, unclear = f"{option} {path}:{reader.line_num}", first if value is None else second
-                if value is None or level is None:
-                    cure = "a time such as 2026-06-14T09:00:00Z" if unclear == "time_utc" else "a number"
-                    raise SurveyError(f"{where}: {unclear} is {row[unclear]!r}; write {cure}")
-                if is_no_data(level):
+                texts = [(row[name] or "").strip() for name in (first, second)]
+                where = f"{option} {path}:{reader.line_num}"
+                value, level = _row(texts[0], texts[1], first, second, where, "." if separator == "," else ",")
+                if value in rows and rows[value][0] != level:
                     raise SurveyError(
-                        f"{where}: {second} is {level:g}, a common mark for missing data. Remove this line"
+                        f"{where}: {second} is {level:g} at {first} {texts[0]}, and {rows[value][0]:g} in "
+                        f"{rows[value][1]}. Remove one"
                     )
-                if first == "depth_m" and value < 0.0:
-                    raise SurveyError(f"{where}: depth_m is {value:g} m; write depths positive down")
-                rows.append((value, level))
+                rows[value] = level, f"line {reader.line_num}"
     except (csv.Error, UnicodeDecodeError) as error:
         raise SurveyError(f"{option} {path}: {error}; {needed}") from error
-    table = np.array(rows).reshape(-1, 2)
-    if not len(table) or (np.diff(table[:, 0]) <= 0.0).any():
-        raise SurveyError(f"{option} {path} has {len(table)} rows; {needed}, in increasing order, each value once")
+    if not rows:
+        raise SurveyError(f"{option} {path} has no rows; {needed}")
+    table = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
+    marks = np.isin(np.abs(table[:, 1]), OFTEN_NO_DATA) & (np.abs(table[:, 1] - np.median(table[:, 1])) > _APART)
+    if marks.any():
+        value, level = table[marks][0]
+        raise SurveyError(
+            f"{option} {path}: {rows[value][1]}: {second} is {level:g}, far from the others and a common mark for "
+            "missing data. Remove this line"
+        )
     return table
+
+
+def _row(first_text: str, second_text: str, first: str, second: str, where: str, decimal: str) -> tuple[float, float]:
+    """The two numbers of a row; a time in UTC becomes seconds.
+
+    Raises:
+        SurveyError: naming the value that is none.
+    """
+    numbers = [text.replace(decimal, ".") for text in (first_text, second_text)]
+    value = _utc_s(first_text) if first == "time_utc" else _number(numbers[0])
+    level = _number(numbers[1])
+    if value is None or level is None:
+        unclear, text = (first, first_text) if value is None else (second, second_text)
+        cure = "a time such as 2026-06-14T09:00:00Z" if unclear == "time_utc" else "a number"
+        raise SurveyError(f"{where}: {unclear} is {text!r}; write {cure}")
+    if is_no_data(level):
+        raise SurveyError(f"{where}: {second} is {level:g}, a common mark for missing data. Remove this line")
+    if first == "depth_m" and value < 0.0:
+        raise SurveyError(f"{where}: depth_m is {value:g} m; write depths positive down")
+    return value, level
 
 
 def _utc_s(text: str | None) -> float | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,7 +127,26 @@ class Survey:
         run = dataclasses.replace(run, origin=self.origin or run.origin)
         if self.water_level is None and self.sound_speed is None:
             return run
-        return dataclasses.replace(run, vehicles=[self._reduced(v, vehicle_depth_m(run, v)) for v in run.vehicles])
+        vehicles = [self._reduced(v, vehicle_depth_m(run, v)) for v in run.vehicles]
+        return dataclasses.replace(run, vehicles=vehicles, notes=[*run.notes, *self._notes_above(vehicles)])
+
+    def _notes_above(self, vehicles: Sequence[VehicleRun]) -> list[str]:
+        """A note on soundings above the datum, which no map takes.
+
+        Raises:
+            SurveyError: if all of them are: the water level has another datum or unit.
+        """
+        depth = np.concatenate([vehicle.soundings.depth_m for vehicle in vehicles])
+        above, count = int((depth <= 0.0).sum()), counted(len(depth), "sounding")
+        if self.water_level is None or not above:
+            return []
+        if above < len(depth):
+            return [f"{above} of {count} lie above {self.datum} and are not mapped"]
+        levels = _described(self.water_level, self.sources.get("water level", ""), "m")
+        raise SurveyError(
+            f"--water-level of {levels} puts all {count} above {self.datum}, by {-depth.max():.1f} to "
+            f"{-depth.min():.1f} m. Give the height of the water surface above a datum near it, in metres"
+        )
 
     def _reduced(self, vehicle: VehicleRun, vehicle_depth: Array) -> VehicleRun:
         soundings, depth = vehicle.soundings, vehicle.soundings.depth_m

@@ -15,6 +15,7 @@ from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.formats import contours, crowdsourced
 from auv_lse_shore.export.formats.geotiff import rasterio
+from auv_lse_shore.export.options import _water_level
 from auv_lse_shore.export.survey import Survey, SurveyError, true_depth_m, vehicle_depth_m
 from auv_lse_shore.export.uncertainty import ORDERS, cell_tvu_m, orders_met, sounding_uncertainty
 from auv_lse_shore.judge.team_map import team_map
@@ -228,6 +229,17 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
         ),
         ("--water-level", 'time_s,level_m\n0,"1,5"\n', r":2: level_m is '1,5'; write a number"),
         (
+            "--water-level",
+            "time_s,level_m\n0,0.1\n9,0.2\n0,0.3\n",
+            r":4: level_m is 0\.3 at time_s 0, and 0\.1 in line 2\. Remove one",
+        ),
+        (
+            "--water-level",
+            "time_s,level_m\n0,0.1\n5,-99\n9,0.2\n",
+            r": line 3: level_m is -99, far from the others and a common mark .* Remove this line",
+        ),
+        ("--water-level", "time_s,level_m\n", r"has no rows; needed is a CSV file with columns time_s or time_utc"),
+        (
             "--sound-speed",
             "depth_m,sound_speed_mps\n-50,1440\n0,1480\n",
             r":2: depth_m is -50 m; write depths positive down",
@@ -238,6 +250,38 @@ def test_tables_that_would_be_misread_are_refused(tmp_path, capsys, lake, option
     (tmp_path / "table.csv").write_text(text)
     options = [option, str(tmp_path / "table.csv"), "--datum", "D", "--out", str(tmp_path / "out")]
     assert main([str(lake[0].parent), *options]) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_s,level_m\n9,0.2\n0,0.1\n5,0.4\n",  # newest first
+        "time_s,level_m\n0,0.1\n5,0.4\n5,0.40\n9,0.2\n",
+        "time_s;level_m;name\n0;0,1;a,b\n5;0,4;c\n9;0.2;d\n",
+        "time_s\tlevel_m\n0\t0.1\n5\t0.4\n9\t0.2\n",
+        "\ufeff time_s, level_m\n0, 0.1\n5, 0.4\n9, 0.2\n",
+    ],
+)
+def test_tables_of_gauges_and_spreadsheets_are_read(tmp_path, text):
+    (tmp_path / "level.csv").write_text(text)
+    np.testing.assert_array_equal(_water_level(str(tmp_path / "level.csv")), [(0.0, 0.1), (5.0, 0.4), (9.0, 0.2)])
+
+
+def test_a_lake_whose_level_is_99_m_above_the_datum_is_no_missing_data(tmp_path):
+    (tmp_path / "level.csv").write_text("time_s,level_m\n0,98.9\n5,99.0\n9,99.9\n")
+    assert len(_water_level(str(tmp_path / "level.csv"))) == 3
+
+
+def test_the_range_of_reduced_depths_and_soundings_above_the_datum_are_reported(lake, tmp_path, capsys):
+    """A level in centimetres puts all of them there."""
+    options = ["--datum", "D", "--out", str(tmp_path / "out"), "--water-level"]
+    assert main([str(lake[0].parent), *options, "12"]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"^depths: -\d+\.\d to \d+\.\d m below D$", printed, re.MULTILINE)
+    assert re.search(r"^\d+ of 576 soundings lie above D and are not mapped$", printed, re.MULTILINE)
+    assert main([str(lake[0].parent), *options, "120"]) == 2
+    message = r"--water-level of 120 m \(constant\) puts all 576 soundings above D, by \d+\.\d to \d+\.\d m\. Give"
     assert re.search(message, capsys.readouterr().err)
 
 
