@@ -116,6 +116,12 @@ class OperatingArea:
         # The signed distance changes by at most the distance between the two positions.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
+    @property
+    def finest_cell_m(self) -> float:
+        """Size (m) of the smallest cells into which `grid` divides the area."""
+        low_n, high_n, low_e, high_e = self.extent_m
+        return math.ceil(10.0 * math.sqrt((high_n - low_n) * (high_e - low_e) / MAX_CELLS)) / 10.0
+
     def grid(self, resolution_m: float, name: str = "resolution_m") -> Grid:
         """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
 
@@ -133,7 +139,8 @@ class OperatingArea:
         if cells > MAX_CELLS:
             raise ParameterError(
                 f"{name}: cells of {resolution_m!r} m divide the area of {high_n - low_n:.0f} m x "
-                f"{high_e - low_e:.0f} m into {cells:.3g}, more than {MAX_CELLS:,}. Choose a larger resolution"
+                f"{high_e - low_e:.0f} m into {cells:.3g}, more than {MAX_CELLS:,}. Choose at least "
+                f"{self.finest_cell_m:g} m, or a smaller area"
             )
         axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):
@@ -155,10 +162,11 @@ class OperatingArea:
         rows = math.ceil((high_n - low_n) / step) + 3
         columns = math.ceil((high_e - low_e) / step) + 3
         if rows * columns > MAX_RASTER_NODES:
+            least_m = math.ceil(10.0 * step * math.sqrt(rows * columns / MAX_RASTER_NODES)) / 10.0
             raise ParameterError(
-                f"area.raster_m: {step!r} m needs {rows * columns} raster nodes for the area of "
-                f"{high_n - low_n:.0f} m x {high_e - low_e:.0f} m, more than {MAX_RASTER_NODES}. Choose a larger "
-                "raster_m"
+                f"area.raster_m: {step!r} m needs {rows * columns:,} raster nodes for the area of "
+                f"{high_n - low_n:.0f} m x {high_e - low_e:.0f} m, more than {MAX_RASTER_NODES:,}. Choose a larger "
+                f"raster_m, at least {least_m:g} m, or a smaller area"
             )
         north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
         east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)

@@ -97,7 +97,7 @@ def test_invalid_polygons_are_named(polygon, message):
 def test_other_invalid_arguments():
     with pytest.raises(ParameterError, match=r"origin_lon_deg are 17\.0, None, so one is missing"):
         AreaConfig(origin_lat_deg=17.0)
-    with pytest.raises(ParameterError, match=r"area\.raster_m: 0\.1 m needs .*Choose a larger raster_m"):
+    with pytest.raises(ParameterError, match=r"area\.raster_m: 0\.1 m needs .*larger raster_m, at least 1\.2 m"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 5000.0, 0.0, 5000.0, 5000.0), raster_m=0.1))
     with pytest.raises(ParameterError, match="no_go covers the whole polygon"):
         OperatingArea(
@@ -164,3 +164,12 @@ def test_raster_distance_equals_the_minimum_over_all_edges(seed):
 def test_an_unusable_shore_is_refused(area, match):
     with pytest.raises(ParameterError, match=match):
         AreaConfig(**area)
+
+
+def test_too_many_cells_name_the_size_that_is_possible():
+    side_m = 20_000.0
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, side_m, 0.0, side_m, side_m, 0.0, side_m), raster_m=20.0))
+    with pytest.raises(ParameterError, match=r"cell_m: cells of 5\.0 m .* Choose at least 14\.2 m, or a smaller area"):
+        area.grid(5.0, "cell_m")
+    assert area.finest_cell_m == 14.2
+    assert area.grid(area.finest_cell_m).inside.size < 2_000_000

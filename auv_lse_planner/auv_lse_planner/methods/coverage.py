@@ -38,7 +38,7 @@ def follows_isobath(settings: PlannerSettings) -> bool:
         return False
     if settings.area.shore or mission.vehicles > 1 or stages.is_staged(mission):
         return False
-    cells = OperatingArea(settings.area).grid(planner.map_spacing_m)
+    cells = OperatingArea(settings.area).grid(planner.map_spacing_m, "planner.map_spacing_m")
     scale_m = max(gp.length_scale_m, gp.length_scale_2_m)
     return lanes_apart_m(settings, cells) > MAX_LANES_APART * scale_m and share_of_hull(cells) < OPEN_SHARE
 

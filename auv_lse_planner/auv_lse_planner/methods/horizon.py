@@ -67,7 +67,7 @@ class Horizon:
 
 def _legs_of_lanes(settings: PlannerSettings, area: OperatingArea, share: float) -> int:
     """Least number of legs of each vehicle whose lanes over the area are expected to find a share of the isobath."""
-    mission, cells = settings.mission, area.grid(settings.planner.complete().map_spacing_m)
+    mission, cells = settings.mission, area.grid(settings.planner.complete().map_spacing_m, "planner.map_spacing_m")
     area_m2 = float(np.count_nonzero(cells.inside)) * cells.resolution_m**2
     leg_m = MotionTable(settings.motion).leg_length_m
     low, high = 0, mission.steps

@@ -113,7 +113,7 @@ class VehiclePlanner:
             team=self.team,
             horizon=self.until.horizon,
             map_grid=area.grid(self.planner.map_spacing_m, "planner.map_spacing_m"),
-            coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m)),
+            coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m, area.finest_cell_m)),
             rng=rng,
         )
         self._methods: dict[str, Method] = {}  # by family, created on first use
@@ -124,7 +124,7 @@ class VehiclePlanner:
         self._surfaced = False  # at the end of the leg decided last
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         limit_m = settings.vehicle.shallowest_ground_m
-        grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
+        grid = area.grid(max(10.0, 2.0 * settings.area.raster_m, area.finest_cell_m))
         self.shallow_ground = ShallowGround(self.space, self._context.window, grid, limit_m)
         self._new_centers: Centers | None = None
         self._map_s: float | None = None

@@ -88,7 +88,7 @@ def check_map(published: PublishedMap, settings: PlannerSettings, run: RunData) 
         The comparisons, and what could not be compared.
     """
     field, vehicle = published.field, f"auv{published.vehicle}"
-    grid = OperatingArea(settings.area).grid(settings.gp.map_resolution_m)
+    grid = OperatingArea(settings.area).grid(settings.gp.map_resolution_m, "gp.map_resolution_m")
     inside = np.isfinite(field.mean_m)
     same_grid = inside.shape == grid.inside.shape and np.allclose(field.north_m, grid.north_m)
     if not same_grid or not np.allclose(field.east_m, grid.east_m) or field.level_m != settings.level_set.level_m:

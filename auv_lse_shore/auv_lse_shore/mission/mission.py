@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import ParameterError, describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
@@ -117,6 +118,10 @@ def prepare(options: argparse.Namespace) -> tuple[Settings, list[str]]:
         fitted, notes = clip_to_reachable(settings)  # the synthetic lake is not the vehicles' lake
     else:
         fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+    area = OperatingArea(fitted.area)
+    for own in fitted.vehicles:  # a node would refuse them, after the start
+        area.grid(own.gp.map_resolution_m, "gp.map_resolution_m")
+        area.grid(own.planner.map_spacing_m, "planner.map_spacing_m")
     return fitted, [*areas.notes(), *notes]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from rich.console import Console
@@ -56,6 +57,30 @@ def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) 
         folder.mkdir(exist_ok=True)
         modem = mission.write_mission(settings, folder, options).vehicle(2).modem
         assert (modem.ping, modem.synchronous) == (pings, synchronous), words
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ((), r"area\.raster_m: 2\.0 m needs .* at least 4\.5 m"),
+        (("area.raster_m=20",), r"gp\.map_resolution_m: cells of 5\.0 m .* at least 14\.2 m"),
+        (
+            ("area.raster_m=20", "gp.map_resolution_m=20", "planner.map_spacing_m=5"),
+            r"planner\.map_spacing_m: cells of",
+        ),
+        (("area.raster_m=20", "gp.map_resolution_m=20"), ""),
+    ],
+)
+def test_an_area_of_20_km_names_each_parameter_that_is_too_fine_before_the_start(tmp_path, given, named):
+    axis = np.arange(-10_000.0, 10_001.0, 100.0)
+    np.savez(tmp_path / "big.npz", north_m=axis, east_m=axis, depth_m=20.0 + axis[:, None] / 2000.0 + 0.0 * axis)
+    area = ["--area", "-10000", "-10000", "10000", "10000", "--bathymetry", str(tmp_path / "big.npz")]
+    options = parser().parse_args([*area, *(word for text in given for word in ("--set", text))])
+    if named:
+        with pytest.raises(ParameterError, match=named):
+            mission.prepare(options)
+    else:
+        mission.prepare(options)
 
 
 def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:

@@ -257,9 +257,8 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     ]
     left_out = (float(free.sum()) - float(region.sum())) * step**2 / 1e6
     if count > 1 and left_out > 0.005:
-        notes.append(
-            f"area: {left_out:.2f} km2 of navigable water in {count - 1} other parts cannot be reached and is left out"
-        )
+        parts = counted(count - 1, "other part")
+        notes.append(f"area: {left_out:.2f} km2 of navigable water in {parts} cannot be reached and is left out")
     return settings.with_overrides(overrides), notes
 
 
@@ -313,7 +312,7 @@ def _location_starts(settings: Settings) -> tuple[Settings, list[str]]:
     motion = MotionTable(settings.motion)
     reach = float(np.abs(motion.loops_m[:, 2]).max())
     margin = settings.area.margin_m
-    grid = area.grid(max(5.0, settings.area.raster_m))
+    grid = area.grid(max(5.0, settings.area.raster_m, area.finest_cell_m))
     locations, clearance = grid.locations_m, area.clearance_m(grid.locations_m)
     for needed in (margin + 2.0 * reach, margin + reach):
         if (clearance >= needed).any():
