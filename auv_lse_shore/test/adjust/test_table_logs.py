@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from adjust.survey_logs import START_S, depth_m, survey
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import UserFacts, gather
+from auv_lse_shore.survey_import.parsing.table_values import _angle
 from auv_lse_shore.survey_import.survey_log import LogError
 
 ROWS = survey()[:120]
@@ -133,6 +135,19 @@ def test_projected_positions_in_feet_are_those_of_any_system(tmp_path, crs, unit
     north, east = local_from_geodetic(lat, lon, *start)
     assert found.placed[0].soundings[:, 1] == pytest.approx(north[: len(ROWS)], abs=0.05)
     assert found.placed[0].soundings[:, 2] == pytest.approx(east[: len(ROWS)], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "sign"),
+    [
+        ("33°51'12\"S", -1), ("33°51'12.0″ S", -1), ("33 51 12 S", -1), ("33°51'12''S", -1), ("33d51m12sS", -1),
+        ("S33°51'12\"", -1), ("33°51'12\"s", -1), ("33°51.2'S", -1), ("33.853333S", -1), ("33°51'12\"W", -1),
+        ("33°51'12\"", 1), ("33d51m12s", 1), ("33d51m12sN", 1), ("N 33d 51m 12s", 1), ("33°51'12\"N", 1),
+        ("33°51'12\"E", 1), ("-33°51'12\"", -1), ("33:51:12S", -1),
+    ],
+)  # fmt: skip
+def test_the_s_behind_seconds_is_south_and_that_of_33d51m12s_is_a_unit(text, sign):
+    assert _angle(text, Path("a.csv")) == pytest.approx(sign * 33.853333, abs=1e-6)
 
 
 def test_angles_in_radians_are_converted(tmp_path):
