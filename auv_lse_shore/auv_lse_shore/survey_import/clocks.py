@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 
 from auv_lse_shore.survey_import.log_content import Clock, LogContent
-from auv_lse_shore.survey_import.parsing.times import UTC_TO_S, date_question
+from auv_lse_shore.survey_import.parsing.times import ROLLOVER_S, UTC_TO_S, date_question
 
 _DAY_S = 86_400.0
 
@@ -33,8 +33,8 @@ class ClockFacts:
 def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
     """Moves the times of logs to UTC where possible; returns questions that remain, each once."""
     questions: dict[str, None] = {}
-    for content in contents:
-        content.drop_impossible_times(UTC_TO_S)
+    for content in contents:  # a receiver that counts 1,024 weeks too many is beyond what stamps hold
+        content.drop_impossible_times(UTC_TO_S if facts.start is None else UTC_TO_S + ROLLOVER_S)
     starts = [content.span_s[0] for content in contents if content.clock in (Clock.UTC, Clock.LOCAL, Clock.DAY)]
     days_s = 0.0
     known = [start for start in starts if math.isfinite(start)]
@@ -42,6 +42,7 @@ def to_utc(contents: Sequence[LogContent], facts: ClockFacts) -> list[str]:
         days_s = _DAY_S * (facts.start.timestamp() // _DAY_S - min(known) // _DAY_S)
     for content in contents:
         question = _to_utc(content, facts, days_s)
+        content.drop_impossible_times(UTC_TO_S)
         if question:
             questions[question] = None
     return list(questions)

@@ -165,7 +165,7 @@ class LogContent:
         good = np.isfinite(rows).T[:2].all(axis=0) & (np.abs(rows[:, 0]) <= last_s)
         if good.all():
             return values
-        self.left_out["positions and depths with an impossible time"] += int((~good).sum())
+        self.left_out["positions and depths with an impossible time (--date gives the first day)"] += int((~good).sum())
         return array("d", rows[good].ravel())
 
     @property

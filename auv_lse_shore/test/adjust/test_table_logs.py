@@ -347,6 +347,25 @@ def test_absurd_values_are_left_out_and_counted(tmp_path):
     assert "1 positions that are not on earth" in said
 
 
+def test_a_log_whose_receiver_counts_1024_weeks_too_many_is_read_with_its_date(tmp_path):
+    """Its times are beyond what stamps of ROS hold."""
+    body = "\n".join(f"{utc(t + 1024 * 604_800.0)}Z,{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in ROWS)
+    text = "time,lat,lon,depth_m\n" + body
+    with pytest.raises(
+        LogError, match=r"240 positions and depths with an impossible time \(--date gives the first day\)"
+    ):
+        gathered(tmp_path, text)
+    found = gathered(tmp_path, text, "--date", utc(ROWS[0, 0])[:10])
+    checked(found)
+    assert found.placed[0].soundings[0, 0] == pytest.approx(ROWS[0, 0])
+
+
+def test_a_date_before_gps_is_no_receiver_that_lost_weeks(tmp_path):
+    body = "\n".join(f"{utc(t - START_S - 1e8)}Z,{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in ROWS)
+    lines = gathered(tmp_path, "time,lat,lon,depth_m\n" + body).lines
+    assert "question: the log is of 1966-10-31, before GPS; --date gives its first day" in lines
+
+
 def test_huge_times_are_left_out_not_crashed_on(tmp_path):
     for huge in ("1e30", "1e300"):
         body = "\n".join(f"{huge},{a:.8f},{o:.8f},{d:.3f}" for _, a, o, d in ROWS)
