@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from benchmarks.command import end_with, parser_of
 
@@ -30,7 +31,7 @@ def pins() -> Iterator[tuple[str, str]]:
 
 def licence_of(name: str) -> str:
     """The licence of an installed package, from its metadata, or from the package.xml of a ROS package."""
-    metadata = importlib.metadata.metadata(name)
+    metadata: Any = importlib.metadata.metadata(name)  # a mapping, which its protocol does not say
     expression = metadata.get("License-Expression")
     if expression:
         return str(expression)

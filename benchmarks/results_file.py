@@ -6,6 +6,7 @@ import json
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -41,8 +42,8 @@ def fly(
 
     Ctrl-C ends those under way without a word; the lines of the others stay.
     """
-    quiet = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
-    with appended(path) as file, ProcessPoolExecutor(processes, **quiet) as pool:
+    quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with appended(path) as file, ProcessPoolExecutor(processes, initializer=quiet) as pool:
         try:
             for future in as_completed([pool.submit(mission, *job) for job in jobs]):
                 line = future.result()

@@ -235,7 +235,7 @@ class AttackedFleet(Fleet):
                 self.forged += not true
             return received
 
-        bridge.receive = counted  # type: ignore[method-assign]
+        bridge.receive = counted  # type: ignore[assignment,method-assign]
 
     def _with_forgeries(self, outputs: dict[int, Any], now_s: float) -> dict[int, Any]:
         if self._attack.louder:

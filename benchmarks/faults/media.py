@@ -100,9 +100,8 @@ def break_disk(bed: DiveBed, mounted: Path, fault: str, node: str, order: str) -
     if node == _POWER:
         back_s = _restart(bed)
     else:
-        assert vehicle.program is not None
         vehicle.kill(node)
-        back_s = bed.wait(lambda: node in vehicle.program.nodes and water.has_back([node]), BACK_S)
+        back_s = bed.wait(lambda: node in vehicle.running.nodes and water.has_back([node]), BACK_S)
     if math.isnan(back_s):
         return back_s, [*wrong, "never back"]
     bed.wait(lambda: water.state is not None, 5.0)
@@ -136,9 +135,9 @@ def _restart(bed: DiveBed) -> float:
     vehicle.cut_power()
     vehicle.launch()
     began_s = time.monotonic()
-    bed.wait(lambda: "safety_node" in vehicle.program.nodes or vehicle.program.process.poll() is not None, BOOTED_S)
+    bed.wait(lambda: "safety_node" in vehicle.running.nodes or vehicle.running.process.poll() is not None, BOOTED_S)
     back_s = time.monotonic() - began_s
-    if next(iter(vehicle.program.nodes), "") != "safety_node":
+    if next(iter(vehicle.running.nodes), "") != "safety_node":
         return math.nan
     bed.wait(vehicle.has_started, BOOTED_S)
     return math.nan if math.isnan(bed.wait(lambda: vehicle.witness.has_back(NODES), BOOTED_S)) else back_s

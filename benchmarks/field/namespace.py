@@ -109,7 +109,7 @@ def namespaces(count: int, seed: int) -> Iterator[tuple[Radio, list[Namespace]]]
     """
     made = [Namespace(number) for number in range(1, count + 1)]
     with contextlib.ExitStack() as stack:
-        descriptors = []
+        descriptors: list[int] = []
         for own in made:
             call_as_root(_NEEDED_BY, "ip", "netns", "add", own.name)
             stack.callback(own.remove)

@@ -68,8 +68,8 @@ def lake(name: str, where: str, real: Path | None) -> Any:
     """The ground called `name`: a seed, or a window of the real lake."""
     (height, width, margin), _ = area(where)
     if name.isdigit():
-        middle = {"north_m": height / 2.0 - margin, "east_m": width / 2.0 - margin}
-        return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, **middle))
+        north, east = height / 2.0 - margin, width / 2.0 - margin
+        return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, north_m=north, east_m=east))
     from auv_lse_sim.ground.ground_files import load_ground
 
     assert real is not None

@@ -12,11 +12,12 @@ import contextlib
 import json
 import os
 import sys
+from typing import Any
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
-def area(request):
+def area(request: dict[str, Any]) -> tuple[Any, Any, Any]:
     """Locations (P, 2) of a request, the kernel, and a start (1, 2) for each vehicle."""
     import gpflow
     import numpy as np
@@ -26,7 +27,7 @@ def area(request):
     return np.array(request["locations_m"], dtype=float), kernel, starts
 
 
-def planned(request):
+def planned(request: dict[str, Any]) -> Any:
     """Waypoints (K, n, 2), north and east (m), of a request: area, start, kernel, length, number of waypoints, seed."""
     import numpy as np
     import tensorflow as tf
@@ -60,7 +61,7 @@ def planned(request):
     return np.asarray(model.optimize(max_steps=500)).tolist()
 
 
-def covering(request):
+def covering(request: dict[str, Any]) -> Any:
     """Waypoints (n, 2) of each vehicle, north and east (m), of a request: area, start, kernel, length, variance."""
     import numpy as np
     import shapely

@@ -66,7 +66,7 @@ def figures(line: Row) -> Row:
 
     def left_out(locations_m: Array) -> Mask:
         unknown = ~np.isfinite(ground.depth_m(locations_m[:, 0], locations_m[:, 1]))
-        return is_found(locations_m) | unknown
+        return np.asarray(is_found(locations_m) | unknown)
 
     located = left_out if np.isnan(depth[grid.inside]).any() else is_found
     missing = undiscovered(chosen.gp, depth_map.centers, level, coarse_grid(area, chosen.gp.map_resolution_m), located)

@@ -51,7 +51,8 @@ class Waves:
             for part in np.array_split(rows, 1 + len(rows) // 4096)
         ]
         field = self._std * math.sqrt(2.0 / 1500) * np.concatenate(values)
-        return np.maximum(self._mean + field, LEAST_M).reshape(locations.shape[:-1])
+        depth_m: Array = np.maximum(self._mean + field, LEAST_M).reshape(locations.shape[:-1])
+        return depth_m
 
 
 class Shoals:
@@ -72,7 +73,7 @@ class Shoals:
         depth = np.asarray(self._ground.depth_m(north, east), float)
         for (n, e), size, rise in zip(self._locations, self._size, self._rise, strict=True):
             depth = depth - rise * np.exp(-0.5 * ((north - n) ** 2 + (east - e) ** 2) / size**2)
-        return np.maximum(depth, LEAST_M)  # NaN stays NaN
+        return np.asarray(np.maximum(depth, LEAST_M))  # NaN stays NaN
 
 
 def where_of(vehicles: int) -> str:

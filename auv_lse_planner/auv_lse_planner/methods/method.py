@@ -315,6 +315,7 @@ class Method(Protocol):
 
     def shift(self, legs: int) -> None:
         """Shifts the plan to this many legs later than decided; negative means earlier."""
+        return  # a default, not an abstract method
 
     def snapshot(self) -> dict[str, Any]:
         """The method's state as JSON values, for a journal."""
@@ -322,3 +323,4 @@ class Method(Protocol):
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Continues from a `snapshot`."""
+        return

@@ -64,6 +64,12 @@ class Vehicle:
         self.out = Path()
         self._domain = domain
 
+    @property
+    def running(self) -> Program:
+        """Its programs; a dive must be under way."""
+        assert self.program is not None
+        return self.program
+
     def begin(self, file: Path, out: Path) -> None:
         """Begins a new dive of a mission file."""
         self._file, self.out = file, out
@@ -83,18 +89,16 @@ class Vehicle:
         Raises:
             RuntimeError: if the command has ended instead.
         """
-        assert self.program is not None
-        if set(NODES) <= set(self.program.nodes):
+        if set(NODES) <= set(self.running.nodes):
             return True
-        if self.program.process.poll() is not None:
-            raise RuntimeError(f"auv_lse vehicle has not started its nodes: {''.join(self.program.text)[-2000:]}")
+        if self.running.process.poll() is not None:
+            raise RuntimeError(f"auv_lse vehicle has not started its nodes: {''.join(self.running.text)[-2000:]}")
         return False
 
     def kill(self, node: str) -> None:
         """Kills one node."""
-        assert self.program is not None
         self.witness.forget()
-        pid = self.program.nodes.pop(node)  # until it is restarted
+        pid = self.running.nodes.pop(node)  # until it is restarted
         os.kill(pid, signal.SIGKILL)
         _await_death(pid)
         self.witness.note_death()
@@ -126,8 +130,7 @@ class Vehicle:
 
     def pids(self) -> list[int]:
         """Every process of the vehicle."""
-        assert self.program is not None
-        return list(family_of(self.program.process.pid))
+        return list(family_of(self.running.process.pid))
 
 
 def _await_death(pid: int) -> None:
@@ -259,7 +262,7 @@ class DiveBed:
         for command, state in ((MissionCommand.RESET, MissionState.HOLDING), (MissionCommand.GO, MissionState.RUNNING)):
             if not water.is_in(MissionState.RUNNING):
                 water.order(command)
-                self.wait(lambda wanted=state: water.is_in(wanted), 5.0)
+                self.wait(partial(water.is_in, state), 5.0)
         step = water.ledger.last_step
         return not math.isnan(self.wait(lambda: water.ledger.last_step > step, 10.0))
 

@@ -66,7 +66,7 @@ class Witness:
         """Joins nothing yet. Args: start_m: where the vehicle starts, north and east (m)."""
         self.vehicle, self.ledger = vehicle, ledger
         self.send: Callable[[bytes], None] = lambda payload: None
-        self.state: MissionState | None = None
+        self.state: Any = None
         self.depth_m = 0.0
         self.problems: set[str] = set()
         self.since_s = 0.0
