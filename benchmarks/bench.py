@@ -21,10 +21,8 @@ from benchmarks.rows import KEYS, Row
 GROUPS = (
     "mission",
     "vehicle",
-    "fleet",
     "executor",
     "gp",
-    "positions",
     "planner",
     "comms",
     "day",

@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 
-from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
-from benchmarks.faults.kills import NODES, Program, give_go
+from benchmarks.faults.kills import Program, vehicles_apart
 from benchmarks.faults.sockets import family_of
 from benchmarks.rows import Row, row
 
@@ -74,42 +69,19 @@ def run(*, smoke: bool = False) -> list[Row]:
     Raises:
         RuntimeError: if the mission did not fly.
     """
-    with tempfile.TemporaryDirectory() as parent, ExitStack() as kept:
-        with own_domain() as simulators:  # let go here: the simulator takes it, and keeps it
-            vehicles = [kept.enter_context(own_domain(VEHICLE_DOMAINS)) for _ in (1, 2)]
-        return _fly(Path(parent), 4.0 if smoke else WINDOW_S, (simulators, *vehicles))
+    cores, window_s = sorted(os.sched_getaffinity(0)), 4.0 if smoke else WINDOW_S
 
+    def use_core(vehicle: int) -> None:
+        os.sched_setaffinity(0, set(cores[:1] if vehicle == 1 else cores[1:] or cores))  # inherited
 
-def _fly(folder: Path, window_s: float, domains: tuple[int, ...]) -> list[Row]:
-    file = folder / "run" / "vehicles.yaml"
-    steps = str(int((window_s + 120.0) / 15.7))
-    team = ("--apart", "--vehicles", "2", "--steps", steps, "--seed", "5", "--no-report", "--out", str(file.parent))
-    team += (f"--set=safety.state_copies={folder / 'state_copies'}",)  # else in the home, among those of real dives
-    programs = [Program("sim", *team, "--domain", str(domains[0]))]
-    cores = sorted(os.sched_getaffinity(0))
-    try:
-        _await(file.is_file, programs)
-        for k in (2, 1):
-            os.sched_setaffinity(0, set(cores[:1] if k == 1 else cores[1:] or cores))  # inherited
-            own = (f"auv{k}", str(file), "--out", str(folder / f"auv{k}"))
-            programs.append(Program("vehicle", *own, "--domain", str(domains[k])))
-        os.sched_setaffinity(0, set(cores))
-        _await(lambda: all(set(NODES) <= set(program.nodes) for program in programs[1:]), programs)
-        for k in (2, 1):
-            give_go(k, domains[k])
-        time.sleep(1.0 if window_s < 10.0 else _START_S)
-        return _measured(programs[-1], window_s)
-    finally:
-        os.sched_setaffinity(0, set(cores))
-        for number in (signal.SIGINT, signal.SIGKILL):
-            for program in reversed(programs):
-                if program.process.poll() is None:
-                    program.process.send_signal(number)
-            for program in programs:
-                try:
-                    program.wait(40.0)
-                except subprocess.TimeoutExpired:
-                    continue
+    with tempfile.TemporaryDirectory() as parent:
+        folder, steps = Path(parent) / "flight", int((window_s + 120.0) / 15.7)
+        try:
+            with vehicles_apart(folder, steps, "--no-report", before=use_core) as programs:
+                time.sleep(1.0 if smoke else _START_S)
+                return _measured(programs[1], window_s)
+        finally:
+            os.sched_setaffinity(0, set(cores))
 
 
 def _measured(vehicle: Program, window_s: float) -> list[Row]:
@@ -136,12 +108,3 @@ def _measured(vehicle: Program, window_s: float) -> list[Row]:
         rows.append(row(f"vehicle: {name}, processor", 100 * used[pid], "% of a core"))
         rows.append(row(f"vehicle: {name}, share of the memory (PSS)", shares_mb.get(pid, 0.0), "MB"))
     return rows
-
-
-def _await(condition: Callable[[], bool], programs: list[Program], seconds: float = 120.0) -> None:
-    until = time.monotonic() + seconds
-    while not condition():
-        ended = [program for program in programs if program.process.poll() is not None]
-        if ended or time.monotonic() > until:
-            raise RuntimeError(f"the mission did not begin: {''.join((ended or programs)[0].text)[-1000:]}")
-        time.sleep(0.2)

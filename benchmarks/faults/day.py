@@ -28,7 +28,6 @@ from auv_lse_common.vocabulary.mission_run import RunState
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.bed.ledger import journal_problem, lost_positions
 from benchmarks.faults.kills import LEG_S
-from benchmarks.faults.nodes import look
 from benchmarks.faults.report import Report
 from benchmarks.vehicle import memory_mb
 
@@ -99,7 +98,6 @@ class Strike:
 
     Attributes:
         output_s: The first output of the node, or of the last node to publish one.
-        cpu_s: Processor time of the node until then.
         decided_s: The next decision; infinite if the mission has ended by then.
         heard_s: The vehicle hears all mates, and they hear it; infinite without mates.
         wrong: What was lost, or never came back.
@@ -109,7 +107,6 @@ class Strike:
     fault: Fault
     step: int
     output_s: float = math.nan
-    cpu_s: float = math.nan
     decided_s: float = math.nan
     heard_s: float = math.nan
     wrong: list[str] = field(default_factory=list)
@@ -213,13 +210,9 @@ class VehicleDay:
         except RuntimeError as error:
             self._close(strike, [str(error)])
             return
-        fault = strike.fault
         outputs = {OUTPUTS[node] for node in self._struck if node in OUTPUTS}
         if math.isnan(strike.output_s) and started and outputs <= set(witness.published_s) and self._is_ready():
             strike.output_s = max([witness.published_s[topic] for topic in outputs], default=time.time()) - died_s
-            if fault.node and vehicle.program is not None:
-                found = look(vehicle.program.process.pid).get(f"auv{vehicle.number}.{fault.node}")
-                strike.cpu_s = math.nan if found is None else found.cpu_s
         if math.isnan(strike.decided_s) and not math.isnan(strike.output_s):
             if witness.ledger.last_step > strike.step and witness.is_in(RunState.RUNNING, RunState.ENDED):
                 strike.decided_s = time.time() - died_s
@@ -278,13 +271,14 @@ def _center_tolerance_m() -> float:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `auv_lse faults day`."""
-    count, default = {"type": whole_from(0), "metavar": "N"}, "(default: %(default)s)"
+    default = "(default: %(default)s)"
     parser.add_argument("--vehicles", type=whole_from(1), default=3, metavar="N", help=f"vehicles {default}")
     parser.add_argument("--hours", type=positive, default=5.0, metavar="H", help=f"mission time {default}")
     parser.add_argument("--speed-up", type=positive, default=50.0, metavar="X", help=f"aim {default}")
     parser.add_argument("--method", default="tour", metavar="NAME", help=f"planning method {default}")
-    parser.add_argument("--kills", **count, default=10, help=f"kills of nodes of each vehicle {default}")
-    parser.add_argument("--reboots", **count, default=2, help=f"power losses of each vehicle {default}")
+    for name, number, what in (("--kills", 10, "kills of nodes"), ("--reboots", 2, "power losses")):
+        text = f"{what} of each vehicle {default}"
+        parser.add_argument(name, type=whole_from(0), default=number, metavar="N", help=text)
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
@@ -328,14 +322,12 @@ def _speed(flown_s: Sequence[float], legs: int, days: Sequence[VehicleDay]) -> s
 def _fault_rows(strikes: Sequence[Strike]) -> list[str]:
     """The table of all faults by what was killed: median and longest times."""
     lines = [
-        "| fault | times | first output after | processor time for it | next decision after | heard again after |",
-        "|---|---|---|---|---|---|",
+        "| fault | times | first output after | next decision after | heard again after |",
+        "|---|---|---|---|---|",
     ]
     for name in sorted({strike.fault.name for strike in strikes}):
         own = [strike for strike in strikes if strike.fault.name == name]
-        columns = (
-            _times([getattr(strike, part) for strike in own]) for part in ("output_s", "cpu_s", "decided_s", "heard_s")
-        )
+        columns = (_times([getattr(strike, part) for strike in own]) for part in ("output_s", "decided_s", "heard_s"))
         lines.append(f"| {name} | {len(own)} | {' | '.join(columns)} |")
     return lines
 
@@ -346,27 +338,24 @@ def _times(seconds: Sequence[float]) -> str:
 
 
 def _memory(vehicle: Vehicle) -> str:
-    """Memory of all processes of a vehicle, and what each node does not share with others."""
+    """Memory of all processes of a vehicle, and the share of each node."""
     alone_mb, shares = memory_mb(vehicle.pids())
-    assert vehicle.program is not None
-    own = look(vehicle.program.process.pid).items()
-    nodes = ", ".join(
-        f"{name.partition('.')[2].removesuffix('_node')} {found.memory_mb:.0f}" for name, found in sorted(own)
-    )
+    own = sorted(vehicle.running.nodes.items())
+    nodes = ", ".join(f"{name.removesuffix('_node')} {shares.get(pid, 0.0):.0f}" for name, pid in own)
     return f"{sum(shares.values()):.0f} MB, {alone_mb:.0f} MB alone ({nodes})"
 
 
 def _late_rows(days: Sequence[VehicleDay], sizes: Mapping[int, str], packets: Mapping[int, int]) -> list[str]:
     """The table of each vehicle at the end of the day: restarts after it, memory, packets."""
     lines = [
-        f"| vehicle | {' | '.join(f'`{node}` killed near the end: first output (processor time)' for node in LATE)} "
-        "| memory: share, and at most alone on a machine (each node's own) | packets sent |",
+        f"| vehicle | {' | '.join(f'`{node}` killed near the end: first output' for node in LATE)} "
+        "| memory: share, and at most alone on a machine (each node's share) | packets sent |",
         "|---|" + "---|" * len(LATE) + "---|---|",
     ]
     for day in days:
         k = day.vehicle.number
         late = {strike.fault.node: strike for strike in day.strikes if strike.fault.late}
-        shown = [f"{late[n].output_s:.1f} s ({late[n].cpu_s:.1f} s)" if n in late else "-" for n in LATE]
+        shown = [f"{late[n].output_s:.1f} s" if n in late else "-" for n in LATE]
         lines.append(f"| auv{k} | {' | '.join(shown)} | {sizes[k]} | {packets[k]} |")
     lines.append(f"goals: first output within {RESTART_S:g} s, memory of a vehicle at most {MEMORY_MB:g} MB")
     return lines

@@ -9,32 +9,23 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
-import random
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from auv_lse_common.support.option_types import whole_from
-from auv_lse_run.remote.orders import ACTED, VERBS
-from auv_lse_shore.remote import fetching
-from auv_lse_shore.remote.checking import utc_s
-from auv_lse_shore.remote.fleet_file import RemoteVehicle, read_fleet
-from auv_lse_shore.remote.ledger_file import LedgerFile
-from auv_lse_shore.remote.ordering import delivered
+from auv_lse_shore.remote.fleet_file import read_fleet
 from benchmarks.faults.report import Part, Report
 from benchmarks.field import dive, on_air
 from benchmarks.field.faults import FAULTS, printed, team_on_deck
+from benchmarks.field.orders import Operator, fetched, wrong_orders
 from benchmarks.field.relay import Relay
-from benchmarks.field.side import EXECUTED
 from benchmarks.field.sshd import Computer, Field, lacks_sshd, side_command
 
 SMALL = ("--orders", "40", "--fetch-mb", "5")
 #: Vehicles to which orders are given at the same time.
 _VEHICLES = 5
-_LONGEST_S = 600.0
 
 
 def arguments(p: argparse.ArgumentParser) -> None:
@@ -113,40 +104,16 @@ def _orders(options: argparse.Namespace, folder: Path, say: Callable[[str], None
     """Orders of all kinds: each executed once, in order, and answered."""
     relay = lambda port, k: Relay(port, options.seed + k, options.delay, options.loss)
     with _vehicles(Field(folder), _VEHICLES, relay, "benchmarks.field.side") as (relays, computers, file):
-        fleet, ledgers = read_fleet(file), LedgerFile(file)
-        share = [options.orders // _VEHICLES + (k < options.orders % _VEHICLES) for k in range(_VEHICLES)]
-        began_s = time.monotonic()
-
-        def give(k: int) -> float:
-            vehicle, chance, worst_s = fleet.vehicles[k], random.Random(options.seed * 100 + k), 0.0
-            for number in range(share[k]):
-                with ledgers.changed() as ledger:
-                    ledger.give(vehicle.name, chance.choice(VERBS), utc_s())
-                given_s = time.monotonic()
-                delivered(fleet, [vehicle], ledgers, _LONGEST_S)
-                worst_s = max(worst_s, time.monotonic() - given_s)
-                if k == 0 and number % 20 == 19:
-                    say(f"{number + 1} of {share[0]} orders to {vehicle.name}")
-            return worst_s
-
+        fleet, began_s = read_fleet(file), time.monotonic()
+        operator = Operator(fleet, options.orders, options.seed, say)
         with ThreadPoolExecutor(_VEHICLES) as pool:
-            worst_s = max(pool.map(give, range(_VEHICLES)))
-        took_s, wrong = time.monotonic() - began_s, []
-        for vehicle, computer, of in zip(fleet.vehicles, computers, share, strict=True):
-            wrong += _wrong_orders(vehicle, computer, of, ledgers)
+            list(pool.map(operator.give_all, fleet.vehicles))
+        took_s, wrong, worst_s = time.monotonic() - began_s, list[str](), max(operator.took_s)
+        for vehicle, computer in zip(fleet.vehicles, computers, strict=True):
+            wrong += wrong_orders(vehicle, computer, operator.ledgers)[2]
         cut, all_ = (sum(made.counts[key] for made in relays) for key in ("cut", "connections"))
     figures = f"{cut} of {all_} connections cut; {took_s:.0f} s; longest until answered {worst_s:.1f} s"
     return f"orders at {100 * options.loss:.0f} % cuts", options.orders, options.orders - len(wrong), figures, wrong
-
-
-def _wrong_orders(vehicle: RemoteVehicle, computer: Computer, of: int, ledgers: LedgerFile) -> list[str]:
-    """Orders to a vehicle that were not executed once, or whose outcome is not known."""
-    executed = [int(line.split()[0]) for line in (computer.folder / EXECUTED).read_text().splitlines()]
-    counts, ledger = Counter(executed), ledgers.read()
-    wrong = [f"{vehicle.name}: order {n} was executed {counts[n]} times" for n in range(1, of + 1) if counts[n] != 1]
-    wrong += [f"{vehicle.name}: order {n} is {ledger.find(vehicle.name, n).status}" for n in range(1, of + 1)
-              if ledger.find(vehicle.name, n).status != ACTED]  # fmt: skip
-    return wrong + ([] if executed == sorted(executed) else [f"{vehicle.name}: executed out of order"])
 
 
 def _faults(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Part:
@@ -173,31 +140,15 @@ def _fetch(options: argparse.Namespace, folder: Path, say: Callable[[str], None]
         computers,
         file,
     ):
-        dive = computers[0].folder / "dives" / "2026-01-01-auv1" / "bag"
-        dive.mkdir(parents=True)
-        data = random.Random(options.seed).randbytes(options.fetch_mb * 1_000_000)
-        (dive / "bag.mcap").write_bytes(data)
-        fleet, began_s, out = read_fleet(file), time.monotonic(), folder / "out"
-        copy = out / "auv1" / "2026-01-01-auv1" / "bag"
         relays[0].rate_bps = options.fetch_mb * 1e6 / 20.0  # so that outages fall into it
-        with ThreadPoolExecutor(1) as pool, contextlib.redirect_stderr(io.StringIO()):
-            job = pool.submit(fetching.fetch, fleet, fleet.vehicles, out, _LONGEST_S, False, False)
-            for share in (0.25, 0.5, 0.75):
-                while not job.done() and _size(copy) < share * len(data):
-                    time.sleep(0.05)
-                relays[0].up = False
-                time.sleep(options.outage)
-                relays[0].cut_all()
-                relays[0].up = True
-            found = job.result()["auv1"]
-        took_s = time.monotonic() - began_s
-        is_same = (copy / "bag.mcap").is_file() and (copy / "bag.mcap").read_bytes() == data
-    wrong = [] if is_same and not found.trouble else [f"the copy is not the recording: {found.trouble}"]
-    figures = (
-        f"{options.fetch_mb} MB in {took_s:.0f} s; 3 outages of {options.outage:g} s; continued {found.resumed} times"
-    )
+
+        def interrupt(number: int) -> None:
+            relays[0].up = False
+            time.sleep(options.outage)
+            relays[0].cut_all()
+            relays[0].up = True
+
+        out = folder / "out"
+        took_s, resumed, wrong = fetched(file, computers[0], options.fetch_mb, options.seed, out, interrupt)
+    figures = f"{options.fetch_mb} MB in {took_s:.0f} s; 3 outages of {options.outage:g} s; continued {resumed} times"
     return "fetch", 1, 1 - len(wrong), figures, wrong
-
-
-def _size(copy: Path) -> int:
-    return sum(path.stat().st_size for path in copy.glob("bag.mcap*"))

@@ -7,6 +7,7 @@ run as on real vehicles, in real time. The recorders are not killed, because the
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import os
 import re
@@ -17,9 +18,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -123,6 +125,26 @@ class Program:
             if match := _STARTED.search(line):
                 self.nodes[match[2]] = int(match[3])
 
+    def has_all_nodes(self) -> bool:
+        """Whether it has reported the start of all `NODES`."""
+        return set(NODES) <= set(self.nodes)
+
+    def runs(self, node: str) -> bool:
+        """Whether the process that it started last for a node still runs."""
+        return Path(f"/proc/{self.nodes[node]}").exists()
+
+    def wait_until(self, condition: Callable[[], object], what: str, seconds: float = 120.0) -> None:
+        """Waits until `condition` holds.
+
+        Raises:
+            RuntimeError: with `what` and its last output, if it ends instead, or takes longer than so many seconds.
+        """
+        until_s = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > until_s or self.process.poll() is not None:
+                raise RuntimeError(f"{what}: {''.join(self.text)[-2000:]}")
+            time.sleep(0.05)
+
     def wait(self, seconds: float) -> None:
         """Waits for its end; raises subprocess.TimeoutExpired if it still runs after so many seconds."""
         self.process.wait(seconds)
@@ -139,6 +161,56 @@ def give_go(vehicle: int, domain: int) -> None:
     go.wait(60.0)
     if go.process.returncode:
         raise RuntimeError(f"GO was not accepted: {''.join(go.text)[-1000:]}")
+
+
+@contextmanager
+def vehicles_apart(
+    folder: Path, steps: int, *arguments: str, before: Callable[[int], None] = lambda vehicle: None
+) -> Iterator[list[Program]]:
+    """Two vehicles under way: the simulator, vehicle 1 and vehicle 2, each in a ROS domain of its own.
+
+    They are ended with the context; what each printed is in `folder`.
+
+    Args:
+        folder: The output folder; must not exist.
+        steps: Steps of the mission.
+        arguments: Further ones of `auv_lse sim`.
+        before: Called with each vehicle's number before it is started.
+
+    Raises:
+        RuntimeError: if they do not get under way.
+    """
+    with ExitStack() as kept:
+        with own_domain() as simulators:  # let go here: the simulator takes it, and keeps it
+            # kept from other missions on this machine
+            domains = (simulators, *[kept.enter_context(own_domain(VEHICLE_DOMAINS)) for _ in (1, 2)])
+        folder.mkdir(parents=True)
+        file = folder / "run" / "vehicles.yaml"
+        # second copies of its own: those of an earlier flight that was killed would make these vehicles wait for RESET
+        copies = f"--set=safety.state_copies={folder / 'state_copies'}"
+        team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(file.parent), copies)
+        programs = [Program("sim", *team, *arguments, "--domain", str(domains[0]))]
+        try:
+            programs[0].wait_until(file.is_file, "the simulator has not written vehicles.yaml")
+            for k in (1, 2):
+                before(k)
+                own = (f"auv{k}", str(file), "--out", str(folder / f"auv{k}"))
+                programs.append(Program("vehicle", *own, "--domain", str(domains[k])))
+            for k in (1, 2):
+                programs[k].wait_until(programs[k].has_all_nodes, f"auv{k}'s nodes did not start", 300.0)
+            for k in (1, 2):
+                give_go(k, domains[k])
+            yield programs
+        finally:
+            for number in (signal.SIGINT, signal.SIGKILL):
+                running = [program for program in programs if program.process.poll() is None]
+                for program in running:
+                    program.process.send_signal(number)
+                for program in running:
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        program.wait(40.0)
+            for program, name in zip(programs, ("simulator", "auv1", "auv2"), strict=False):
+                (folder / f"{name}.output").write_text("".join(program.text))
 
 
 def fly(
@@ -158,70 +230,36 @@ def fly(
         say: Prints a line of progress.
 
     Raises:
-        RuntimeError: if the simulator does not run.
-        TimeoutError: if nodes do not start, or the mission does not end.
+        RuntimeError: if the simulator does not run, or nodes do not start.
+        TimeoutError: if the mission does not end.
     """
-    with ExitStack() as kept:
-        with own_domain() as simulators:  # let go here: the simulator takes it, and keeps it
-            # kept from other missions on this machine
-            vehicles = [kept.enter_context(own_domain(VEHICLE_DOMAINS)) for _ in (1, 2)]
-        return _fly(folder, steps, kills, more, say, (simulators, *vehicles))
-
-
-def _fly(
-    folder: Path,
-    steps: int,
-    kills: Callable[[float], Sequence[tuple[float, int, str]]],
-    more: Mapping[str, str],
-    say: Callable[[str], None],
-    domains: Sequence[int],
-) -> Flight:
-    folder.mkdir(parents=True)
-    run = folder / "run"
-    # second copies of its own: those of an earlier flight that was killed would make these vehicles wait for RESET
-    own_copies = {"safety.state_copies": str(folder / "state_copies")}
-    sets = [f"--set={name}={value}" for name, value in (own_copies | dict(more)).items()]
-    team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
-    processes = [Program("sim", *team, "--domain", str(domains[0]))]
     flight = Flight()
-    try:
-        _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
-        for k in (1, 2):
-            own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
-            processes.append(Program("vehicle", *own, "--domain", str(domains[k])))
-        _until(
-            lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
-        )
-        for k in (1, 2):
-            give_go(k, domains[k])
+    with vehicles_apart(folder, steps, *(f"--set={name}={value}" for name, value in more.items())) as programs:
+        simulator, *vehicles = programs
         under_way_s = time.time() + 10.0
         for after_s, vehicle, node in kills(steps * LEG_S):
             time.sleep(max(0.0, under_way_s + after_s - time.time()))
             if not flight.kills:
-                flight.sockets = open_sockets(pid for p in processes for pid in family_of(p.process.pid))
-            if processes[0].process.poll() is not None:
+                flight.sockets = open_sockets(pid for p in programs for pid in family_of(p.process.pid))
+            if simulator.process.poll() is not None:
                 if flight.kills:
                     break
-                processes[0].wait(10.0)
-                raise RuntimeError(f"the simulator has ended before the first kill: {''.join(processes[0].text)}")
-            process = processes[vehicle]
+                simulator.wait(10.0)
+                raise RuntimeError(f"the simulator has ended before the first kill: {''.join(simulator.text)}")
+            program = programs[vehicle]
             # killed a moment ago: as soon as it is started again
-            _until(lambda p=process, n=node: _runs(p.nodes[n]), 60.0, f"auv{vehicle} {node} was not started again")
+            program.wait_until(partial(program.runs, node), f"auv{vehicle} {node} was not started again", 60.0)
             kill = Kill(vehicle, node, time.time())
-            os.kill(process.nodes[node], signal.SIGKILL)
+            os.kill(program.nodes[node], signal.SIGKILL)
             flight.kills.append(kill)
             say(f"kill {len(flight.kills)}: auv{vehicle} {node}")
-        _await_end(processes[0].process, folder, steps * 60.0 + 200.0)
-        for process in processes[1:]:
-            process.process.send_signal(signal.SIGTERM)
-        for process in processes[1:]:
-            process.wait(40.0)
-    finally:
-        for process, name in zip(processes, ("simulator", "auv1", "auv2"), strict=False):
-            process.process.kill()
-            (folder / f"{name}.output").write_text("".join(process.text))
-    flight.outputs = ["".join(process.text) for process in processes]
-    flight.codes = [process.process.returncode for process in processes]
+        _await_end(simulator.process, folder, steps * 60.0 + 200.0)
+        for program in vehicles:
+            program.process.send_signal(signal.SIGTERM)
+        for program in vehicles:
+            program.wait(40.0)
+    flight.outputs = ["".join(program.text) for program in programs]
+    flight.codes = [program.process.returncode for program in programs]
     for k in (1, 2):
         flight.recordings[k] = recording_in(folder / f"auv{k}")
         _read(flight, k, folder / f"auv{k}" / "logs")
@@ -243,22 +281,6 @@ def _await_end(simulator: subprocess.Popen[str], folder: Path, seconds: float) -
             simulator.wait(60.0)
             simulator.returncode = 0
         time.sleep(0.5)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
-def _until(condition: Callable[[], bool], seconds: float, what: str) -> None:
-    until = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > until:
-            raise TimeoutError(what)
-        time.sleep(0.1)
 
 
 def _read(flight: Flight, vehicle: int, logs: Path) -> None:

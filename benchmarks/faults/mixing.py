@@ -1,8 +1,7 @@
-"""Missions that share a ROS domain, in pairs: each must be refused, or must not change the other.
+"""Intruders in the ROS domain of a simulation: they must be named, and must not change it.
 
-Intruders that reserve nothing, as a vehicle in a container or nodes that were started by hand, join the domain of a
-simulation as soon as it is known. The simulation's summary must be that of the same mission alone, and its terminal
-must name the intruder.
+They reserve nothing, as a vehicle in a container or nodes that were started by hand, and join the domain as soon as it
+is known. The simulation's summary must be that of the same mission alone. `test_domain.py` has what is refused.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from auv_lse_common.node.dive import DIVE_VARIABLE, new_dive
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_record.recording import recording_in
-from auv_lse_run.process.domain import VEHICLE_DOMAINS, node_environment, own_domain
+from auv_lse_run.process.domain import node_environment
 from auv_lse_run.process.keeper import ProcessKeeper, node_task
 from auv_lse_run.process.processes import Process
 from benchmarks.faults.kills import Program
@@ -43,7 +42,7 @@ _START_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What became of a pair: its name, what happened, what is wrong with that, and when the intruder was named (s)."""
+    """What became of a simulation with an intruder: what happened, what is wrong, when the intruder was named (s)."""
 
     name: str
     what: str
@@ -51,37 +50,8 @@ class Pair:
     named_s: float | None = None
 
 
-def _until(condition: Callable[[], object], program: Program, what: str, seconds: float = _START_S) -> None:
-    until = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > until or program.process.poll() is not None:
-            raise RuntimeError(f"{what}: {''.join(program.text)[-2000:]}")
-        time.sleep(0.05)
-
-
-@contextlib.contextmanager
-def _ended(*programs: Program) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        for program in programs:
-            if program.process.poll() is None:
-                program.process.terminate()
-        for program in programs:
-            program.wait(60.0)
-
-
-def _refused(name: str, program: Program, expected: str) -> Pair:
-    """A pair of which the second one must be refused with a sentence."""
-    program.wait(60.0)
-    text = "".join(program.text)
-    right = program.process.returncode == 2 and re.search(expected, text) is not None
-    last = text.strip().splitlines()[-1] if text.strip() else ""
-    return Pair(name, f"refused: {last}" if right else f"exit code {program.process.returncode}", "" if right else text)
-
-
 def _domain(program: Program) -> int:
-    _until(lambda: _DOMAIN.search("".join(program.text)), program, "no ROS domain is printed")
+    program.wait_until(lambda: _DOMAIN.search("".join(program.text)), "no ROS domain is printed")
     match = _DOMAIN.search("".join(program.text))
     assert match is not None
     return int(match[1] or match[2])
@@ -105,52 +75,6 @@ def _vehicle_file(path: Path, out: Path) -> Path:
     own.setdefault("safety", {})["state_copies"] = str(path.parent / "state_copies")
     path.write_text(yaml.safe_dump(body))
     return path
-
-
-def refused_pairs(folder: Path, alone: Path) -> list[Pair]:
-    """The pairs of which the second one is refused: it would take a domain that is in use."""
-    file, pairs = _vehicle_file(folder / "vehicles.yaml", alone), []
-    with own_domain(VEHICLE_DOMAINS) as free:
-        first = Program("vehicle", "auv1", str(file), "--domain", str(free), "--out", str(folder / "a"))
-        with _ended(first):
-            _until(lambda: any("started" in line for line in first.text), first, "the vehicle does not start")
-            again = ("auv1", str(file), "--domain", str(free), "--out", str(folder / "b"))
-            pairs.append(
-                _refused(
-                    "two vehicles with one name",
-                    Program("vehicle", *again),
-                    "already has the nodes of auv1",
-                )
-            )
-            pairs.append(
-                _refused(
-                    "a replay beside a vehicle",
-                    Program("replay", str(alone), "--domain", str(free)),
-                    "a simulation or a replay uses 1 to 80",
-                )
-            )
-            sim = ("--vehicles", "1", "--steps", "2", "--domain", str(free), "--out", str(folder / "s"))
-            pairs.append(
-                _refused(
-                    "a simulation beside a vehicle",
-                    Program("sim", *sim),
-                    "a simulation or a replay uses 1 to 80",
-                )
-            )
-    simulation = Program("sim", "--vehicles", "1", "--steps", "2", "--out", str(folder / "first"))
-    with _ended(simulation):
-        domain = _domain(simulation)
-        second = ("--vehicles", "1", "--steps", "2", "--domain", str(domain), "--out", str(folder / "second"))
-        pairs.append(_refused("two simulations", Program("sim", *second), f"ROS domain {domain} is in use by sim-"))
-        vehicle = ("auv1", str(file), "--domain", str(domain), "--out", str(folder / "c"))
-        pairs.append(
-            _refused(
-                "a vehicle beside a simulation",
-                Program("vehicle", *vehicle),
-                "a vehicle uses 81 to 101 or 0",
-            )
-        )
-    return pairs
 
 
 @contextlib.contextmanager
@@ -193,7 +117,7 @@ def _stray_recording(domain: int, run: Path) -> Iterator[None]:
 def intruded(name: str, folder: Path, alone: Path, intruder: Callable[[int], AbstractContextManager[None]]) -> Pair:
     """A simulation into whose domain an intruder comes that has reserved nothing."""
     mission = _mission(folder / "run")
-    with _ended(mission):
+    try:
         with intruder(_domain(mission)):
             began_s, named_s = time.monotonic(), None
             while mission.process.poll() is None and time.monotonic() - began_s < _START_S:
@@ -203,6 +127,10 @@ def intruded(name: str, folder: Path, alone: Path, intruder: Callable[[int], Abs
         with contextlib.suppress(subprocess.TimeoutExpired):
             mission.wait(60.0)
         has_ended = mission.process.poll() is not None
+    finally:
+        if mission.process.poll() is None:
+            mission.process.terminate()
+        mission.wait(60.0)
     wrong = []
     if not has_ended:
         wrong.append("the mission has not ended")
@@ -225,7 +153,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """Tries every pair."""
+    """Tries every intruder."""
     folder.mkdir(parents=True)
     alone, other = folder / "alone", folder / "other"
     for out, seed in ((alone, "5"), (other, "6")):
@@ -243,8 +171,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
     for number, (name, intruder) in enumerate(intruders.items()):
         pairs.append(intruded(name, folder / f"intruded {number}", alone, intruder))
         say(f"{name}: {pairs[-1].wrong or 'good'}")
-    pairs += refused_pairs(folder, alone)
-    lines = ["| pair | what happened |", "|---|---|", *(f"| {p.name} | {p.wrong or p.what} |" for p in pairs)]
+    lines = ["| intruder | what happened |", "|---|---|", *(f"| {p.name} | {p.wrong or p.what} |" for p in pairs)]
     named_s = [p.named_s for p in pairs if p.named_s is not None]
     wrong = [f"{p.name}: {p.wrong}" for p in pairs if p.wrong]
     return Report(lines, len(pairs), len(pairs) - len(wrong), max(named_s, default=None), wrong)

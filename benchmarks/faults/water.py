@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -242,7 +242,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """The table of all faults; also a picture in `folder`, where `--out` names one."""
+    """The table of all faults."""
     seeds, first, steps = options.seeds, options.seed, options.steps
     found: dict[str, list[Outcome]] = {}
     for fault in FAULTS:
@@ -258,10 +258,6 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         cells += [f"{mean[key]:.0f}" for key in ("accepted", "refused")]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     lines.append(f"means of {seeds} missions of three vehicles and {steps} steps, seeds {first} to {first + seeds - 1}")
-    if options.out is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        _draw(found, folder / "water.png")
-        lines.append(f"picture: {folder / 'water.png'}")
     lost = [
         f"{name}, seed {first + i}: risk {o.risk:.2f} against {good.risk:.2f} in good water"
         for name, outcomes in found.items()
@@ -269,25 +265,3 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         if not o.risk <= MOST_RISK * good.risk
     ]
     return Report(lines, tried=len(FAULTS) * seeds, survived=len(FAULTS) * seeds - len(lost), lost=lost)
-
-
-def _draw(found: Mapping[str, Sequence[Outcome]], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for axis, name, title in ((axes[0], "risk", "team's risk"), (axes[1], "own_risk", "a vehicle's own risk")):
-        names = list(found)
-        for i, outcomes in enumerate(found.values()):
-            values = [getattr(o, name) for o in outcomes]
-            axis.plot(values, [i] * len(values), "o", color="0.6", markersize=4)
-            axis.plot(np.mean(values), i, "D", color="tab:blue")
-        axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
-        axis.invert_yaxis()
-        axis.set_xlim(left=0.0)
-        axis.set_xlabel(f"{title} at the end, cost/position")
-        axis.grid(axis="x", alpha=0.3)
-    figure.savefig(path, dpi=120)
-    plt.close(figure)

@@ -71,7 +71,7 @@ def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_no
     """Three ROS domains; packets pass through emulated modems alone. In real time: three legs, a minute.
 
     An autopilot surfaces if its link is dead for 3 s, which a busy computer may need to start it again: `auv_lse faults
-    nodes` kills links.
+    kills` kills links.
     """
     nodes = [node for node in kills.NODES if node != "vehicle_link_node"]
 

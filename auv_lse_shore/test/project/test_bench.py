@@ -49,7 +49,7 @@ def survey(tmp_path):
     return file
 
 
-@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet"])
+@pytest.mark.parametrize("group", ["gp", "planner", "comms", "day"])
 def test_a_group_runs_at_its_smallest_size(group, tmp_path):
     file = tmp_path / "rows.json"
     assert main([group, "--smoke", "--json", str(file)]) == 0
@@ -192,28 +192,6 @@ def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
     assert whole.main([str(tmp_path / "grid.npz"), "--windows", "1", "--vehicles", "1", "--steps", "2"]) == 0
     table = capsys.readouterr().out
     assert table.count("| 1 vehicle: ") == 5
-
-
-def test_whole_lakes_are_continued_from_their_file_of_summaries(tmp_path, monkeypatch, capsys):
-    whole = importlib.import_module("benchmarks.planning.real_lake")
-    names = ("risk_third", "risk_after", "loss_after", "isobath_error_m", "loss_expected", "isobath_found")
-    flown = []
-
-    def fly(settings, *, open_ground):
-        flown.append(settings.sim.lake.seed)
-        found = 0.5 if settings.planner_settings(1).planner.method == "plain" else 0.75
-        return {**dict.fromkeys(names, 2.0), "mowing_risk": 3.0, "isobath_found": found}
-
-    monkeypatch.setattr(whole, "flown", fly)
-    (tmp_path / "lake.npz").touch()
-    rows = tmp_path / "rows.jsonl"
-    command = [str(tmp_path / "lake.npz"), "--whole", "--vehicles", "2", "--seeds", "1", "--out", str(rows)]
-    for lakes in (["7"], ["7", "8"]):
-        assert whole.main([*command, "--lakes", *lakes, "--methods", "tour", "plain"]) == 0
-    assert flown[2:] == [7, 7, 8, 8], "lake 7 and the file's lake are flown once"
-    assert len(rows.read_text().splitlines()) == len(flown) == 6
-    assert "| 2 vehicles: tour against plain | 3 |" in (table := capsys.readouterr().out)
-    assert "+0.25 (+0.25..+0.25; lower on 0) |" in table
 
 
 def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):
