@@ -10,7 +10,6 @@ import argparse
 import contextlib
 import math
 import resource
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from auv_lse_common.node.state_slots import FILE_BYTES
 from benchmarks.faults.bed.dive_bed import BACK_S, NODES, DiveBed, Vehicle, dive_bed
-from benchmarks.faults.report import Report
+from benchmarks.faults.report import Moments, Report
 
 SMALL = ("--moments", "20")
 #: A file that cannot be written has to be in the diagnostics within this time (s).
@@ -84,33 +83,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """Fills the disk `--moments` times and kills a node each time."""
-    rng = np.random.default_rng(options.seed)
-    rows: dict[str, list[float]] = {}
-    lost: list[str] = []
-    survived = resumed = 0
-    node = ""
+    rng, moments = np.random.default_rng(options.seed), Moments(say)
+    resumed, node = False, ""
     with dive_bed(folder) as bed:
         vehicle = bed.vehicles[1]
         ledger = vehicle.witness.ledger
-        for number in range(options.moments):
+        for _ in range(options.moments):
             if vehicle.program is None or not resumed:
                 bed.dive()
             broken = len(ledger.broken)
             node = str(rng.choice([other for other in NODES if other != node]))  # the keeper delays repeated restarts
             what, back_s, wrong = fill(bed, node, rng)
             resumed = recover(bed) if not math.isnan(back_s) else False
-            wrong += ledger.broken[broken:]
-            survived += not wrong
-            lost += [f"{what}: {text}" for text in wrong]
-            rows.setdefault(what.rpartition(", ")[2].split()[0], []).append(back_s)
-            more = f"; {'; '.join(wrong)}" if wrong else ""
-            say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
+            moments.add(f"`{node}`", what, back_s, wrong + ledger.broken[broken:])
         packets = len(ledger.slots)
-    lines = ["| killed on a full disk | kills | back after (median, worst) |", "|---|---|---|"]
-    lines += [f"| `{node}` | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for node, s in sorted(rows.items())]
-    causes = ", ".join(f"{text} ({n})" for text, n in Counter(t.partition(": ")[2] for t in lost).items())
-    lines.append(
-        f"{options.moments} moments, {packets} packets, each with a counter of its own; {causes or 'nothing lost'}"
-    )
-    worst = max((s for own in rows.values() for s in own if not math.isnan(s)), default=None)
-    return Report(lines, options.moments, survived, worst, lost)
+    return moments.report("killed on a full disk", f"{packets} packets, each with a counter of its own")

@@ -160,9 +160,7 @@ ATTACKS = (
     Attack(name="none"),
     Attack(name="4 packets, wrong samples all over", forge=Forger.scattered, most=4),
     Attack(name="each slot, wrong samples along the track", forge=Forger.along),
-    Attack(name="1 plan with a high step", forge=Forger.high_step, most=1),
     Attack(name="each slot, a plan with a high step", forge=Forger.high_step, least_through=0.7),
-    Attack(name="each slot, first, from elsewhere", forge=Forger.elsewhere, begins_s=0.0),
     Attack(
         name="3 in each slot, first, from elsewhere",
         forge=Forger.elsewhere,

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.support.confinement import NETWORK_VARIABLES
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_common.vocabulary.stamps import seconds
@@ -145,6 +146,14 @@ class Program:
                 raise RuntimeError(f"{what}: {''.join(self.text)[-2000:]}")
             time.sleep(0.05)
 
+    def end(self) -> None:
+        """Ends it if it still runs: in an orderly way, after 40 s by force."""
+        for number in (signal.SIGINT, signal.SIGKILL):
+            if self.process.poll() is None:
+                self.process.send_signal(number)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self.wait(40.0)
+
     def wait(self, seconds: float) -> None:
         """Waits for its end; raises subprocess.TimeoutExpired if it still runs after so many seconds."""
         self.process.wait(seconds)
@@ -202,13 +211,10 @@ def vehicles_apart(
                 give_go(k, domains[k])
             yield programs
         finally:
-            for number in (signal.SIGINT, signal.SIGKILL):
-                running = [program for program in programs if program.process.poll() is None]
-                for program in running:
-                    program.process.send_signal(number)
-                for program in running:
-                    with contextlib.suppress(subprocess.TimeoutExpired):
-                        program.wait(40.0)
+            for program in programs:
+                program.end()
+            for path in folder.glob("auv*/journal/*/*.state"):  # their vehicles may have been under water
+                forget_copy(path)
             for program, name in zip(programs, ("simulator", "auv1", "auv2"), strict=False):
                 (folder / f"{name}.output").write_text("".join(program.text))
 

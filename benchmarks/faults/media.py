@@ -23,7 +23,7 @@ import numpy as np
 from auv_lse_common.support.option_types import whole_from
 from benchmarks.command import call_as_root
 from benchmarks.faults.bed.dive_bed import BACK_S, BOOTED_S, NODES, DiveBed, dive_bed
-from benchmarks.faults.report import Report
+from benchmarks.faults.report import Moments, Report
 
 SMALL = ("--moments", "6")
 #: safety_node has to run again within this time (s).
@@ -152,11 +152,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """Breaks a disk `--moments` times, in turn in each way, and kills each node or cuts the power in turn."""
-    rng = np.random.default_rng(options.seed)
-    times: dict[str, list[float]] = {fault: [] for fault in FAULTS}
-    good: dict[str, int] = dict.fromkeys(FAULTS, 0)
-    lost: list[str] = []
-    killed = (*NODES, _POWER)
+    rng, moments, killed = np.random.default_rng(options.seed), Moments(say), (*NODES, _POWER)
     with dive_bed(folder) as bed:
         for number in range(options.moments):
             fault = tuple(FAULTS)[number % len(FAULTS)]
@@ -169,17 +165,5 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
                 back_s, wrong = break_disk(bed, mounted, fault, node, order)
                 wrong += ledger.broken
                 bed.end()
-            what = f"{fault} disk, {order or 'under way'}, {node}"
-            times[fault].append(back_s)
-            good[fault] += not wrong
-            lost += [f"{what}: {text}" for text in wrong]
-            say(f"{number + 1}: {what}: back after {back_s:.1f} s{'; ' * bool(wrong)}{'; '.join(wrong)}")
-    lines = ["| disk | moments | survived | back after (median, worst) |", "|---|---|---|---|"]
-    lines += [
-        f"| {fault} | {len(s)} | {good[fault]} | {np.nanmedian(s):.1f} s, {np.nanmax(s):.1f} s |"
-        for fault, s in times.items()
-        if s and not all(map(math.isnan, s))
-    ]
-    lines.append("; ".join(lost) or "nothing lost: every node came back, and HOLD, SURFACE and ABORT were obeyed")
-    worst = max((s for own in times.values() for s in own if not math.isnan(s)), default=None)
-    return Report(lines, options.moments, sum(good.values()), worst, lost)
+            moments.add(fault, f"{fault} disk, {order or 'under way'}, {node}", back_s, wrong)
+    return moments.report("disk", "every node came back, and HOLD, SURFACE and ABORT were obeyed")

@@ -128,9 +128,7 @@ def intruded(name: str, folder: Path, alone: Path, intruder: Callable[[int], Abs
             mission.wait(60.0)
         has_ended = mission.process.poll() is not None
     finally:
-        if mission.process.poll() is None:
-            mission.process.terminate()
-        mission.wait(60.0)
+        mission.end()
     wrong = []
     if not has_ended:
         wrong.append("the mission has not ended")

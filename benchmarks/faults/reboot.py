@@ -17,7 +17,7 @@ import numpy as np
 
 from auv_lse_common.node.state_slots import FILE_BYTES, SLOT_BYTES
 from benchmarks.faults.bed.dive_bed import BOOTED_S, NODES, DiveBed, Vehicle, dive_bed
-from benchmarks.faults.report import Report
+from benchmarks.faults.report import Moments, Report
 
 SMALL = ("--moments", "20")
 _ORDERS = ("", "", "HOLD", "ABORT")
@@ -126,15 +126,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
     """Cuts the power `--moments` times."""
-    rng = np.random.default_rng(options.seed)
-    rows: dict[str, list[float]] = {}
-    lost: list[str] = []
-    survived = 0
+    rng, moments = np.random.default_rng(options.seed), Moments(say)
     after_reboot, resumed = "", False
     with dive_bed(folder) as bed:
         witness = bed.vehicles[1].witness
         ledger = witness.ledger
-        for number in range(options.moments):
+        for _ in range(options.moments):
             if not resumed:
                 after_reboot = ("resume", "surface")[int(rng.integers(2))]
                 bed.dive(after_reboot)
@@ -143,21 +140,9 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             resumed = not math.isnan(back_s) and resume(bed)
             if not resumed and not wrong and "not trusted" not in witness.problems:
                 wrong.append("the mission did not resume after GO")
-            wrong += ledger.broken[broken:]
-            survived += not wrong
-            lost += [f"{what}: {text}" for text in wrong]
-            kind = what.rpartition(", ")[2]
-            rows.setdefault(kind if kind in (_RUN_FOLDER, "journals cut") else f"a file {kind.split()[1]}", []).append(
-                back_s
-            )
-            more = f"; {'; '.join(wrong)}" if wrong else ""
-            say(f"{number + 1}: {what}: back after {back_s:.1f} s{', mission resumed' if resumed else ''}{more}")
+            damaged = what.rpartition(", ")[2]
+            kind = damaged if damaged in (_RUN_FOLDER, "journals cut") else f"a file {damaged.split()[1]}"
+            moments.add(kind, what, back_s, wrong + ledger.broken[broken:])
         packets = len(ledger.slots)
-    lines = ["| damaged | power losses | all nodes back after (median, worst) |", "|---|---|---|"]
-    lines += [f"| {kind} | {len(s)} | {np.median(s):.1f} s, {max(s):.1f} s |" for kind, s in sorted(rows.items())]
-    lines.append(
-        f"{options.moments} power losses, {packets} packets, each with a counter of its own; "
-        + ("; ".join(lost) or "nothing lost: no step decided twice, no abort forgotten")
-    )
-    worst = max((s for own in rows.values() for s in own if not math.isnan(s)), default=None)
-    return Report(lines, options.moments, survived, worst, lost)
+    end = f"no step decided twice, no abort forgotten, {packets} packets, each with a counter of its own"
+    return moments.report("damaged", end)

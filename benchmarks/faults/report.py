@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 #: A row of a table: what was done, how often, how often it went well, figures, and what went wrong.
@@ -31,6 +34,53 @@ class Report:
     def good(self) -> bool:
         """Whether every fault was survived and nothing was lost."""
         return self.survived == self.tried and not self.lost
+
+
+class Moments:
+    """Faults at one moment after another, and the recovery from each.
+
+    Attributes:
+        lost: What was lost or went wrong, a sentence each.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        """Args: say: Prints a line of progress."""
+        self.lost: list[str] = []
+        self._say = say
+        self._times_s: dict[str, list[float]] = {}
+        self._good: Counter[str] = Counter()
+
+    def add(self, kind: str, what: str, back_s: float, wrong: Sequence[str]) -> None:
+        """Takes a moment.
+
+        Args:
+            kind: Its row in the table.
+            what: What was done, in words.
+            back_s: Time until the recovery (s); NaN if there was none.
+            wrong: What went wrong.
+        """
+        self._times_s.setdefault(kind, []).append(back_s)
+        self._good[kind] += not wrong
+        self.lost += [f"{what}: {text}" for text in wrong]
+        number = sum(map(len, self._times_s.values()))
+        self._say("; ".join([f"{number}: {what}: back after {back_s:.1f} s", *wrong]))
+
+    def report(self, title: str, end: str) -> Report:
+        """The table.
+
+        Args:
+            title: Heading of its first column.
+            end: What holds if nothing was lost, for the last line.
+        """
+        lines = [f"| {title} | moments | survived | back after (median, worst) |", "|---|---|---|---|"]
+        every = [s for times in self._times_s.values() for s in times]
+        for kind, times in sorted(self._times_s.items()):
+            known = [s for s in times if not math.isnan(s)]
+            back = f"{statistics.median(known):.1f} s, {max(known):.1f} s" if known else "never"
+            lines.append(f"| {kind} | {len(times)} | {self._good[kind]} | {back} |")
+        lines.append("; ".join(self.lost) or f"nothing lost: {end}")
+        worst_s = max((s for s in every if not math.isnan(s)), default=None)
+        return Report(lines, len(every), self._good.total(), worst_s, self.lost)
 
 
 def summary(reports: dict[str, Report]) -> list[str]:

@@ -12,8 +12,6 @@ import contextlib
 import io
 import re
 import secrets
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -156,22 +154,14 @@ def _simulator(folder: Path, vehicles: int, domain: int) -> Iterator[Path]:
     team = ("--apart", "--vehicles", str(vehicles), "--steps", str(_SIMULATED), "--seed", "5", "--no-report")
     program = Program("sim", *team, "--out", str(run), "--domain", str(domain), *sets)
     try:
-        end_s = time.monotonic() + _NODES_S
-        while not (run / "vehicles.yaml").is_file():
-            if program.process.poll() is not None or time.monotonic() > end_s:
-                raise DiveError(f"the simulator does not run: {''.join(program.text)[-1500:]}")
-            time.sleep(0.2)
         mission = run / "vehicles.yaml"
+        program.wait_until(mission.is_file, "the simulator does not run", _NODES_S)
         text, changed = re.subn(rf"\bsteps: {_SIMULATED}\b", f"steps: {_STEPS}", mission.read_text())
         assert changed == 1
         mission.write_text(text)
         yield mission
     finally:
-        for number in (signal.SIGINT, signal.SIGKILL):
-            if program.process.poll() is None:
-                program.process.send_signal(number)
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    program.wait(40.0)
+        program.end()
 
 
 @contextlib.contextmanager
@@ -255,7 +245,7 @@ def part(options: argparse.Namespace, folder: Path, say: Say) -> Part:
     began_s = time.monotonic()
     try:
         done, wrong = fly(folder, options.dive, say), list[str]()
-    except DiveError as error:
+    except RuntimeError as error:
         done, wrong = {}, [str(error)]
     rate = done.pop(_RATE, 0.0)
     figures = ", ".join(f"{name} after {at_s:.0f} s" for name, at_s in done.items())

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,19 +129,16 @@ def direction(heading_rad: float) -> Array:
     return np.array([math.cos(heading_rad), math.sin(heading_rad)])
 
 
-def fly(
-    rng: np.random.Generator, is_stated: bool, digits: int, make: Callable[..., BatteryUse] = BatteryUse
-) -> Outcome:
+def fly(rng: np.random.Generator, is_stated: bool, digits: int) -> Outcome:
     """One mission; the way home scatters as the legs do.
 
     Args:
         rng: Draws it.
         is_stated: Whether the way that a full battery lasts is stated.
         digits: Of the readings: 2 for whole percent.
-        make: Makes what learns.
     """
     dive = Dive(rng)
-    use = make(RESERVE, dive.stated_m if is_stated else None)
+    use = BatteryUse(RESERVE, dive.stated_m if is_stated else None)
     at_m, charge, begun = dive.start_m, dive.charge, dive.charge
     possible = begun - dive.way_home(at_m, 0.0, begun) >= RESERVE
     is_short = turned = False

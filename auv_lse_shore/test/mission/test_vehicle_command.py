@@ -15,6 +15,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.node.state_memory import MemoryCopy
 from auv_lse_record.recording import Recording, recording_in
 from auv_lse_record.run_reader import read_run
 from auv_lse_run.process.domain import own_domain
@@ -95,3 +96,6 @@ def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_no
         plans = [message for topic, message in heard if topic == f"/auv{k}/team/plans"]
         assert plans, "the mate's plan came through the water"
         assert {plan.vehicle for plan in plans} == {mate}
+    states = list(tmp_path.glob("**/*.state"))
+    assert len(states) > 6
+    assert [path for path in states if MemoryCopy(path).text is not None] == [], "it leaves nothing in memory"

@@ -1,6 +1,7 @@
 """`auv_lse faults`: a row for each kind, also for one that breaks; the day's schedule, and what counts as lost."""
 
 import math
+import shutil
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -376,18 +377,24 @@ def test_a_recovery_after_the_last_leg_reads_like_one():
 
 
 @pytest.mark.parametrize("end", [Vehicle.end, Vehicle.cut_power])
-def test_an_ended_vehicle_leaves_no_state_in_memory(tmp_path, monkeypatch, end):
+@pytest.mark.parametrize("deletes", [False, True], ids=["", "its folder is deleted"])
+def test_an_ended_vehicle_leaves_no_state_in_memory(tmp_path, monkeypatch, end, deletes):
     memory = tmp_path / "memory"
     memory.mkdir()
     monkeypatch.setattr(state_memory, "MEMORY", memory)
     vehicle = Vehicle(0, SimpleNamespace(vehicle=1, forget=lambda: None, note_death=lambda: None))
     monkeypatch.setattr(vehicle, "pids", list)
-    vehicle.program = SimpleNamespace(process=SimpleNamespace(poll=lambda: 0), wait=lambda seconds: None, text=[])
+    nodes = dict.fromkeys(day.NODES, 1)
+    process = SimpleNamespace(poll=lambda: 0)
+    vehicle.program = SimpleNamespace(process=process, wait=lambda seconds: None, text=[], nodes=nodes)
     vehicle.out = tmp_path / "dive"
     state = StateFile(vehicle.out / "journal" / "start" / "auv1.safety_node.state", {}, start="a")
     state.write({"step": 1})
     state.close()
     assert len(list(memory.iterdir())) == 1
+    assert vehicle.has_started()
+    if deletes:
+        shutil.rmtree(vehicle.out)
     end(vehicle)
     assert not list(memory.iterdir())
 

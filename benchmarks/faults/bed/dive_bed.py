@@ -63,6 +63,7 @@ class Vehicle:
         self.program: Program | None = None
         self.out = Path()
         self._domain = domain
+        self._states: set[Path] = set()  # state files; a fault may delete them
 
     @property
     def running(self) -> Program:
@@ -90,6 +91,7 @@ class Vehicle:
             RuntimeError: if the command has ended instead.
         """
         if set(NODES) <= set(self.running.nodes):
+            self._states |= set(self.out.glob("journal/*/*.state"))
             return True
         if self.running.process.poll() is not None:
             raise RuntimeError(f"auv_lse vehicle has not started its nodes: {''.join(self.running.text)[-2000:]}")
@@ -122,7 +124,7 @@ class Vehicle:
         if self.program.process.poll() is None:
             self.program.process.send_signal(signal.SIGTERM)
         self.program.wait(60.0)
-        for path in self.out.glob("journal/*/*.state"):
+        for path in self._states | set(self.out.glob("journal/*/*.state")):
             forget_copy(path)
         with contextlib.suppress(OSError), (self.out / "output").open("a") as output:
             output.write("".join(self.program.text))
