@@ -13,6 +13,7 @@ from typing import Any
 RETIRED = (
     "gp.local",
     "gp.outlier_sigmas",
+    "gp.support_m",
     "level_set.method",
     "motion.track_spacing_m",
     "packet.check_limits",

@@ -52,6 +52,11 @@ def test_only_removed_parameters_are_retired() -> None:
     assert set(RETIRED) <= set(SO_FAR)
 
 
+def test_a_meaning_has_no_full_stop_since_unit_and_range_follow_it() -> None:
+    rows = [row for name, cls in SECTIONS.items() for row in describe(cls, f"{name}.")]
+    assert [row[0] for row in rows if row[-1].endswith(".") and not row[-1].endswith("...")] == []
+
+
 def test_the_lists_are_sorted_and_without_repetition() -> None:
     assert sorted(set(SO_FAR)) == SO_FAR
     assert sorted(set(RETIRED)) == list(RETIRED)

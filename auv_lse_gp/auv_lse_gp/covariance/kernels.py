@@ -84,7 +84,7 @@ class Kernel:
         self.signal_variance_m2 = config.signal_std_m**2
         across = (config.length_scale_2_m or config.length_scale_m) / config.length_scale_m
         if self.name in SUPPORT_RATIO:
-            self.length_m = self.support_m = config.support_m or SUPPORT_RATIO[self.name] * config.length_scale_m
+            self.length_m = self.support_m = SUPPORT_RATIO[self.name] * config.length_scale_m
         else:
             self.length_m, self.support_m = config.length_scale_m, math.inf
         self.length_2_m = across * self.length_m

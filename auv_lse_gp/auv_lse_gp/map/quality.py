@@ -141,7 +141,7 @@ def lanes_share(config: GpConfig, apart_m: float, leg_m: float) -> float:
         apart_m: Distance between the lanes.
         leg_m: Distance between two soundings on a lane; half of it is enough for any kernel as long as it.
     """
-    prior = dataclasses.replace(config, kernel=KERNEL, support_m=0.0)
+    prior = dataclasses.replace(config, kernel=KERNEL)
     lanes = Posterior(prior)
     reach_m = LENGTH_SCALES * max(config.length_scale_m, config.length_scale_2_m)
     at = np.meshgrid(np.arange(-reach_m, reach_m, 0.5 * leg_m), (np.arange(2 * LANES) - LANES + 0.5) * apart_m)

@@ -139,7 +139,6 @@ def _conditioned(config: GpConfig, centers: Centers, banks: Banks | None, factor
     prior = dataclasses.replace(
         config,
         kernel=KERNEL,
-        support_m=0.0,
         length_scale_m=factor * config.length_scale_m,
         length_scale_2_m=factor * config.length_scale_2_m,
     )

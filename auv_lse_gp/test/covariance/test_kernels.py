@@ -123,9 +123,9 @@ def test_positive_definite(name):
 
 @pytest.mark.parametrize("name", sorted(SUPPORT_RATIO))
 def test_compact_support(name):
-    kernel = Kernel(GpConfig(kernel=name, support_m=120.0))
-    assert kernel.support_m == 120.0
-    value = kernel(np.zeros((1, 2)), np.array([[119.0, 0.0], [120.0, 0.0], [500.0, 0.0]]))[0]
+    kernel = Kernel(GpConfig(kernel=name, length_scale_m=120.0 / SUPPORT_RATIO[name]))
+    assert kernel.support_m == pytest.approx(120.0)
+    value = kernel(np.zeros((1, 2)), np.array([[119.0, 0.0], [120.1, 0.0], [500.0, 0.0]]))[0]
     assert value[0] > 0.0
     assert value[1:].tolist() == [0.0, 0.0]
 

@@ -72,7 +72,7 @@ def dense_prior(gp: GpConfig, area: AreaConfig) -> DensePrior:
     if bank is not None:
         mean = partial(_banked, open_ground, bank, area.shore_depth_m)
     if gp.kernel in _SUPPORT:
-        first = gp.support_m or _SUPPORT[gp.kernel] * gp.length_scale_m
+        first = _SUPPORT[gp.kernel] * gp.length_scale_m
     return DensePrior(
         kernel=gp.kernel,
         std_m=gp.signal_std_m,

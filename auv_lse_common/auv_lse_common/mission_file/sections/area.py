@@ -24,38 +24,38 @@ class AreaConfig:
         help="Corners of the operating area in order, either way round: north, east, north, east, ...",
     )
     no_go: dict[str, tuple[float, ...]] = parameter(
-        {}, unit="m", help="Areas that vehicles must not enter, by name: corners as in polygon_m."
+        {}, unit="m", help="Areas that vehicles must not enter, by name: corners as in polygon_m"
     )
     shore: dict[str, tuple[float, ...]] = parameter(
         {},
         unit="m",
         help="Lines along the shore by name: north, east, ...",
     )
-    shore_depth_m: float = parameter(0.0, unit="m", help="Depth along the shore.")
+    shore_depth_m: float = parameter(0.0, unit="m", help="Depth along the shore")
     file: str | None = parameter(
         None,
         help="Instead of polygon_m: a file with the area, no-go areas, starts and recovery positions, such as GeoJSON, "
         "KML, GPX, GeoPackage, shapefile or a QGroundControl plan (docs/guide/your-own-lake.md). Relative to the "
-        "mission file.",
+        "mission file",
     )
     polygon_deg: tuple[float, ...] = parameter(
         (), unit="deg", help="Instead of polygon_m: the corners' latitude, longitude, latitude, longitude, ..."
     )
-    no_go_deg: dict[str, tuple[float, ...]] = parameter({}, unit="deg", help="As no_go, with corners as polygon_deg.")
+    no_go_deg: dict[str, tuple[float, ...]] = parameter({}, unit="deg", help="As no_go, with corners as polygon_deg")
     origin_lat_deg: float | None = parameter(
-        None, low=-90.0, high=90.0, unit="deg", help="WGS84 latitude of north = east = 0, where known."
+        None, low=-90.0, high=90.0, unit="deg", help="WGS84 latitude of north = east = 0, where known"
     )
     origin_lon_deg: float | None = parameter(
-        None, low=-180.0, high=180.0, unit="deg", help="WGS84 longitude of north = east = 0, where known."
+        None, low=-180.0, high=180.0, unit="deg", help="WGS84 longitude of north = east = 0, where known"
     )
     margin_m: float = parameter(
-        10.0, low=0.0, unit="m", help="Distance that vehicles keep from the area's border and from no-go areas."
+        10.0, low=0.0, unit="m", help="Distance that vehicles keep from the area's border and from no-go areas"
     )
     raster_m: float = parameter(
         2.0,
         above=0.0,
         unit="m",
-        help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side.",
+        help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side",
     )
 
     @property
