@@ -207,7 +207,7 @@ def _sklearn(whole: Any, data: Centers) -> Callable[[], float]:
 def decisions(sizes: Sizes = FULL) -> list[Row]:
     """Time of a first decision at the default budget, and the share of its value that remains with a 20 ms deadline.
 
-    Missions begin without a map; that of so many centers is what a planner finds that starts anew on known ground.
+    Missions begin without a map; a planner that restarts on known ground finds one.
     """
     return [told for method in DECIDED for count in (0, sizes.centers) for told in _decision(method, count, sizes)]
 

@@ -16,8 +16,8 @@ OFTEN_NO_DATA = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99)
 #: Multiples of the others' span by which missing data are apart from them: in grids and tables, where a basin may have
 #: one depth, and in logs, where the depth of a moving vehicle does not repeat. At least this span (m) counts.
 APART_IN_GRIDS, APART_IN_LOGS, _LEAST_SPAN_M = 20.0, 3.0, 1.0
-#: Missing data repeat one value at this share of all, or so often. Those of `OFTEN_NO_DATA` are apart by this multiple.
-#: The others have so many values.
+#: A value marks missing data if it is at least this share of all values, or repeated this often. For those of
+#: `OFTEN_NO_DATA`, the distance from the others as a multiple of their span, and the least number of other values.
 _FILL_SHARE, _FILL_COUNT, _APART_OFTEN, _OTHERS = 0.005, 4, 0.1, 5
 #: Values from which the span of the others is found.
 _SAMPLED = 100_000

@@ -129,7 +129,7 @@ class Session:
         time.sleep(_STEP_S)
 
     def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Lets time pass, at most until a condition; returns whether it came true."""
+        """Waits for a time, or until a condition holds; returns whether it does."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             self.step()

@@ -35,12 +35,12 @@ from benchmarks.vehicle import memory_mb
 SPEED_MPS = 1.5
 #: The water moves vehicles this much faster than the aim: they wait during recoveries, which count.
 CATCH_UP = 1.15
-#: A vehicle that decides nothing for so long (s), or is not back by then, never will.
+#: Time (s) after which a vehicle that decides nothing, or is not back, never will.
 NEVER_S = 300.0
 #: The last kills of each vehicle, which show restarts after the day, and the legs between two of them in the team.
 LATE = ("gp_node", "planner_node")
 LATE_APART = 6
-#: After a rebuild soundings are merged in another order. A center is then less than so many spacings away: one to its
+#: After a rebuild soundings are merged in another order. A center is then less than this many spacings away: one to its
 #: first sounding, one to the first sounding of the center into which that is merged, one to that center.
 SPACINGS = 3.0
 #: Goals: restart of a node after the day (s), memory of a vehicle (MB).
@@ -311,7 +311,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
 
 
 def _speed(flown_s: Sequence[float], legs: int, days: Sequence[VehicleDay]) -> str:
-    """How fast the mission was, with and without the recoveries; each vehicle has decided so many legs in `flown_s`."""
+    """How fast the mission was, with and without the recoveries; each vehicle has decided `legs` legs in `flown_s`."""
     between = [(legs - day.away_legs) * LEG_S / (s - day.away_s) for day, s in zip(days, flown_s, strict=True)]
     return (
         f"in {max(flown_s):.0f} s: {legs * LEG_S / max(flown_s):.1f} times real time with all recoveries, "

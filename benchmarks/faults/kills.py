@@ -138,7 +138,7 @@ class Program:
         """Waits until `condition` holds.
 
         Raises:
-            RuntimeError: with `what` and its last output, if it ends instead, or takes longer than so many seconds.
+            RuntimeError: with `what` and its last output, if it ends instead, or takes longer than `seconds`.
         """
         until_s = time.monotonic() + seconds
         while not condition():
@@ -155,7 +155,7 @@ class Program:
                     self.wait(40.0)
 
     def wait(self, seconds: float) -> None:
-        """Waits for its end; raises subprocess.TimeoutExpired if it still runs after so many seconds."""
+        """Waits for its end; raises subprocess.TimeoutExpired if it still runs after `seconds`."""
         self.process.wait(seconds)
         self._reader.join(10.0)
 
@@ -383,7 +383,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:
-    """Flies a mission with so many kills, authenticated."""
+    """Flies a mission with authenticated packets, and kills `--kills` nodes."""
     folder.mkdir(parents=True)
     key = folder / "key"
     key.touch(0o600)

@@ -83,7 +83,7 @@ def _loaded(
 
 
 def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[Sample], Fleet]:
-    """Runs the cores of vehicle 1 for so many minutes of mission time; returns ten samples, and the fleet."""
+    """Runs the cores of vehicle 1 for some minutes of mission time; returns ten samples, and the fleet."""
     warm_up()  # its first decision is not to count what is loaded, or compiled, once
     steps = max(4, int(minutes * 60.0 / 15.7))
     settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed})

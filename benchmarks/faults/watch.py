@@ -181,7 +181,7 @@ class Sequence:
 
 
 def sequences(number: int, seed: int) -> Iterable[tuple[str, str]]:
-    """Names and faults of so many sequences: healthy, faulty, healthy, faulty with the next fault, ..."""
+    """Names and faults of `number` sequences: healthy, faulty, healthy, faulty with the next fault, ..."""
     faults = itertools.cycle(FAULTS)
     return ((f"{seed} {i}", next(faults) if i % 2 else "") for i in range(number))
 

@@ -108,7 +108,7 @@ class _Day:
                     raise
 
     def await_states(self, wanted: str, of: int, within_s: float) -> None:
-        """Waits until `watch` shows a state (a regular expression) of so many vehicles.
+        """Waits until `watch` shows a state (a regular expression) of `of` vehicles.
 
         Raises:
             DiveError: if it does not in time.

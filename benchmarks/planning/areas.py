@@ -59,7 +59,7 @@ def windows(path: Path, where: str) -> Iterator[tuple[str, float, float]]:
 
 
 def spread_windows(path: Path, where: str, most: int) -> list[str]:
-    """Names of at most so many windows, spread over all that there are."""
+    """Names of at most `most` windows, spread over all of them."""
     found = [name for name, _, _ in windows(path, where)]
     return found[:: max(1, len(found) // most)][:most]
 

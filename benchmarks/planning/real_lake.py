@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = parser_of("benchmarks.planning.real_lake", __doc__)
     parser.add_argument("file", type=existing_file, help="the lake's grid or soundings")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
-    parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
+    parser.add_argument("--windows", type=int, default=6, help="largest number of windows of 400 m x 500 m")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     options = parser.parse_args(arguments)
     found = spread_windows(options.file, "small", options.windows)

@@ -52,7 +52,7 @@ class Stopping:
     """Requests to stop, by SIGINT or SIGTERM: obeyed between two callbacks, never within one.
 
     rclpy's own handlers shut ROS down from another thread, which can crash a node that is taking a message. A
-    KeyboardInterrupt within a callback can leave a recording open. A second signal interrupts all the same.
+    KeyboardInterrupt within a callback can leave a recording open. A second signal does interrupt.
 
     Attributes:
         requested: Whether the process has to stop.

@@ -33,7 +33,7 @@ SPARE_M, LEFT_M = 0.6, 0.3
 WINDOW_M, REACH_M = 4.0, 4.0
 #: Ground that differs by more than this (m), beyond a slope of one, must be seen twice.
 JUMP_M = 0.7
-#: After so long (s) without a ping the next one counts whatever its value.
+#: Time (s) without a ping after which the next one counts, whatever its value.
 SILENT_S = 5.0
 #: Steepest line (m/m) along which a vehicle climbs while it travels, and steepest slope that is expected to go on.
 STEEPEST = 0.6

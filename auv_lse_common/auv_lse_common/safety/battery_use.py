@@ -54,10 +54,10 @@ CURRENT_STD = 0.15
 AGEING, AGEING_STD = 0.15, 0.12
 #: Standard deviation of a stretch's median reading, in whole percent and finer; of the charge at first.
 READING_STD, FINE_STD, FIRST_STD = 0.0035, 0.001, 0.01
-#: A reading this many standard deviations off is ignored, unless so many in a row are; then the covariance of all but
-#: the charge grows by this factor.
+#: Standard deviations beyond which a reading is ignored; number of such readings in a row after which they count, and
+#: the factor by which the covariance of all but the charge then grows.
 FAR, AGAIN, WIDER = 4.0, 5, 4.0
-#: A reading is a rise if it is this much above all of so many accepted ones.
+#: A reading is a rise if it exceeds the last accepted ones by this much; their number.
 RISE, RECENT = 0.05, 20
 #: A vehicle that takes this many times longer than usual for a stretch uses its battery without travelling.
 LONG = 2.0
@@ -65,7 +65,7 @@ LONG = 2.0
 LEAST_COST = 1e-5
 #: Number of readings of a stretch, and of stretches whose times are remembered.
 MOST, TIMES = 400, 60
-#: A forecast goes in pieces of this length (stretches), and in so many at most.
+#: Length (stretches) of the pieces of a forecast, and their largest number.
 PIECE, PIECES = 8.0, 8
 
 

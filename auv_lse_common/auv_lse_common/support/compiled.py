@@ -135,7 +135,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _save_if_possible(dispatcher: Any) -> None:
-    """Lets a function that was compiled on a full disk run all the same: numba raises when it cannot save its code."""
+    """Makes a function compiled on a full disk run: numba raises when it cannot save its code."""
     save = dispatcher._cache.save_overload
 
     def save_if_possible(signature: Any, data: Any) -> None:

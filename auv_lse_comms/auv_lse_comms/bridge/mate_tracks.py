@@ -117,7 +117,7 @@ class Track:
 
     @property
     def is_known(self) -> bool:
-        """Whether it has been received in so many slots that a new track cannot displace it."""
+        """Whether it has been received in enough slots that no new track can displace it."""
         return self.count >= AGREEING
 
     def before_slot(self) -> Track:
@@ -176,7 +176,7 @@ class MateTracks:
         return self._add(source, seen, math.nan if slot_s is None else slot_s)
 
     def is_trusted(self, source: int, track: Track) -> bool:
-        """Whether a track of `source` is that of the mate, as far as can be told."""
+        """Whether a track of `source` is probably the mate's own."""
         others = [other for other in self._tracks[source] if other is not track]
         most = max((other.count for other in others if other.last_s >= track.began_s), default=0)
         is_accepted = track.first or track.count >= AGREEING or track.odds > 0

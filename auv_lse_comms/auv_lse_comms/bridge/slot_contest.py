@@ -35,7 +35,7 @@ class Candidate:
         navigation: Its sender's navigation; None if it has none.
         track: The track that it continues.
         on_time: Whether it arrived when its sender's own packet does.
-        within: Whether its sender may send so many packets (`LinkQuality.accept_arrival`).
+        within: Whether it is within its sender's packet limit (`LinkQuality.accept_arrival`).
         waits: Whether its samples wait for the end of the slot.
     """
 
@@ -104,7 +104,7 @@ def _ended(slot: _Slot) -> list[Candidate]:
 
 
 def fittest(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Those of the packets of a slot that are their sender's; none if that cannot be told.
+    """The packets of a slot that their sender really sent; none if that is uncertain.
 
     A known track counts before a new one, then a packet on time before others, then one that is its track's only one,
     then one whose track has clearly better odds.

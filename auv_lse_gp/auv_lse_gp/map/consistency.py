@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-#: Samples that are compared with each other, at least, if there are so many.
+#: Least number of samples that are compared with each other, if there are as many.
 BLOCK = 128
 
 

@@ -40,7 +40,7 @@ FACTORS = tuple(2.0 ** (k / 6.0) for k in range(-12, 9))
 #: Number of soundings that `gp.signal_std_m` counts as in the weights of hypotheses. Soundings along tracks hardly tell
 #: a long, rough scale from a short, smooth one: a surer standard deviation would decide, and could be wrong.
 STD_WORTH = 1.0
-#: Of the length scales, every so many are tried first.
+#: Every n-th length scale is tried first.
 COARSE = 3
 #: Hypotheses of less weight are left out.
 LEAST_WEIGHT = 0.01

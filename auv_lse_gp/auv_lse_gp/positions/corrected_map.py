@@ -15,7 +15,7 @@ from auv_lse_gp.positions.sounding_log import SoundingLog
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-#: In a map in tiles, positions are checked at every so many centers of a vehicle's track. The centers between two of
+#: In a map in tiles, positions are checked at every n-th center of a vehicle's track. The centers between two of
 #: these move if one of the two has.
 CHECKED_EVERY = 8
 #: A map is rebuilt when more than this share of its centers has shifted by more than this share of their

@@ -25,7 +25,7 @@ from auv_lse_gp.positions.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
-#: The map is rebuilt after one correction for so many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
+#: The map is rebuilt after one correction per this many centers, at least `MIN_REPEATED` and at most `MAX_REPEATED`:
 #: a restart repeats those since the last rebuild, and a rebuild, whose cost grows with the map, is shared by them.
 CENTERS_PER_REPEATED = 40
 MIN_REPEATED, MAX_REPEATED = 20, 100

@@ -6,7 +6,7 @@ from collections import Counter
 
 from auv_lse_mavlink.messages.wire import MavlinkCodec
 
-#: Until `renew`, at most so many bytes of other senders are parsed to find the autopilot.
+#: Largest number of bytes of other senders that are parsed to find the autopilot, until `renew`.
 EXAMINED_BYTES = 16384
 
 

@@ -15,7 +15,7 @@ CHARGE_S = 5.0
 HJ_PER_WH = 36.0
 #: Texts that ArduPilot sends as warnings in normal operation: after each upload while it flies a mission.
 ROUTINE_TEXTS = ("Auto mission changed, restarted command",)
-#: A warning that repeats itself is reported again after this time (s); so many are remembered.
+#: Time (s) after which a repeated warning is reported again, and number of warnings that are remembered.
 TEXT_AGAIN_S, MOST_TEXTS = 60.0, 64
 #: ArduPilot's answer to an origin while it has one, or waits for GPS.
 ORIGIN_REFUSED = "refusing set origin"

@@ -25,7 +25,7 @@ from auv_lse_mavlink.targets.surfacing import AT_DEPTH_M
 
 #: A target, a stop or a mission that has been refused or ignored for this long (s) is reported.
 IGNORED_S = 5.0
-#: A vehicle whose heading is this close (rad) to the direction of its target may be slow for so long (s).
+#: A vehicle whose heading is this close (rad) to the direction of its target may be slow for this time (s).
 HEADS_FOR_RAD, SLOW_S = math.radians(30.0), 30.0
 #: A vehicle that comes nearer by less than this (m) in that time does not follow.
 PROGRESS_M = 0.25
@@ -33,7 +33,7 @@ PROGRESS_M = 0.25
 MOST_TURN_RAD = math.radians(20.0)
 #: Changes below these (rad) are noise: of a moving vehicle, and of one that is slower than this (m/s).
 NOISE_RAD, STANDING_NOISE_RAD, STANDING_MPS = math.radians(1.0), math.radians(5.0), 0.1
-#: A vehicle that holds is slower than this (m/s), or circles within so many turn radii of its position.
+#: A vehicle that holds is slower than this (m/s), or circles within this many turn radii of its position.
 HOLDING_MPS, HOLDING_RADII = 0.3, 4.0
 #: A vehicle is at the surface up to this depth (m).
 AFLOAT_M = 1.0

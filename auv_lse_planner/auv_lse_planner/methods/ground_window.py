@@ -1,7 +1,7 @@
 """The part of the map that a long mission plans with: the cells near its next legs, and the data near these cells.
 
 A short mission plans with the whole map. In a long one, the cost of a decision would grow with the area and with the
-number of soundings. The window is therefore *focused* on the path of the next legs, and focused anew every so many
+number of soundings. The window is therefore *focused* on the path of the next legs, and refocused every few
 legs. Its *cells* are those near the path whose risk can still fall; ground that is surveyed and certain is *settled*.
 The posterior holds the centers near these cells, averaged if they are not close. It is conditioned on new centers only
 when plans are evaluated (`update`). Elsewhere, risk and mean are updated when the window is focused, tile by tile,

@@ -49,8 +49,8 @@ FIRST_ITERATIONS = 100
 FAR_BEHIND = 0.003
 #: Iterations of optimizing each route of a single vehicle.
 ROUTE_ITERATIONS = 10
-#: Rounds of bending the starts for the mission's end, each the best one of so many starts, iterations of each bend, and
-#: bends of the best one with as many locations per leg as its value.
+#: Rounds of bending the starts for the mission's end, which keep one of this many starts each; iterations of each bend;
+#: and bends of the best one with as many locations per leg as its value.
 START_BENDS, KEPT_ONE_OF, START_BEND_ITERATIONS = 3, 3, 40
 FINER_BENDS = 2
 #: Shares of the anytime weight, tried in this order until a bent path's expected end stays above its floor. The

@@ -108,7 +108,7 @@ class MissionProgress:
         return f"legs left by battery {left}"
 
     def _legs_left(self, vehicle: int) -> str:
-        """A vehicle's legs left by battery, and those planned."""
+        """The legs that a vehicle's battery still allows, and those that it still has to travel."""
         done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
         legs = self.battery_legs.get(vehicle)
         return "-" if legs is None else f"{legs} ({self.steps_total - done} planned)"

@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 RISK_EVERY = 12
 
 #: Largest number of steps at which the whole-path reward is computed. Its cost of a step grows with the steps before.
-#: Beyond it, only methods that maximize this reward (the paper's) get so many; of the others only the end is computed.
+#: Beyond it, only methods that maximize this reward (the paper's) get this many; for others the end alone.
 WHOLE_STEPS = 100
 
 

@@ -14,7 +14,7 @@ from auv_lse_record.run_data import VehicleRun
 
 Array = NDArray[np.float64]
 
-#: Separation counts from so long (s) after the start on: all vehicles start at one location, at their own depths.
+#: Time (s) after the start from which separation counts: all vehicles start at one location, at their own depths.
 SEPARATION_FROM_S = 60.0
 
 

@@ -174,21 +174,21 @@ def _files(there: Mapping[str, Mapping[str, Any]], sent: Mapping[str, str]) -> l
     found = []
     hashes = {name: facts["hashes"].get("mission.yaml", "") for name, facts in there.items() if not facts["problem"]}
     wanted = sent.get("mission.yaml") or _most(hashes.values())
-    of = "the one that this laptop sent" if sent.get("mission.yaml") else "that of the others"
+    other = "the one that this laptop sent" if sent.get("mission.yaml") else "the others'"
     for name, digest in hashes.items():
         if not digest:
             found.append(
                 Problem(name, "error", "it has no mission file. Send one: auv_lse fleet FILE send MISSION.yaml")
             )
         elif digest != wanted:
-            text = f"its mission file ({digest[:8]}) is not {of} ({wanted[:8]}). Send it again."
+            text = f"its mission file ({digest[:8]}) differs from {other} ({wanted[:8]}). Send it again."
             found.append(Problem(name, "error", text))
     for parameter in ("packet.key_file", "gp.survey_file"):
         has = {name: facts.get("mission", {}).get("hashes", {}).get(parameter, "") for name, facts in there.items()}
         most = _most(has.values())
         for name, digest in has.items():
             if digest and digest != most:
-                text = f"its file of {parameter} ({digest[:8]}) is not that of the others ({most[:8]}). Send it again."
+                text = f"its file of {parameter} ({digest[:8]}) differs from the others' ({most[:8]}). Send it again."
                 found.append(Problem(name, "error", text))
     return found
 

@@ -219,7 +219,7 @@ _CAUSES: tuple[tuple[str, bool, str], ...] = (
     (
         r"REMOTE HOST IDENTIFICATION HAS CHANGED",
         False,
-        "It shows another host key than before. If its computer was set up anew: ssh-keygen -R {known}, then {login}. "
+        "It shows another host key than before. If its computer was reinstalled: ssh-keygen -R {known}, then {login}. "
         "If not, another computer has its address.",
     ),
     (

@@ -26,9 +26,9 @@ Mask = NDArray[np.bool_]
 
 #: A depth needs positions before and after it, not farther apart than `GAPS` times their usual spacing, and this (s).
 GAPS, LEAST_GAP_S, LARGEST_GAP_S = 3.0, 5.0, 120.0
-#: Pieces of track between jumps need so many positions.
+#: Least number of positions of a piece of track between jumps.
 LEAST_POSITIONS = 5
-#: The first position of a log that does not jump is usually among so many.
+#: Number of positions among which the first one that does not jump usually is.
 _FIRST_POSITIONS = 10_000
 #: A repeated position is an old one if the step after it is this much faster than the boat.
 STALE = 1.6
@@ -101,7 +101,7 @@ def local_origin(logs: Sequence[SurveyLog]) -> tuple[float, float] | None:
         times, north, east = positions.T
         north, east = local_from_geodetic(north, east, float(middle[0]), float(middle[1]))
         kept = positions[_steady(times, north, east, logs[0].has_time)]
-        if len(kept) >= LEAST_POSITIONS:  # so many are never left for want of a longer piece
+        if len(kept) >= LEAST_POSITIONS:  # fewer are a fallback: no piece is long enough
             break
     return float(kept[0, 1]), float(kept[0, 2])
 

@@ -43,7 +43,7 @@ def test_a_good_fleet_has_no_problem() -> None:
     ("changed", "words"),
     [
         (("findings", [{"part": "modem", "level": "error", "text": "no answer"}]), "auv2 error modem: no answer"),
-        (("hashes", {"mission.yaml": "x" * 64}), "auv2 error its mission file (xxxxxxxx) is not that of the others"),
+        (("hashes", {"mission.yaml": "x" * 64}), "auv2 error its mission file (xxxxxxxx) differs from the others'"),
         (("free_mb", 100.0), "auv2 error its disk has 100 MB left"),
         (("state", {**STATE, "position": None}), "auv2 error it has no position"),
         (("state", {**STATE, "autopilot": {"heard": True, "battery": 0.15}}), "auv2 error its battery has 15 % left"),

@@ -242,7 +242,7 @@ class DiveBed:
         return time.monotonic() - began
 
     def spend(self, seconds: float) -> None:
-        """Moves the vehicles for so long (s)."""
+        """Moves the vehicles for a time (s)."""
         self.wait(lambda: False, seconds)
 
     def obeys(self, order: str) -> bool:
@@ -281,7 +281,7 @@ def start_of(vehicle: int) -> tuple[float, float]:
 
 @contextmanager
 def dive_bed(folder: Path, vehicles: int = 1) -> Iterator[DiveBed]:
-    """A bed of so many vehicles, each on a ROS domain of its own; they are ended with the context."""
+    """A context with a bed of vehicles, each in a ROS domain of its own; they end with it."""
     from benchmarks.faults.bed.witness_node import Witness  # ROS: only these faults need it
 
     folder.mkdir(parents=True)

@@ -63,7 +63,7 @@ class Ledger:
         self.last_step = max(self.last_step, step)
 
     def lost_steps(self, legs: int) -> list[int]:
-        """The steps of a mission of so many legs of which neither leg nor record was published."""
+        """The steps of a mission of `legs` legs without a published leg or record."""
         return sorted(set(range(legs)) - set(self._ends_m) - self._recorded)
 
     def lost_soundings(self) -> list[int]:

@@ -42,7 +42,7 @@ from benchmarks.planning.planners.options import HINDSIGHT, OURS, RIVAL_NAMES
 
 Array = NDArray[np.float64]
 
-#: A waypoint that a vehicle has not come closer to for so many legs is left out: it cannot be reached.
+#: Legs without coming closer to a waypoint after which it is left out: it cannot be reached.
 GIVE_UP_LEGS = 6
 #: Entry-point group of planners from other packages.
 GROUP = "auv_lse.planners"

@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter
 #: Names of the covariance functions, see `kernels.py`.
 KERNELS = ("matern52", "squared_exponential", "wendland_c2")
 
-#: While the recorder alone reads the maps, one is computed every so many `publish_period_s`.
+#: Multiple of `publish_period_s` between two maps while only the recorder reads them.
 UNWATCHED_PERIODS = 4
 
 #: Prior means, see `prior_mean.py`.

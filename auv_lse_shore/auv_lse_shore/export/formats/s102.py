@@ -73,7 +73,7 @@ def _attributes(node: Any, **values: Any) -> None:
 
 
 def _write_root(file: Any, chart: Chart, code: int, datum: int) -> None:
-    """The attributes of the file: what it is, where it lies, and to what its depths refer."""
+    """Writes the file's attributes: product, extent and vertical datum."""
     from rasterio.warp import transform_bounds
 
     now = datetime.now(UTC)

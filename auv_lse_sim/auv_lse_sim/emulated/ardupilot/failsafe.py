@@ -12,7 +12,7 @@ import math
 from auv_lse_sim.emulated.ardupilot.parameters import Parameters
 from auv_lse_sim.emulated.ardupilot.personality import Personality
 
-#: The text on a silent ground station, and on a leak, is repeated after so long (s).
+#: Time (s) after which the text on a silent ground station, and that on a leak, is repeated.
 GCS_TEXT_S, LEAK_TEXT_S = 30.0, 20.0
 #: MAV_SEVERITY of the texts.
 CRITICAL, WARNING, INFO = 2, 4, 6
