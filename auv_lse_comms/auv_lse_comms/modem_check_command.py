@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--configure", action="store_true", help="let the driver restart and configure the modem first")
     p.add_argument("--ping", type=int, metavar="ID", help="configure, then ping modem ID")
     p.add_argument("--send", type=int, metavar="ID", help="configure, then send test packets to modem ID; 0: to all")
-    p.add_argument("--listen", type=float, metavar="S", help="configure, then print packets: N, or those of S seconds")
+    p.add_argument("--listen", type=float, metavar="S", help="configure, then print up to N packets within S seconds")
     p.add_argument("--count", type=int, default=3, metavar="N", help="number of pings and packets (default: 3)")
     return p
 

@@ -1,4 +1,4 @@
-"""Messages of recordings of earlier versions, written anew as this version publishes them, so that they can be played.
+"""Messages of recordings of earlier versions, rewritten as this version publishes them, so that they can be played.
 
 Readers without ROS need none of this: they decode messages by the definitions in the recording. Version 0.2 put the id
 of the dive into the frame of each header ("sim-1123-184534-3f2a/map"), and had fewer and other fields.

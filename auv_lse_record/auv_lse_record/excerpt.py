@@ -63,7 +63,7 @@ def excerpt(dive: Path, cursor: Cursor, topics: Mapping[str, float]) -> tuple[by
 
     Args:
         dive: The dive's folder.
-        cursor: From the last excerpt; that of another dive, or a new one, begins anew.
+        cursor: From the last excerpt; that of another dive, or a new one, starts over.
         topics: Shortest time (s) between two messages that are kept, by the topic's full name; 0: all are.
 
     Returns:

@@ -10,7 +10,7 @@ It takes the median reading of each stretch of `STRETCH_M`, or of a stay several
 
 A reading far from the expected charge is ignored, unless `AGAIN` stretches in a row contradict it: then the covariance
 is widened until it fits. So a reading that jumps for a stretch or two changes nothing, and a wrong expectation is
-learned anew. A charge does not rise under way: after its reboot an autopilot may count from a full battery again. Such
+relearned. A charge does not rise under way: after its reboot an autopilot may count from a full battery again. Such
 readings are ignored for good.
 
 The way home is possible while the charge expected there exceeds the reserve by `CAUTION` standard deviations. These
@@ -100,7 +100,7 @@ class BatteryUse:
         """Takes a charge (0 to 1; NaN: unknown) at a time, after a way, at a position."""
         now = (now_s, way_m / STRETCH_M, north_m / STRETCH_M, east_m / STRETCH_M)
         number = int(now[1])
-        if number < self._number or now_s < self._now[0]:  # the way or the clock starts anew
+        if number < self._number or now_s < self._now[0]:  # the way or the clock starts over
             self._readings = []
             self._at = (now_s, *now[1:])
         began_s = self._readings[0][1] if self._readings else now_s

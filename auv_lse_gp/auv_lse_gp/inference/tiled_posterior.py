@@ -34,7 +34,7 @@ _ROUNDING = 1e-9
 ROUGH_SHARE = 0.5
 #: Number of the last tiles whose rough posteriors are kept: those near the vehicle and near its mates' last samples.
 KEPT_TILES = 40
-#: Slopes of a tile are computed anew when it has new centers, or when this many centers within this share of the margin
+#: Slopes of a tile are recomputed when it has new centers, or when this many centers within this share of the margin
 #: have come or changed.
 SLOPES_CHANGED, SLOPES_SHARE = 4, 1.0 / 3.0
 #: Centers within this share of the margin count as close to a tile.

@@ -2,7 +2,7 @@
 
 The sensitivity of center i is g_i' A_i: the slope g_i of the ground, and the derivatives A_i of its position with
 respect to the unknowns of its vehicle. A map in tiles keeps sensitivities from one correction to the next: only those
-of new centers, and of centers whose slope has changed, are computed. All are computed anew when knots are added, or
+of new centers, and of centers whose slope has changed, are computed. All are recomputed when knots are added, or
 when the correction has turned or scaled tracks by `KEPT_TURN` since they were computed.
 """
 

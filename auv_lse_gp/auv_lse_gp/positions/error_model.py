@@ -79,7 +79,7 @@ class VehicleErrorModel:
         self.block = slice(begin, begin + STATIC + 3 * self.knots)
         self._earlier_distance_m = earlier_distance_m
         self._config = config
-        self._nodes = track.nodes[:, :3].copy()  # a track computes its last nodes anew
+        self._nodes = track.nodes[:, :3].copy()  # a track recomputes its last nodes
         self._times_s = self._nodes[:, 0].copy()
         self._sums: GrowingRows | None = self._summed(older)
 
@@ -96,7 +96,7 @@ class VehicleErrorModel:
         return self._sums.rows.reshape(len(self._sums), self.knots, 2)
 
     def _summed(self, older: VehicleErrorModel | None) -> GrowingRows:
-        """S_k at the track's nodes, a row each; those of an older model are taken over, which computes its own anew."""
+        """S_k at the track's nodes, a row each; those of an older model are taken over; it recomputes its own."""
         nodes, kept, sums = self._nodes, 1, GrowingRows(2 * self.knots)
         if older is not None and self._continues(older):
             common = min(len(older._nodes), len(nodes))

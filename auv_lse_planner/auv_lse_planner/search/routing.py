@@ -2,7 +2,7 @@
 
 Nodes are centroidal (Lloyd's algorithm) over the ground that a vehicle can reach. Distances lead around land. The order
 is found by ruin and recreate (Christiaens and Vanden Berghe 2020, Slack induction by string removals): each iteration
-removes a node and its neighbors from the route and inserts them anew where that costs least. What exceeds the budget
+removes a node and its neighbors from the route and reinserts them where that costs least. What exceeds the budget
 stays out.
 
 All arithmetic is in integers (centimetres), with random numbers of its own, so that a route is the same on every

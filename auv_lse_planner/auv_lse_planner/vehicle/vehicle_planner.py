@@ -370,7 +370,7 @@ class VehiclePlanner:
         self._travel.finished |= finished
 
     def forget_clock(self) -> None:
-        """After a reboot the clock may be wrong: counts the current leg's time anew. Call it while blocked."""
+        """After a reboot the clock may be wrong: restarts the current leg's time. Call it while blocked."""
         self._travel.restart_leg()
 
     @property

@@ -83,7 +83,7 @@ def _are_ready(out: Path, name: str, before: Mapping[Path, int]) -> bool:
         if not {f"{name}.{node}.log" for node in _NODES} <= {path.name for path in sizes}:
             return False
         old = {path: before.get(path, 0) for path in sizes}
-        old = {path: size if size <= sizes[path] else 0 for path, size in old.items()}  # 0: it was begun anew
+        old = {path: size if size <= sizes[path] else 0 for path, size in old.items()}  # 0: it was started over
         return all(b" ready after " in path.read_bytes()[size:] for path, size in old.items())
     except OSError:
         return False
