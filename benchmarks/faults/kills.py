@@ -45,7 +45,7 @@ BACK_S = 5.0
 LEG_S, LONGEST = 15.7, 2.0
 #: The nodes that are killed.
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
-_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: ready after (\d+\.\d+) s of processor time$", re.MULTILINE)
+_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: ready after \d+\.\d+ s of processor time$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) (?:re)?started.*, process (\d+)")
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,7 +59,6 @@ class Kill:
         node: Its name.
         when_s: When (s since 1970).
         back_s: Time (s) until it was ready again; NaN if it never was.
-        cpu_s: Processor time (s) that it took for that.
         lost: State that it lost, or "".
     """
 
@@ -67,7 +66,6 @@ class Kill:
     node: str
     when_s: float
     back_s: float = math.nan
-    cpu_s: float = math.nan
     lost: str = ""
 
 
@@ -308,13 +306,11 @@ def _read(flight: Flight, vehicle: int, logs: Path) -> None:
     flight.steps[vehicle], flight.heard[vehicle] = steps, heard
     flight.legs_s[vehicle] = [after - before for before, after in pairwise(decided_s)]
     at_work = {
-        node: [(float(s), float(cpu)) for s, cpu in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())]
-        for node in NODES
+        node: [float(s) for s in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())] for node in NODES
     }
     for kill in flight.kills:
         if kill.vehicle == vehicle:
-            later = [(s - kill.when_s, cpu_s) for s, cpu_s in at_work[kill.node] if s > kill.when_s]
-            kill.back_s, kill.cpu_s = min(later, default=(math.nan, math.nan))
+            kill.back_s = min((s - kill.when_s for s in at_work[kill.node] if s > kill.when_s), default=math.nan)
             before = [m for t, m in seen[kill.node] if t < kill.when_s]
             # what a dying process had still sent arrives within 0.2 s
             after = [m for t, m in seen[kill.node] if t > kill.when_s + 0.2]
@@ -344,20 +340,15 @@ def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int
 
 def table(flight: Flight, steps: int) -> Report:
     """The table of a flight's kills, one row per node, and its decided steps."""
-    lines = [
-        "| node | kills | back after (median, worst) | processor time for it (median, worst) | lost |",
-        "|---|---|---|---|---|",
-    ]
+    lines = ["| node | kills | back after (median, worst) | lost |", "|---|---|---|---|"]
     lost = [f"a program ended with exit code {code}" for code in flight.codes if code != 0]
     for node in NODES:
         mine = [kill for kill in flight.kills if kill.node == node]
         back = [kill.back_s for kill in mine if not math.isnan(kill.back_s)]
-        cpu = [kill.cpu_s for kill in mine if not math.isnan(kill.back_s)]
         lost_here = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
         if back:
             times = f"{statistics.median(back):.1f} s, {max(back):.1f} s"
-            work = f"{statistics.median(cpu):.2f} s, {max(cpu):.2f} s"
-            lines.append(f"| `{node}` | {len(mine)} | {times} | {work} | {'; '.join(lost_here) or 'nothing'} |")
+            lines.append(f"| `{node}` | {len(mine)} | {times} | {'; '.join(lost_here) or 'nothing'} |")
         lost += [f"{node}: {what}" for what in lost_here]
     for vehicle, decided in flight.steps.items():
         whole = decided == list(range(steps))

@@ -208,7 +208,6 @@ class Outcome:
     risk: float
     loss: float
     isobath_m: float
-    own_risk: float
     accepted: int
     refused: int
 
@@ -225,7 +224,6 @@ def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
         risk=summary.risk_after,
         loss=summary.loss_after or 0.0,
         isobath_m=summary.isobath_error_m or 0.0,
-        own_risk=float(np.mean(summary.local_risk)),
         accepted=sum(c["received"] for c in counts),
         refused=sum(n for c in counts for name, n in c.items() if name.startswith("rejected.")),
     )
@@ -249,12 +247,12 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
         found[fault.name] = [fly(fault, seed, 3, steps) for seed in range(first, first + seeds)]
         say(f"{fault.name}: risk {np.mean([o.risk for o in found[fault.name]]):.3f}")
     lines = [
-        "| water | team's risk | true loss | isobath off by | a vehicle's own risk | packets taken | refused |",
-        "|---|---|---|---|---|---|---|",
+        "| water | team's risk | true loss | isobath off by | packets taken | refused |",
+        "|---|---|---|---|---|---|",
     ]
     for name, outcomes in found.items():
         mean = {f.name: float(np.mean([getattr(o, f.name) for o in outcomes])) for f in dataclasses.fields(Outcome)}
-        cells = [f"{mean['risk']:.2f}", f"{mean['loss']:.2f}", f"{mean['isobath_m']:.1f} m", f"{mean['own_risk']:.2f}"]
+        cells = [f"{mean['risk']:.2f}", f"{mean['loss']:.2f}", f"{mean['isobath_m']:.1f} m"]
         cells += [f"{mean[key]:.0f}" for key in ("accepted", "refused")]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     lines.append(f"means of {seeds} missions of three vehicles and {steps} steps, seeds {first} to {first + seeds - 1}")

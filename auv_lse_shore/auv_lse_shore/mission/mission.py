@@ -26,6 +26,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import DIVE_VARIABLE
 from auv_lse_common.node.intra_process import TOGETHER_VARIABLE
 from auv_lse_common.support import compiled
+from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import watch_variables
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
@@ -133,7 +134,7 @@ def write_mission(settings: Settings, folder: Path, options: argparse.Namespace,
         raise RunFolderError(lack)
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
     settings = settings.with_overrides(hardware)
-    (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    write_whole(folder / "mission.yaml", settings.to_parameter_file())
     return settings
 
 

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.dive import SIMULATION, new_dive
+from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, DomainError, note_run, simulator_domain, wanted_domain
 from auv_lse_shore.mission.mission import complain, fly, prepare, write_mission
@@ -64,10 +65,10 @@ def _apart(settings: Settings, folder: Path) -> Settings:
     for k in range(1, settings.mission.vehicles + 1):
         paced[f"auv{k}.link.soundings"] = True  # from the autopilot: the simulator's topics do not reach the vehicle
     settings = settings.with_overrides(paced)
-    (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    write_whole(folder / "mission.yaml", settings.to_parameter_file())
     body = yaml.safe_load(settings.with_overrides({"record.folder": "bag"}).to_parameter_file())
     del body["/**"]["ros__parameters"]["sim"]
-    (folder / VEHICLES).write_text(yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110))
+    write_whole(folder / VEHICLES, yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110))
     return settings
 
 

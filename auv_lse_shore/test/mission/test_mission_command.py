@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.process import fork_server
 from auv_lse_run.process.domain import node_environment
-from auv_lse_shore.mission import mission
+from auv_lse_shore.mission import mission, sim
 from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.vehicle_file import vehicle_file
 from auv_lse_sim.engine.hardware import hardware_of
@@ -81,6 +82,24 @@ def test_an_area_of_20_km_names_each_parameter_that_is_too_fine_before_the_start
             mission.prepare(options)
     else:
         mission.prepare(options)
+
+
+def test_mission_files_appear_whole_because_vehicles_are_started_as_soon_as_they_exist(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options, folder = sim.parser().parse_args(["--apart", "--vehicles", "2"]), tmp_path / "run"
+    folder.mkdir()
+    settings, in_place, write_text = mission.prepare(options)[0], list[str](), Path.write_text
+
+    def noted(path: Path, text: str, **options: Any) -> int:
+        in_place.append(path.name)
+        return write_text(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", noted)
+    sim._written(settings, folder, options)
+    names = {path.name for path in folder.iterdir()}
+    assert {"mission.yaml", "vehicles.yaml"} <= names
+    assert not names & set(in_place)
 
 
 def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
