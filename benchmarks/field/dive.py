@@ -21,6 +21,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_run.command.main import main
 from auv_lse_run.process.domain import VEHICLE_DOMAINS, own_domain
 from auv_lse_shore.remote.chart import TeamChart
@@ -142,6 +143,8 @@ def fly(folder: Path, vehicles: int, say: Say) -> dict[str, float]:
             for relay in day.relays:
                 relay.up = True
             day.fleet("stop", "--wait", "60", code=None)
+            for path in folder.glob("field/auv*/dives/*/journal/*/*.state"):  # the vehicles may be under water
+                forget_copy(path)
 
 
 @contextlib.contextmanager
