@@ -19,9 +19,11 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_record.run_data import RunData
 from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
+from auv_lse_shore.positions.adjustment import corrects_positions
 from benchmarks import bench, results_file
-from benchmarks.planning.planners import dec_mcts, grounds, page, rivals, sgptools_rivals
+from benchmarks.planning.planners import dec_mcts, flight, grounds, page, rivals, sgptools_rivals
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.interface import View, loaded, waypoints_of
 from benchmarks.planning.planners.judge import Judgement, longest_missed_m
@@ -190,6 +192,14 @@ def test_a_mission_of_the_whole_simulation_is_judged_in_thirds_by_the_map_of_its
     assert 0.1 < result["found"][-1] == report.isobath_found
     assert result["found"][0] < result["found"][-1]
     assert (result["risk"], result["true_loss"]) == (report.risk_after, report.loss_after)
+
+
+def test_the_papers_methods_are_judged_at_corrected_positions_as_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs: list[RunData] = []
+    monkeypatch.setattr(flight, "judgement_of", lambda run: (runs.append(run), judgement(0.5))[1])
+    mission("plain", SMALL, 2, 1, 6, whole=True)
+    assert corrects_positions(runs[-1])
+    assert any(vehicle.mates for vehicle in runs[-1].vehicles), "packets carry navigation"
 
 
 def test_a_ground_on_which_the_level_does_not_occur_is_refused() -> None:

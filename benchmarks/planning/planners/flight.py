@@ -62,7 +62,9 @@ def mission(
         ValueError: if the level does not occur in the area: any share of no isobath counts as all of it.
     """
     overrides = {**parameters, "mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed}
-    if not whole:
+    if whole:  # as all others: otherwise the maps of the paper's methods would know no uncertainty of positions
+        overrides |= {"positions.correct": True, "packet.navigation": True}
+    else:
         overrides["vehicle.surfacings"] = 0
     ours = planner if planner in OURS else None
     overrides |= OURS[ours] if ours else {"planner.method": REPLACED}
