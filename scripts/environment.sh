@@ -28,9 +28,14 @@ loops_fingerprint() {
 # Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell. Returns what
 # scripts/setup returned if that failed. Leaves the shell's own settings as they were.
 use_environment() {
-    source_ros
-    "$ROOT/scripts/setup" --quiet || return $?
+    set_up || return $?
     enter_environment
+}
+
+# Sets up when needed.
+set_up() {
+    source_ros
+    "$ROOT/scripts/setup" --quiet
 }
 
 # Puts the environment into this shell as scripts/setup left it: nothing is downloaded, built or compiled.
@@ -79,12 +84,4 @@ enter_environment() {
     export AUV_LSE_ROOT="$ROOT"
     # One thread per process: a mission is many processes on few cores.
     export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
-}
-
-# Runs the command auv_lse of this checkout, in place of this script: run_auv_lse ARGUMENTS...
-# Ctrl-C while Python starts waits until it can answer without a traceback.
-run_auv_lse() {
-    local wait_with=(env --block-signal=INT)
-    "${wait_with[@]}" true 2> /dev/null || wait_with=()
-    exec "${wait_with[@]}" python -m auv_lse_run "$@"
 }

@@ -16,7 +16,9 @@ usage: auv_lse VERB [ARGUMENTS]
 
 Maps a line of equal depth with a team of underwater vehicles. Each verb explains its arguments with --help.
 """
-_TAIL = "Exit codes: those of the verb; 2 for a wrong command line or a missing package, 130 after Ctrl-C."
+_TAIL = """\
+Exit codes: those of the verb; 2 for a wrong command line or a missing package, 130 after Ctrl-C, 143 after SIGTERM,
+129 after SIGHUP."""
 
 
 def help_text(verbs: Iterable[Verb]) -> str:

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from types import FrameType, ModuleType
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from auv_lse_common.support.confinement import ConfinementError
@@ -23,6 +23,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
+from auv_lse_run.process.interrupt import first_signal, signals_raised
 
 if TYPE_CHECKING:
     import argparse
@@ -34,26 +35,33 @@ PACKAGES = tuple(
 )
 
 
+#: What a verb returns that has answered a signal to end itself.
+_INTERRUPTED = 130
+
+
 class CommandError(ValueError):
     """A verb cannot be run."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a verb; returns its exit code, 2 if it cannot be run, 130 after Ctrl-C."""
+    """Runs a verb; returns its exit code, 2 if it cannot be run, 128 and the signal's number after one to end.
+
+    Args:
+        arguments: The command line; None: that of this process, which ends afterwards.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
-        with _interrupts_as_such():
+        with signals_raised(), _interrupts_as_such():
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # scripts/auv_lse blocks it until now
             code = _run(words)
-        if sys.stdout is not None:  # it was closed before the start
-            sys.stdout.flush()
-        return code
+            if sys.stdout is not None:  # it was closed before the start
+                sys.stdout.flush()
+        return 128 + first_signal() if code == _INTERRUPTED else code
     except KeyboardInterrupt as interrupt:
-        with contextlib.suppress(ValueError):  # not in the main thread
-            signal.signal(signal.SIGINT, _answered)  # another Ctrl-C would print a traceback
+        _end_quietly()
         _complain(str(interrupt) or "interrupted")
-        return 130
+        return 128 + first_signal()
     except (CommandError, MissingPackageError) as error:
         _complain(f"error: {error}")
         return 2
@@ -62,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     finally:
         sys.unraisablehook = report_dropped
+        if arguments is None:
+            _end_quietly()
         exec("")  # Ctrl-C within an evaluated string, caught or not, would make Python end by SIGINT; this clears it
 
 
@@ -79,14 +89,17 @@ def _interrupts_as_such() -> Iterator[None]:
         raise KeyboardInterrupt from error
 
 
-def _answered(number: int, frame: FrameType | None) -> None:
-    """Does nothing: Ctrl-C was answered. Unlike SIG_IGN, processes that end meanwhile do not inherit it."""
+def _end_quietly() -> None:
+    """Does nothing on Ctrl-C while Python ends: it would print a traceback."""
+    with contextlib.suppress(ValueError):  # not in the main thread
+        if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+            signal.signal(signal.SIGINT, lambda number, frame: None)  # processes that end inherit no SIG_IGN of ours
 
 
 def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Sends Ctrl-C again if it fell into a finalizer or a callback of garbage collection, whose errors Python drops."""
+    """Sends a signal again that fell into a finalizer or a callback of garbage collection, whose errors are dropped."""
     if isinstance(dropped.exc_value, KeyboardInterrupt):
-        again = threading.Timer(0.05, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+        again = threading.Timer(0.05, signal.pthread_kill, (threading.main_thread().ident, first_signal()))
         again.daemon = True
         again.start()
     else:

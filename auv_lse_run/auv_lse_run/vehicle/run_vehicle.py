@@ -228,8 +228,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="auv_lse vehicle",
         description="Runs the nodes of one vehicle: gp, safety, planner and modem, and, if the mission file asks for "
-        "them, micromodem, vehicle link and recorder. Restarts a node that dies or hangs. SIGTERM or Ctrl-C ends all "
-        "nodes, the recorder last.",
+        "them, micromodem, vehicle link and recorder. Restarts a node that dies or hangs. SIGTERM, Ctrl-C or a closed "
+        "terminal ends all nodes, the recorder last.",
         epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
         "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
     )
@@ -321,7 +321,7 @@ def _keep_running(processes: VehicleProcesses, tasks: Sequence[Task], logs: Path
                 _say(f"auv{processes.vehicle}: the simulated mission has {ended}")
                 return 0 if ended == "finished" else 1
             time.sleep(_TICK_S)
-    return 130 if interrupt.signal == signal.SIGINT else 0
+    return 0 if interrupt.signal == signal.SIGTERM else 130
 
 
 def _mission_end(environment: dict[str, str]) -> Any:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,14 +22,20 @@ from auv_lse_common.support.verb import Verb
 from auv_lse_run.command import main
 main.find_verbs = lambda: ({"slow": Verb("slow", "Others", "wait", "slow")}, [])
 if __name__ == "__main__":
-    sys.exit(main.main(["slow", *sys.argv[1:]]))
+    sys.argv[1:1] = ["slow"]
+    sys.exit(main.main())
 """
 PARSER = "import argparse\ndef parser():\n    p = argparse.ArgumentParser()\n    p.add_argument('words', nargs='*')\n"
 PARSER += "    return p\n"
 
 
+#: What asks a command to end, and its exit code then.
+ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+
+
 def default_interrupt() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # tests in the background ignore it
+    for number in ENDS:
+        signal.signal(number, signal.SIG_DFL)  # tests in the background ignore some
 
 
 def held_interrupt() -> None:
@@ -56,14 +65,76 @@ def run_of(text: str) -> str:
     return PARSER + "def run(options):\n    import sys, time\n" + "".join(f"    {line}\n" for line in text.splitlines())
 
 
-@pytest.mark.parametrize("text", [SLOW.format(""), run_of(SLOW.format(""))], ids=["import", "run"])
-def test_ctrl_c_prints_one_word_and_returns_130(tmp_path: Path, text: str) -> None:
-    with start(tmp_path, text) as process:
+def answer(process: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str, str]:
+    """Sends a signal to a process that has printed "there"; its exit code and what it prints then."""
+    with process:
         assert process.stdout is not None
         assert process.stdout.readline() == "there\n"
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         output, errors = process.communicate(timeout=30)
-    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+    return process.returncode, output, errors
+
+
+@pytest.mark.parametrize("text", [SLOW.format(""), run_of(SLOW.format(""))], ids=["import", "run"])
+@pytest.mark.parametrize(("number", "code"), ENDS.items())
+def test_a_signal_to_end_prints_one_word_and_returns_its_code(
+    tmp_path: Path, text: str, number: signal.Signals, code: int
+) -> None:
+    """Ctrl-C; SIGTERM, as of `timeout` and `systemctl stop`; SIGHUP, as of a closed SSH session."""
+    assert answer(start(tmp_path, text), number) == (code, "", "interrupted\n")
+
+
+@pytest.mark.parametrize(("number", "code"), ENDS.items())
+def test_a_verb_cleans_up_after_any_of_the_signals(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    text = "try:\n    print('there', flush=True)\n    time.sleep(60)\nfinally:\n    print('cleaned up')"
+    assert answer(start(tmp_path, run_of(text)), number) == (code, "cleaned up\n", "interrupted\n")
+
+
+@pytest.mark.parametrize(("number", "code"), ENDS.items())
+def test_the_code_is_the_signals_also_if_the_verb_reports_it(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    text = "try:\n    print('there', flush=True)\n    time.sleep(60)\nexcept KeyboardInterrupt:\n    return 130"
+    assert answer(start(tmp_path, run_of(text)), number) == (code, "", "")
+
+
+@pytest.mark.parametrize("number", ENDS)
+def test_a_signal_that_the_parent_ignores_stays_ignored(tmp_path: Path, number: signal.Signals) -> None:
+    """As nohup ignores SIGHUP."""
+    text = f"import signal\nsignal.raise_signal({int(number)})\nprint('a line')"
+    with start(tmp_path, run_of(text), prepare=lambda: signal.signal(number, signal.SIG_IGN)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, "a line\n", "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_process_that_a_verb_forks_ends_at_once(tmp_path: Path, number: signal.Signals) -> None:
+    """As worker processes, which libraries end by SIGTERM."""
+    text = f"import os, signal\npid = os.fork()\nif not pid:\n    signal.raise_signal({int(number)})\n    os._exit(0)\n"
+    text += "print(os.waitpid(pid, 0)[1])"
+    with start(tmp_path, run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, f"{int(number)}\n", "")
+
+
+def test_a_verb_ends_in_order_when_its_terminal_is_closed(tmp_path: Path) -> None:
+    """Text to a closed terminal is an error, which must not keep a verb from cleaning up."""
+    text = "try:\n    print('there', flush=True)\n    time.sleep(60)\nfinally:\n    print('ended', flush=True)\n"
+    text += f"    open({str(tmp_path / 'cleaned up')!r}, 'w').close()"
+    terminal, inner = pty.openpty()
+
+    def on_terminal() -> None:
+        default_interrupt()
+        os.setsid()
+        fcntl.ioctl(inner, termios.TIOCSCTTY, 0)
+        for descriptor in (0, 1, 2):
+            os.dup2(inner, descriptor)
+        os.close(terminal)
+
+    with start(tmp_path, run_of(text), prepare=on_terminal) as process:
+        os.close(inner)
+        assert os.read(terminal, 100).startswith(b"there")
+        os.close(terminal)
+        assert process.wait(timeout=30) == 129
+    assert (tmp_path / "cleaned up").exists()
 
 
 @pytest.mark.parametrize("again", ["RuntimeError('__set_name__')", "ImportError('initialization failed')"])
@@ -143,6 +214,14 @@ def test_a_second_ctrl_c_after_the_answer_changes_nothing(tmp_path: Path) -> Non
     with start(tmp_path, run_of(text)) as process:
         output, errors = process.communicate(timeout=30)
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
+def test_a_ctrl_c_while_python_ends_changes_nothing(tmp_path: Path) -> None:
+    """The verb has succeeded; Python would print a traceback and end by SIGINT."""
+    text = "import atexit, signal\natexit.register(signal.raise_signal, signal.SIGINT)\nprint('a line')"
+    with start(tmp_path, run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, "a line\n", "")
 
 
 #: Python drops an error of these with a warning, Ctrl-C's as well.

@@ -66,16 +66,12 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _clean_shutdown() -> Iterator[None]:
-    """Treats SIGTERM, as of a batch system, like Ctrl-C, so that workers end and scratch folders are removed.
-
-    SIGINT is handled even if the parent process ignores it, as a script in the background does.
-    """
-    before = {s: signal.signal(s, signal.default_int_handler) for s in (signal.SIGTERM, signal.SIGINT)}
+    """Handles SIGINT even if the parent process ignores it, as a script in the background does."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager

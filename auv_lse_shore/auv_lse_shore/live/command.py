@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import signal
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_run.process.domain import DomainError, busy_domains, domain_number
+from auv_lse_run.process.interrupt import accepted_signals, note_signal
 from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
@@ -168,9 +168,13 @@ async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool, c
     """
     server = LiveServer(timeline, port, commands)
     stop, ended = threading.Event(), asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
+
+    def end(number: int) -> None:
+        note_signal(number)
+        ended.set()
+
+    for number in accepted_signals():
+        asyncio.get_running_loop().add_signal_handler(number, end, number)
     thread = threading.Thread(target=work, args=(stop,), daemon=True)
     thread.start()
     print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)

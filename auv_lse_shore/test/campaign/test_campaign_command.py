@@ -97,7 +97,7 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     finally:
         process.kill()
     if sign != signal.SIGKILL:
-        assert process.returncode == 130
+        assert process.returncode == 128 + sign
         assert not list(scratch.glob("auv_lse_dask_*")), "its workers' folder is gone"
         assert "Run the same command again to continue" in errors
         assert "Traceback" not in errors

@@ -295,7 +295,8 @@ def test_impossible_options_are_named(tmp_path, capsys, synthetic_run, arguments
     assert expected in capsys.readouterr().err
 
 
-def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_command_serves_until_a_signal_ends_it(tmp_path, synthetic_run, number):
     folder = tmp_path / "a run"
     write_run(synthetic_run(), folder)
     command = [sys.executable, "-m", "auv_lse_run", "live", str(folder), "--port", "0", "--no-open"]
@@ -306,13 +307,13 @@ def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
             line = process.stdout.readline()
             assert "http://127.0.0.1:" in line, process.stderr.read()
             time.sleep(0.2)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, errors = process.communicate(timeout=30)
         finally:
             watchdog.cancel()
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
-    assert (process.returncode, errors) == (130, "")
+    assert (process.returncode, errors) == (128 + number, "")
 
 
 def test_a_recording_can_be_written_into_the_page(tmp_path, synthetic_run):

@@ -297,20 +297,22 @@ def test_a_mission_over_a_survey(tmp_path: Path) -> None:
     assert counts["/auv1/navsat"] == counts["/auv1/odometry"]
 
 
-def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_every_process_and_leaves_a_readable_recording(tmp_path: Path, number: signal.Signals) -> None:
+    """Ctrl-C, and a closed SSH session."""
     folder = tmp_path / "run"
     with started("--vehicles", "1", "--out", str(folder), "--no-report") as process:
         until = time.monotonic() + 90.0
         while not list((folder / "bag").glob("*.mcap")) or (folder / "bag" / "bag.mcap").stat().st_size < 20_000:
             assert time.monotonic() < until, "the mission did not get going"
             time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         began = time.monotonic()
         while nodes_of(folder):
-            assert time.monotonic() - began < 5.0, "processes are still there 5 s after Ctrl-C"
+            assert time.monotonic() - began < 5.0, "processes are still there 5 s after the signal"
             time.sleep(0.1)
         output, _ = process.communicate(timeout=60)
-    assert process.returncode == 130, output
+    assert process.returncode == 128 + number, output
     assert read_run(folder).vehicles[0].decisions, "the recording is readable"
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,40 @@ def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: P
     process = shell(tmp_path / "p", script, **ros)
     assert process.stdout.strip() == f"/opt/ros/jazzy/lib:{tmp_path}/p/.venv/lib/python3.12/site-packages"
     assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
+
+
+def test_ctrl_c_while_the_environment_is_entered_is_answered_by_the_command(tmp_path: Path) -> None:
+    """A terminal sends it to every process: the Python of colcon's own script would print a traceback."""
+    (tmp_path / "scripts").mkdir()
+    for name in ("environment.sh", "auv_lse"):
+        shutil.copy(SCRIPTS / name, tmp_path / "scripts")
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    (tmp_path / ".venv" / "bin" / "python").symlink_to(sys.executable)
+    (tmp_path / "ros_ws" / "install").mkdir(parents=True)
+    (tmp_path / "ros_ws" / "install" / "local_setup.bash").write_text(
+        f"echo there; python -c 'import time; time.sleep(0.5)'; export PYTHONPATH={tmp_path}\n"
+    )
+    (tmp_path / "auv_lse_run.py").write_text(
+        "import signal, sys\ntry:\n    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})\n"
+        "except KeyboardInterrupt:\n    sys.exit(f'answered: {sys.argv[1:]}')\n"
+    )
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "PYTHONPATH")}
+    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
+    subprocess.run(["bash", "-c", made], cwd=tmp_path, env=plain, check=True, timeout=30)
+    with subprocess.Popen(
+        [tmp_path / "scripts" / "auv_lse", "a word", "b"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=plain,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "there\n"
+        os.killpg(process.pid, signal.SIGINT)
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (1, "", "answered: ['a word', 'b']\n")
 
 
 @pytest.mark.parametrize("of_vehicle", [False, True])

@@ -84,6 +84,14 @@ def test_ctrl_c_prints_what_there_is(kinds, capsys):
     assert last.seen == []
 
 
+def test_an_output_folder_that_exists_is_a_wrong_command_line(kinds, capsys, tmp_path):
+    never = kind(Report([], tried=1, survived=1))
+    kinds(disk=never)
+    assert main(["disk", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"error: --out {tmp_path} exists already; choose a new folder\n"
+    assert never.seen == []
+
+
 def test_every_kind_accepts_its_small_size():
     small = faults._small()
     assert {"kills", "water"} <= set(small)
