@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from auv_lse_common.support.atomic_files import check_folder, written_whole
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
@@ -49,6 +50,7 @@ def run(options: argparse.Namespace) -> None:
     """Adjusts runs."""
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
+    check_folder(folder)
     for line in adjusted(options.runs, folder, options.mission, survey_of(options), options.report):
         print(line, flush=True)
 
@@ -95,14 +97,14 @@ def adjusted(
     adjustment = adjust(runs)
     text = report(adjustment, runs, names)
     yield text.rstrip("\n")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "moved.md").write_text(text)
-    yield f"written: {folder / 'moved.md'}"
-    count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
-    yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
     if with_report:
         set_true_ground(adjustment.runs[0], str(paths[0]))
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
+    with written_whole(folder) as part:
+        (part / "moved.md").write_text(text)
+        count = write_before_and_after(part / "before_and_after.csv", adjustment, runs, names)
+    yield f"written: {folder / 'moved.md'}"
+    yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
     if with_report:
         yield from _report(team, folder)
     yield from write_export(team, folder, survey)

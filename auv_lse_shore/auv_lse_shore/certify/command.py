@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from auv_lse_common.support.atomic_files import check_folder
 from auv_lse_shore.certify.certificate import EXIT_CODES, certify, lines, write
 from auv_lse_shore.report.progress import show_step
 
@@ -36,6 +37,7 @@ def run(options: argparse.Namespace) -> int:
     """Certifies a mission; returns the exit code."""
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "certificate"
+    check_folder(folder)
     certificate = certify(options.runs, options.mission, show_step)
     write(certificate, folder)
     for line in [*certificate.values["asked"]["notes"], *lines(certificate), *certificate.values["cannot_certify"]]:

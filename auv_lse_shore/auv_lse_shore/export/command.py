@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from auv_lse_common.support.atomic_files import check_folder
 from auv_lse_shore.export.export import export
 from auv_lse_shore.export.formats import formats
 from auv_lse_shore.export.options import add_survey_options, survey_of
 
 ERRORS = (ValueError, OSError)
-INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again to complete it"
+INTERRUPTED = "stopped; nothing is written"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -34,5 +35,7 @@ def parser() -> argparse.ArgumentParser:
 def run(options: argparse.Namespace) -> None:
     """Exports a run."""
     folder = options.out or options.run / "export"
+    if options.out or options.run.is_dir():  # else the run's own error is clearer
+        check_folder(folder)
     for line in export(options.run, folder, picture=options.picture, survey=survey_of(options)):
         print(line, flush=True)

@@ -85,13 +85,21 @@ class Export:
 
     Attributes:
         team: The mission's map and isobath; its `run` has the soundings.
-        folder: Where the files go; it exists.
+        folder: Where the files go; it exists. They are moved to the user's folder when all are complete.
         survey: Corrections that the depths of `team` have, and what products are asked for.
+        discarded: Patterns of `discard`.
     """
 
     team: TeamMap
     folder: Path
     survey: Survey = field(default_factory=Survey)
+    discarded: set[str] = field(default_factory=set)
+
+    def discard(self, pattern: str) -> None:
+        """Removes files of an earlier export: from `folder` now, from the user's folder once all are complete."""
+        self.discarded.add(pattern)
+        for path in self.folder.glob(pattern):
+            path.unlink()
 
     @property
     def reference(self) -> Reference:

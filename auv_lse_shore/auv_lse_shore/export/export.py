@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
+from auv_lse_common.support.atomic_files import written_whole
 from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.areas.area_file import read_area
@@ -32,46 +33,43 @@ def export(run_folder: Path, folder: Path, picture: bool = False, survey: Survey
     run = survey.reduce(read_run(run_folder, read_area=read_area))
     yield from run.notes
     yield f"mapping {counted(sum(len(v.soundings) for v in run.vehicles), 'sounding')}"
-    yield from write_export(team_map(run), folder, survey)
-    if picture:
-        from auv_lse_shore.export.picture import draw_export
-
-        draw_export(folder, folder / "export.png")
-        yield "  export.png"
+    yield from write_export(team_map(run), folder, survey, picture)
 
 
-def write_export(team: TeamMap, folder: Path, survey: Survey) -> Iterator[str]:
-    """Writes every format that can be written; yields what it has written, line by line.
+def write_export(team: TeamMap, folder: Path, survey: Survey, picture: bool = False) -> Iterator[str]:
+    """Writes every format that can be written, all of them or nothing; yields what it writes, line by line.
 
     Args:
         team: The map, from soundings that `survey` has reduced.
         folder: Where the files go, made if needed.
         survey: The corrections.
+        picture: Whether to draw `export.png` from the files.
+
+    Raises:
+        OSError: naming `folder` or the file.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    content = Export(team=team, folder=folder, survey=survey)
     yield f"writing to {folder}"
-    for module in formats():
-        try:
-            _check(module)
-        except ExportError as error:
-            yield f"  skipped: {error}"
-        else:
-            yield f"  {_written(module, content)}"
+    with written_whole(folder) as part:
+        content = Export(team=team, folder=part, survey=survey)
+        for module in formats():
+            try:
+                _check(module)
+            except ExportError as error:
+                yield f"  skipped: {error}"
+            else:
+                yield f"  {module.write(content)}"
+        if picture:
+            from auv_lse_shore.export.picture import draw_export
+
+            draw_export(part, part / "export.png")
+            yield "  export.png"
+        made = {path.name for path in part.iterdir()}
+    for old in {path for pattern in content.discarded for path in folder.glob(pattern)}:
+        if old.name not in made:
+            old.unlink()
     yield f"coordinates: {content.reference.describe()}"
     depths = np.concatenate([vehicle.soundings.depth_m for vehicle in team.run.vehicles])
     yield f"depths: {depths.min():.1f} to {depths.max():.1f} m below {survey.datum or f'the {survey.vertical_datum}'}"
-
-
-def _written(module: ModuleType, content: Export) -> str:
-    """Writes a format; returns its line. Raises OSError naming the folder where the error names no file."""
-    try:
-        return str(module.write(content))
-    except OSError as error:
-        if error.filename is not None or error.errno is None:
-            raise
-        text = f"{error.strerror}; the folder is incomplete"
-        raise OSError(error.errno, text, str(content.folder)) from error
 
 
 def _check(module: ModuleType) -> None:

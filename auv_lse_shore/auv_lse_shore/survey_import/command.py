@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
+from auv_lse_common.support.atomic_files import check_folder
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
@@ -118,6 +119,7 @@ def run(options: argparse.Namespace) -> None:
     folder = options.out or Path("runs") / (options.logs[0].stem.strip("*?") or "survey")
     if not options.dry_run:
         check_free(folder)
+        check_folder(folder)
     for line in imported(options, folder):
         print(line, flush=True)
 

@@ -148,18 +148,12 @@ def write_survey(
         OSError: if the folder cannot be written.
         RecordingError: if the message definitions are missing.
     """
-    is_new = not folder.exists()
-    try:
-        with written_whole(folder) as part:
-            write_run(run, part)
-            (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
-            _write_soundings(table, run.origin, part / SOUNDINGS)
-            write_mission_file(part / DIVE, dive)
-            draw_survey(run, area, part / PICTURE)
-    except BaseException:
-        if is_new and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
-        raise
+    with written_whole(folder) as part:
+        write_run(run, part)
+        (part / "import.md").write_text("# Imported survey\n\n" + "\n".join(summary) + "\n")
+        _write_soundings(table, run.origin, part / SOUNDINGS)
+        write_mission_file(part / DIVE, dive)
+        draw_survey(run, area, part / PICTURE)
 
 
 def dive_parameters(run: RunData, area: SurveyedArea, soundings: Path) -> dict[str, dict[str, Any]]:

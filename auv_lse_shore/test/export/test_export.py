@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.content import NODATA, Export, ExportError
-from auv_lse_shore.export.formats import ascii_grid
+from auv_lse_shore.export.formats import ascii_grid, soundings_csv
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
@@ -285,7 +285,25 @@ def test_a_full_disk_is_named_with_the_folder(on_earth, tmp_path, monkeypatch, c
     folder, *_ = on_earth
     monkeypatch.setattr(ascii_grid, "write", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     assert main([str(folder.parent), "--out", str(tmp_path / "full")]) == 2
-    assert capsys.readouterr().err == f"error: {tmp_path / 'full'}: No space left on device; the folder is incomplete\n"
+    assert capsys.readouterr().err == f"error: {tmp_path / 'full'}: No space left on device\n"
+    assert not (tmp_path / "full").exists()
+
+
+def test_an_interrupted_export_leaves_the_earlier_one_as_it_was(on_earth, monkeypatch, capsys):
+    folder, *_ = on_earth
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    monkeypatch.setattr(soundings_csv, "write", Mock(side_effect=KeyboardInterrupt))
+    assert main([str(folder.parent), "--datum", "LN02"]) == 130
+    assert capsys.readouterr().err == "stopped; nothing is written\n"
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("command", ["export", "adjust", "certify"])
+def test_a_file_in_place_of_the_output_folder_is_refused_before_anything_is_read(tmp_path, capsys, command):
+    (tmp_path / "taken").touch()
+    assert verb_main(command)([str(tmp_path), "--out", str(tmp_path / "taken")]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", f"error: {tmp_path / 'taken'}: is not a folder; choose another name\n")
 
 
 def test_ctrl_c_leaves_no_traceback(tmp_path, monkeypatch, capsys):

@@ -25,5 +25,5 @@ def write(export: Export) -> str:
         if export.reference.origin is not None:
             projection.write_text(export.reference.wkt("WKT1_ESRI") + "\n")
         else:
-            projection.unlink(missing_ok=True)
+            export.discard(projection.name)
     return ", ".join(f"{raster.name}.asc" for raster in export.rasters())

@@ -25,7 +25,7 @@ def check() -> None:
 def write(export: Export) -> str:
     """Writes elevation (positive up) and the 95 % vertical uncertainty."""
     path = export.folder / "chart.bag"
-    path.unlink(missing_ok=True)
+    export.discard(path.name)
     if export.reference.origin is None:
         return f"chart.bag: {NO_ORIGIN}"
     chart = project(export)

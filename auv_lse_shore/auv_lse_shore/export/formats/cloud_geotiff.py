@@ -23,7 +23,7 @@ def write(export: Export) -> str:
     """Writes one file of three bands."""
     path = export.folder / "chart.tif"
     if export.reference.origin is None:
-        path.unlink(missing_ok=True)
+        export.discard(path.name)
         return f"chart.tif: {NO_ORIGIN}"
     chart = project(export)
     from rasterio.io import MemoryFile

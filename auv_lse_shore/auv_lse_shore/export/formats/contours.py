@@ -19,7 +19,7 @@ def write(export: Export) -> str:
     path, field = export.folder / "contours.geojson", export.team.field
     levels, every = _levels(export)
     if not levels:
-        path.unlink(missing_ok=True)
+        export.discard(path.name)
         return "contours.geojson: skipped; give --contours or --contour-interval"
     features, informed = [], field.informed(export.team.settings.gp.signal_std_m)
     for level in levels:

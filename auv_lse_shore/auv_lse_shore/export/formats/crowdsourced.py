@@ -28,8 +28,7 @@ def write(export: Export) -> str:
     Depths are below the water surface or below the datum, as the metadata state. Uncertainties are east, north and
     vertical at one standard deviation.
     """
-    for old in export.folder.glob("soundings_b12_auv*.geojson"):
-        old.unlink()
+    export.discard("soundings_b12_auv*.geojson")
     vehicles = [v for v in export.team.run.vehicles if len(v.soundings)]
     if missing := _missing(export, vehicles):
         return f"soundings_b12_auvN.geojson: skipped, because {missing}"

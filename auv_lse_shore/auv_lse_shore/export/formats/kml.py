@@ -36,7 +36,7 @@ def write(export: Export) -> str:
     """
     path = export.folder / "isobath.kml"
     if export.reference.origin is None:
-        path.unlink(missing_ok=True)
+        export.discard(path.name)
         return f"isobath.kml: {NO_ORIGIN}"
     team = export.team
     root = Element("kml", xmlns=NAMESPACE)

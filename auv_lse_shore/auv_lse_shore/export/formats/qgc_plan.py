@@ -29,7 +29,7 @@ def write(export: Export) -> str:
     """Writes waypoints, the area and the no-go areas as geofence, and the recovery positions as rally points."""
     path, origin, team = export.folder / "isobath.plan", export.reference.origin, export.team
     if origin is None:
-        path.unlink(missing_ok=True)
+        export.discard(path.name)
         return f"isobath.plan: {NO_ORIGIN}"
 
     def geodetic(locations_m: Array) -> list[list[float]]:

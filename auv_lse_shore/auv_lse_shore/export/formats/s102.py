@@ -51,7 +51,7 @@ def check() -> None:
 def write(export: Export) -> str:
     """Writes depth (positive down) and the 95 % vertical uncertainty; no exchange set, no quality coverage."""
     path = export.folder / "chart_s102.h5"
-    path.unlink(missing_ok=True)
+    export.discard(path.name)
     if export.reference.origin is None:
         return f"{path.name}: {NO_ORIGIN}"
     chart = project(export)
