@@ -11,12 +11,16 @@ from auv_lse_common.support import atomic_files
 from auv_lse_common.support.atomic_files import check_folder, written_whole
 
 
+def _begin_and_raise(path: Path, error: BaseException) -> None:
+    path.write_text("new")
+    raise error
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
 def test_an_interrupted_folder_stays_as_it_was(tmp_path: Path, error: BaseException) -> None:
     (tmp_path / "old").write_text("old")
     with pytest.raises(type(error)), written_whole(tmp_path) as part:
-        (part / "old").write_text("new")
-        raise error
+        _begin_and_raise(part / "old", error)
     assert [path.name for path in tmp_path.iterdir()] == ["old"]
     assert (tmp_path / "old").read_text() == "old"
 
@@ -24,8 +28,7 @@ def test_an_interrupted_folder_stays_as_it_was(tmp_path: Path, error: BaseExcept
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
 def test_an_interrupted_folder_that_was_missing_is_missing(tmp_path: Path, error: BaseException) -> None:
     with pytest.raises(type(error)), written_whole(tmp_path / "a" / "b") as part:
-        (part / "file").write_text("new")
-        raise error
+        _begin_and_raise(part / "file", error)
     assert not list(tmp_path.iterdir())
 
 

@@ -14,7 +14,7 @@ from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.options import add_survey_options, survey_of
 from auv_lse_shore.export.survey import Survey
-from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.judge.team_map import TeamMap, adjusted_map, mission_settings
 from auv_lse_shore.judge.true_ground import set_true_ground
 from auv_lse_shore.positions.adjustment import AdjustError, adjust
@@ -100,27 +100,36 @@ def adjusted(
     if with_report:
         set_true_ground(adjustment.runs[0], str(paths[0]))
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
+    evaluation = _evaluated(team) if with_report else None
     with written_whole(folder) as part:
         (part / "moved.md").write_text(text)
         count = write_before_and_after(part / "before_and_after.csv", adjustment, runs, names)
     yield f"written: {folder / 'moved.md'}"
     yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
-    if with_report:
-        yield from _report(team, folder)
+    if evaluation is not None:
+        yield from _report(evaluation, folder)
     yield from write_export(team, folder, survey)
 
 
-def _report(team: TeamMap, folder: Path) -> Iterator[str]:
-    """Writes the report of all vehicles of a dive; yields the main figures."""
+def _evaluated(team: TeamMap) -> Evaluation:
+    """Evaluates all vehicles of a dive.
+
+    Raises:
+        AdjustError: if the recordings are of several dives.
+    """
     numbers = [vehicle.vehicle for vehicle in team.run.vehicles]
     if len(set(numbers)) < len(numbers):
         raise AdjustError(
             "--report needs the recordings of one dive, but these are of vehicles "
             f"{', '.join(f'auv{number}' for number in numbers)}. Leave --report out for several dives"
         )
+    return evaluate(team.run, team=team, on_two_cores=True)
+
+
+def _report(evaluation: Evaluation, folder: Path) -> Iterator[str]:
+    """Writes the report of all vehicles of a dive; yields the main figures."""
     from auv_lse_shore.report.report import write_outputs  # slow to import
     from auv_lse_shore.report.words import headlines
 
-    evaluation = evaluate(team.run, team=team, on_two_cores=True)
     yield from headlines(write_outputs(evaluation, folder), evaluation.planned_steps)
     yield f"written: {folder / 'report.html'}"

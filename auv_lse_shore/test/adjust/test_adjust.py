@@ -250,6 +250,7 @@ def test_one_command_makes_one_map_and_one_report_of_each_vehicles_recording(syn
     assert "auv2" in (tmp_path / "all" / "report.html").read_text()
     assert "metadata" in json.loads((tmp_path / "all" / "isobath.geojson").read_text())
     assert main([names[0], names[0], "--out", str(tmp_path / "twice"), "--report"]) == 2
+    assert not (tmp_path / "twice").exists()
     assert "so they would count twice" in capsys.readouterr().err
 
 
