@@ -6,6 +6,7 @@ The parsers of the verbs are argparse's, which imports in a third of the time of
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import os
 import re
@@ -39,6 +40,10 @@ PACKAGES = tuple(
 _INTERRUPTED = 130
 
 
+#: Errors of a write: full disk, full quota, largest file, defective disk.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
 class CommandError(ValueError):
     """A verb cannot be run."""
 
@@ -68,6 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # its reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if not (problem := _output_problem(error)):
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _complain(f"error: standard output: {problem}. Send it elsewhere, or free space")
+        return 1
     finally:
         sys.unraisablehook = report_dropped
         if arguments is None:
@@ -104,6 +115,17 @@ def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
         again.start()
     else:
         sys.__unraisablehook__(dropped)
+
+
+def _output_problem(error: OSError) -> str:
+    """Why text cannot be written to standard output, such as a full disk; "" if `error` has another cause."""
+    if error.filename is not None or error.errno not in _FULL or sys.stdout is None:
+        return ""
+    try:
+        print(flush=True)  # fails again
+    except OSError as problem:
+        return problem.strerror or str(problem)
+    return ""
 
 
 def _complain(text: str) -> None:
@@ -200,6 +222,8 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
             raise end.__context__ from None
         raise
     except (ConfinementError, *getattr(module, "ERRORS", ())) as error:
+        if isinstance(error, OSError) and _output_problem(error):
+            raise
         raise CommandError(error_text(error)) from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(getattr(module, "INTERRUPTED", "")) from None

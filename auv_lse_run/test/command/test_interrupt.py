@@ -239,6 +239,31 @@ def test_a_ctrl_c_that_python_drops_is_answered_all_the_same(tmp_path: Path, beg
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
 
 
+@pytest.mark.parametrize("text", ["print('a line')", "print('a line', flush=True)", "while True: print('a line')"])
+@pytest.mark.parametrize("errors", ["", "ERRORS = (OSError,)\n"])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_disk_behind_standard_output_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, errors: str, unbuffered: str
+) -> None:
+    """As `auv_lse check mission.yaml > report.txt` on a full disk."""
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+
+    def full_output() -> None:
+        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+
+    with start(tmp_path, errors + run_of(text), prepare=full_output) as process:
+        _, words = process.communicate(timeout=30)
+    assert words == "error: standard output: No space left on device. Send it elsewhere, or free space\n"
+    assert process.returncode == 1
+
+
+def test_another_full_disk_is_not_standard_outputs(tmp_path: Path) -> None:
+    text = "print('a line')\nraise OSError(28, 'No space left on device', 'map.tif')"
+    with start(tmp_path, "ERRORS = (OSError,)\n" + run_of(text)) as process:
+        output, words = process.communicate(timeout=30)
+    assert (process.returncode, output, words) == (2, "a line\n", "error: map.tif: No space left on device\n")
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import json
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -250,8 +251,15 @@ def test_one_command_makes_one_map_and_one_report_of_each_vehicles_recording(syn
     assert "auv2" in (tmp_path / "all" / "report.html").read_text()
     assert "metadata" in json.loads((tmp_path / "all" / "isobath.geojson").read_text())
     assert main([names[0], names[0], "--out", str(tmp_path / "twice"), "--report"]) == 2
-    assert not (tmp_path / "twice").exists()
     assert "so they would count twice" in capsys.readouterr().err
+
+
+def test_an_interrupted_evaluation_leaves_no_files_without_their_map(synthetic_run, tmp_path, monkeypatch, capsys):
+    write_run(dived(synthetic_run), tmp_path / "run")
+    monkeypatch.setattr("auv_lse_shore.adjust.command.evaluate", Mock(side_effect=KeyboardInterrupt))
+    assert main([str(tmp_path / "run"), "--report"]) == 130
+    assert "stopped" in capsys.readouterr().err
+    assert not (tmp_path / "run" / "adjusted").exists()
 
 
 def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
