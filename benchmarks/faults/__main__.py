@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
+from auv_lse_common.support.atomic_files import check_folder
 from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
@@ -34,6 +35,9 @@ KINDS = {
     "field": "a field day over SSH: orders over a link that is cut, ten faults that must be named, and a fetch",
     "forgery": "an attacker with a modem and no key; clocks that are corrected",
 }
+
+
+ERRORS = (OSError,)  # of `check_folder`
 
 
 def _kind(name: str) -> ModuleType:
@@ -94,9 +98,11 @@ def run_all(seed: int, folder: Path, say: Callable[[str], None]) -> tuple[dict[s
 
 def run(options: argparse.Namespace) -> int:
     """Runs one kind of fault. Returns 0, 1 or 130, as the help says."""
-    if options.out is not None and options.out.exists():
-        print(f"error: --out {options.out} exists already; choose a new folder", file=sys.stderr)
-        return 2
+    if options.out is not None:
+        check_folder(options.out)
+        if options.out.exists():
+            print(f"error: --out {options.out} exists already; choose a new folder", file=sys.stderr)
+            return 2
     began_s = time.monotonic()
 
     def say(text: str) -> None:

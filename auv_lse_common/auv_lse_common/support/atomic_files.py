@@ -46,7 +46,7 @@ def check_folder(folder: Path) -> None:
     if not found.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "is not a folder; choose another name", str(found))
     if not os.access(found, os.W_OK | os.X_OK):
-        raise PermissionError(errno.EACCES, "the folder cannot be written; choose another one", str(found))
+        raise PermissionError(errno.EACCES, "the folder cannot be written; choose another one with --out", str(found))
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -90,6 +90,11 @@ def test_an_output_folder_that_exists_is_a_wrong_command_line(kinds, capsys, tmp
     assert main(["disk", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"error: --out {tmp_path} exists already; choose a new folder\n"
     assert never.seen == []
+    (tmp_path / "file").touch()
+    assert main(["disk", "--out", str(tmp_path / "file" / "new")]) == 2
+    assert capsys.readouterr().err == f"error: {tmp_path / 'file'}: is not a folder; choose another name\n"
+    assert never.seen == []
+    assert main(["disk", "--out", str(tmp_path / "new")]) == 0
 
 
 def test_every_kind_accepts_its_small_size():

@@ -33,8 +33,11 @@ def load_ground(
     """
     path = Path(path)
     config = config or BathymetryConfig()
-    if not path.is_file():
-        what = "is not a file" if path.exists() else "does not exist"
+    try:
+        what = "" if path.is_file() else "is not a file" if path.exists() else "does not exist"
+    except OSError as error:  # such as a folder that must not be searched
+        raise GroundError(f"{path}: cannot be read: {error.strerror}") from error
+    if what:
         raise GroundError(f"{path} {what}; give bathymetry as .csv, .npz, .asc, .tif, .nc or .bag")
     kinds = {
         ".csv": read_soundings_ground,

@@ -47,9 +47,10 @@ def ground_of(settings: Settings) -> Ground:
         return _ground(_Source(settings.sim.lake, seed=settings.mission.seed))
     lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg
     origin = (lat, lon) if lat is not None and lon is not None else None
-    path = Path(config.file)
-    about = path.stat() if path.is_file() else None
-    version = None if about is None else (about.st_size, about.st_mtime_ns)
+    version = None
+    with contextlib.suppress(OSError):  # reported when the file is read
+        about = Path(config.file).stat()
+        version = (about.st_size, about.st_mtime_ns)
     return _ground(_Source(config, origin=origin, file_version=version))
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, ascii_text, soundings, survey, write_survey
 
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_sim.ground.grid_ground import GridGround
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_files import load_ground
+from auv_lse_sim.ground.ground_source import ground_of
 
 GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n" for i in range(40))
 
@@ -74,6 +76,10 @@ def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match
 def test_missing_file(tmp_path):
     with pytest.raises(GroundError, match=r" is not a file; give bathymetry as"):
         load_ground(tmp_path)
+    with pytest.raises(GroundError, match=r"^9+: cannot be read: File name too long$"):
+        load_ground("9" * 400)
+    with pytest.raises(GroundError, match=r"^9+: cannot be read: File name too long$"):
+        ground_of(Settings.load(None, {"sim.bathymetry.file": "9" * 400}))
     with pytest.raises(GroundError, match=r"nowhere\.csv does not exist"):
         load_ground("nowhere.csv")
 
