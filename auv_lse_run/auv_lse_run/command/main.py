@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import importlib
+import io
 import os
 import re
 import signal
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: The command line; None: that of this process, which ends afterwards.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         with signals_raised(), _interrupts_as_such():

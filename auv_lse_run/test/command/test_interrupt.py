@@ -239,6 +239,22 @@ def test_a_ctrl_c_that_python_drops_is_answered_all_the_same(tmp_path: Path, beg
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
 
 
+@pytest.mark.parametrize(
+    ("encoding", "expected"),
+    [("ascii", b"2 ? 3 ? 4\n"), ("latin-1", b"2 \xd7 3 ? 4\n"), ("utf-8", "2 × 3 – 4\n".encode())],
+)
+def test_letters_that_the_terminal_lacks_are_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str, expected: bytes
+) -> None:
+    """As with LANG=en_US, whose encoding is Latin-1."""
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    text = "ERRORS = (ValueError,)\n" + run_of("print('2 \\u00d7 3 \\u2013 4')")
+    with start(tmp_path, text) as process:
+        assert process.stdout is not None
+        assert process.stdout.buffer.read() == expected
+    assert process.returncode == 0
+
+
 @pytest.mark.parametrize("text", ["print('a line')", "print('a line', flush=True)", "while True: print('a line')"])
 @pytest.mark.parametrize("errors", ["", "ERRORS = (OSError,)\n"])
 @pytest.mark.parametrize("unbuffered", ["", "1"])
