@@ -194,12 +194,15 @@ def test_a_mission_of_the_whole_simulation_is_judged_in_thirds_by_the_map_of_its
     assert (result["risk"], result["true_loss"]) == (report.risk_after, report.loss_after)
 
 
-def test_the_papers_methods_are_judged_at_corrected_positions_as_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("planner", "corrected"), [("plain", True), ("plain_uncorrected", False)])
+def test_the_papers_methods_are_judged_at_corrected_positions_as_all_others(
+    monkeypatch: pytest.MonkeyPatch, planner: str, corrected: bool
+) -> None:
     runs: list[RunData] = []
     monkeypatch.setattr(flight, "judgement_of", lambda run: (runs.append(run), judgement(0.5))[1])
-    mission("plain", SMALL, 2, 1, 6, whole=True)
-    assert corrects_positions(runs[-1])
-    assert any(vehicle.mates for vehicle in runs[-1].vehicles), "packets carry navigation"
+    mission(planner, SMALL, 2, 1, 6, whole=True)
+    assert corrects_positions(runs[-1]) == corrected
+    assert any(vehicle.mates for vehicle in runs[-1].vehicles) == corrected, "packets carry navigation"
 
 
 def test_a_ground_on_which_the_level_does_not_occur_is_refused() -> None:

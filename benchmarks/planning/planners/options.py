@@ -8,12 +8,14 @@ from typing import Any
 
 from auv_lse_common.support.option_types import whole_from
 
-#: Methods of ours by name: parameters of the mission file.
+#: Methods of ours by name: parameters of the mission file. In the whole simulation all have corrected positions but
+#: `plain_uncorrected`, which is dead-reckoned as in the paper, with a map that knows no uncertainty of positions.
 OURS: dict[str, dict[str, Any]] = {
     "goal_line": {"mission.goal": "line"},
     "line": {"planner.method": "line"},
     "tour": {"planner.method": "tour"},
     "plain": {"planner.method": "plain"},
+    "plain_uncorrected": {"planner.method": "plain", "positions.correct": False, "packet.navigation": False},
     "augmented": {"planner.method": "augmented"},
     "fitted_lanes": {"planner.method": "lawnmower"},
     "covering_lanes": {"planner.method": "lawnmower", "planner.naive_paths": [250, 251, 252, 253, 254]},
