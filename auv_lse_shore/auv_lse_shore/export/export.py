@@ -69,6 +69,9 @@ def write_export(team: TeamMap, folder: Path, survey: Survey, picture: bool = Fa
             old.unlink()
     yield f"coordinates: {content.reference.describe()}"
     depths = np.concatenate([vehicle.soundings.depth_m for vehicle in team.run.vehicles])
+    if not len(depths):
+        yield "depths: none was measured; the map shows the prior"
+        return
     yield f"depths: {depths.min():.1f} to {depths.max():.1f} m below {survey.datum or f'the {survey.vertical_datum}'}"
 
 

@@ -121,7 +121,7 @@ def _common_shift(run: RunData, depth_map: DepthMap, stamps_s: Array, outcomes: 
     by_std = depth_map.gp.slopes() * std_m[seeds]
     effect = np.zeros((len(seeds), len(run.vehicles), 2))
     effect[np.arange(len(seeds)), vehicles[seeds]] = by_std
-    return effect.reshape(len(seeds), -1)
+    return effect.reshape(len(seeds), 2 * len(run.vehicles))
 
 
 def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:

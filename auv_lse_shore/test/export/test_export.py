@@ -18,6 +18,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.content import NODATA, Export, ExportError
 from auv_lse_shore.export.formats import ascii_grid, soundings_csv
@@ -155,6 +156,15 @@ def test_a_position_error_that_is_not_known_is_left_empty(tmp_path, synthetic_ru
     with (tmp_path / "elsewhere" / "soundings.csv").open() as file:
         assert {(row["north_std_m"], row["east_std_m"]) for row in csv.DictReader(file)} == {("", "")}
     assert not (tmp_path / "export").exists()
+
+
+def test_a_run_that_ended_before_its_first_sounding_is_exported(tmp_path, synthetic_run, capsys):
+    run = synthetic_run(steps=2)
+    for vehicle in run.vehicles:
+        vehicle.soundings = vehicle.received = Soundings.from_rows([])
+    write_run(run, tmp_path)
+    assert main([str(tmp_path), "--water-level", "1.0", "--datum", "D"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "depths: none was measured; the map shows the prior"
 
 
 def test_the_qgis_project_names_the_files_beside_it(on_earth, local):
