@@ -190,7 +190,7 @@ def test_each_round_bends_the_best_third_of_the_starts(monkeypatch):
     assert len(ends) == sum(-(-starts // 3**k) for k in range(1, START_BENDS + 1))
     better = sorted(optimized, key=lambda c: -c.value.expected_end)[:first]
     assert [id(path) for path, *_ in bends[:first]] == [id(c.path) for c in better]
-    assert bends[first][0] in [c.path for _, c, _ in bends[:first]], "the second round bends what the first has bent"
+    assert id(bends[first][0]) in {id(c.path) for _, c, _ in bends[:first]}, "the second round bends what it bent"
     finer = [path for path, _, is_finer in bends if is_finer]
     assert len(finer) == FINER_BENDS
     best = max([*optimized, *(c for _, c, is_finer in bends if not is_finer)], key=lambda c: c.value.expected_end)
