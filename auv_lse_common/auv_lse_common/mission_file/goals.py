@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 
-#: Least coverage at which the goal `line` flies `tour`, which then finds more than `line` (docs/evidence/planner.md).
+#: Least coverage at which the goal `line` flies `tour`, which then finds as much (docs/evidence/planner.md).
 TOUR_COVERAGE = 0.8
 
 
