@@ -8,6 +8,9 @@ from the prior, not from the lake. The class of a location of the line follows f
   shifts the ground as a whole: together sqrt((s / g)^2 + p^2). Near a known shore it does not: the shore stays where it
   is, and a sounding on ground of slope q < g moves the line by q / g p. At a distance d beyond the area's last cells,
   where the mean is extrapolated, d / 2 is added likewise.
+- *Sides.* Between soundings on both sides of the level within `VISITED_M`, the ground crosses it there. Elsewhere, at a
+  distance d from the nearest sounding, s is mostly due to the slope that leads there, which is uncertain by s / d. With
+  a slope of g - s / d the line is off by s / g / (1 - s / (g d)), which counts in place of s / g.
 - *Data.* The share of the variance of open ground that the soundings and a known shore have removed, by the prior's own
   scale. Without it a steep prior mean, as of a chart, would find isobaths by itself.
 - *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
@@ -50,14 +53,17 @@ MIN_LENGTH_M = 15.0
 #: there is uncertain by half of it.
 BEYOND_STD = 0.5
 
+#: Least slope, as a share of the mean's, by which a line beyond the soundings is judged.
+LEAST_SLOPE = 1.0 / 3.0
+
 #: Spacing (m) of the locations along a line at which its class is computed.
 SPACING_M = 5.0
 
-#: A location counts as visited if a sounding was made within this distance (m).
+#: A location counts as visited if a sounding was made within this distance (m), on both sides of the line if needed.
 VISITED_M = 20.0
 
-#: Why a piece is not found: no sounding near it; soundings of uncertain position; ground so flat there that a small
-#: error in depth moves the line far.
+#: Why a piece is not found: no sounding near it, or on one side only; soundings of uncertain position; ground so flat
+#: there that a small error in depth moves the line far.
 NOT_VISITED, POSITIONS_UNCERTAIN, FLAT = "not visited", "positions uncertain", "flat ground"
 REASONS = (NOT_VISITED, POSITIONS_UNCERTAIN, FLAT)
 
@@ -89,16 +95,17 @@ class Evidence:
     """Evidence for locations of a line; arrays (n,).
 
     Attributes:
-        depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g, and beyond the area to extrapolation.
+        depth_std_m: Horizontal standard deviation (m) due to the depth's, to the slope's error and, beyond the area, to
+            extrapolation.
         position_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
         informed: Share of the variance of open ground that the soundings, and a known shore, have removed.
-        nearest_m: Distance (m) to the nearest sounding.
+        visited: Whether a sounding was made within `VISITED_M`, and extrapolation beyond it does not matter.
     """
 
     depth_std_m: Array
     position_std_m: Array
     informed: Array
-    nearest_m: Array
+    visited: NDArray[np.bool_]
 
     @property
     def std_m(self) -> Array:
@@ -191,21 +198,46 @@ def evidence(
     slope = np.hypot(value(northward), value(eastward))
     here = value(std)
     beyond_m = grid.resolution_m * value(ndimage.distance_transform_edt(np.isnan(known)))
-    position_std, nearest = np.zeros(len(locations)), np.full(len(locations), np.inf)
+    with np.errstate(divide="ignore"):
+        std_m = np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
+    position_std, depth_std_m, visited = np.zeros(len(locations)), std_m, np.zeros(len(locations), dtype=bool)
     if len(soundings):
         nearest, index = cKDTree(soundings[:, :2]).query(locations)
         position_std = np.nan_to_num(soundings[index, 2], nan=0.0)
+        level_m = np.median(value(mean))  # the line is a contour of the mean
+        depth_std_m = _extrapolated(
+            std_m, nearest, _both_sides_m(locations, soundings, value(mean, soundings[:, :2]) > level_m)
+        )
+        visited = (nearest <= VISITED_M) & ((depth_std_m <= MAX_STD_M[FOUND]) | (std_m > MAX_STD_M[FOUND]))
         if shore_known:
             there = np.hypot(value(northward, soundings[index, :2]), value(eastward, soundings[index, :2]))
             position_std *= np.minimum(np.divide(there, slope, out=np.ones_like(slope), where=slope > 0.0), 1.0)
-    with np.errstate(divide="ignore"):
-        depth_std_m = np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
     return Evidence(
         depth_std_m=np.hypot(depth_std_m, BEYOND_STD * beyond_m),
         position_std_m=position_std,
         informed=1.0 - (value(_filled(prior_std)) / signal_std_m) ** 2,
-        nearest_m=nearest,
+        visited=visited,
     )
+
+
+def _extrapolated(std_m: Array, nearest_m: Array, both_m: Array) -> Array:
+    """Horizontal standard deviation (n,) with the slope's error, from s / g.
+
+    Args:
+        std_m: s / g (n,).
+        nearest_m: Distance to the nearest sounding (n,).
+        both_m: Distance within which soundings above and below the level are, (n,).
+    """
+    least = 1.0 - np.divide(std_m, nearest_m, out=np.ones_like(std_m), where=std_m < nearest_m)
+    return np.where(both_m <= VISITED_M, std_m, std_m / np.maximum(least, LEAST_SLOPE))
+
+
+def _both_sides_m(locations: Array, soundings: Array, deeper: NDArray[np.bool_]) -> Array:
+    """Distance (n,) of locations from the farther of the nearest deeper and the nearest shallower sounding (m)."""
+    if deeper.all() or not deeper.any():
+        return np.full(len(locations), np.inf)
+    apart = [cKDTree(soundings[side, :2]).query(locations)[0] for side in (deeper, ~deeper)]
+    return np.asarray(np.max(apart, axis=0))
 
 
 def _filled(values: Array) -> Array:
@@ -248,7 +280,7 @@ def _without_short_stretches(ranks: NDArray[np.int64], locations: Array) -> NDAr
 
 def _reason(known: Evidence, stretch: slice) -> str:
     """Why most of a stretch is not found."""
-    visited = known.nearest_m[stretch] <= VISITED_M
+    visited = known.visited[stretch]
     sure = (known.depth_std_m[stretch] <= MAX_STD_M[FOUND]) & (known.informed[stretch] >= MIN_INFORMED[FOUND])
     reasons = np.where(sure, 1, np.where(visited, 2, 0))
     return REASONS[int(np.bincount(reasons, minlength=3).argmax())]

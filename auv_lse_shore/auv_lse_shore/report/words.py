@@ -41,7 +41,7 @@ CLOSE = 1.5
 NEGLIGIBLE_LOSS = 5e-4
 
 _REASONS = {
-    NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m",
+    NOT_VISITED: f"no vehicle measured within {VISITED_M:g} m, or on one side only",
     POSITIONS_UNCERTAIN: "positions were uncertain",
     FLAT: "the ground is too flat to locate the line",
 }

@@ -69,6 +69,16 @@ def test_nothing_is_claimed_where_nobody_measured():
     assert 200.0 <= isobath.length_m(certainty.lines_of(pieces, FOUND)) < 237.5
 
 
+def test_a_line_that_soundings_only_lead_to_is_less_sure_than_one_between_them():
+    """Lanes 4 m from the line and farther, on its deep side alone: the ground may level out before the line."""
+    plane = slope(0.0, 601.0, per_m=0.17)
+    deep, shallow = plane[plane[:, 0] > 150.0], plane[plane[:, 0] < 125.0]
+    both = np.concatenate([deep, shallow])
+    one_side, both_sides = (classified(each, std_soundings=0.0, noise_std_m=0.4) for each in (deep, both))
+    assert {(p.kind, p.reason) for p in one_side} == {(LIKELY, NOT_VISITED)}
+    assert {p.kind for p in both_sides} == {FOUND}
+
+
 def test_a_line_beyond_the_border_is_less_sure_by_half_its_distance():
     """The last cells' centers are at north 157.5 m, and the line is 7.5 m beyond."""
     area = OperatingArea(AreaConfig(polygon_m=(156.0, 0.0, 300.0, 0.0, 300.0, 600.0, 156.0, 600.0)))
