@@ -271,7 +271,10 @@ def test_a_map_without_any_isobath_is_reported(other):
 
 
 #: Numbers and texts that no sentence shows: an amount of nothing, a wrong plural, a value that is missing.
-NEVER = re.compile(r"(?<![\d.,])(?:0|0\.0) (?:m|ha|s|packets|samples|plans|steps)\b|(?<![\d.,])1 \w+s\b|None|nan|inf\b")
+NEVER = re.compile(
+    r"(?<![\d.,])(?<!north )(?<!east )(?:0|0\.0) (?:m|ha|s|packets|samples|plans|steps)\b"
+    r"|(?<![\d.,])1 \w+s\b|None|nan|inf\b"
+)
 
 #: Changes of a summary that leave nothing, or one, of what a sentence counts.
 NOTHING: dict[str, dict[str, object]] = {
