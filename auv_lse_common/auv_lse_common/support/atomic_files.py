@@ -5,16 +5,25 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
+import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+
+#: Signals that ask a process to end.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextlib.contextmanager
-def written_whole(folder: Path) -> Iterator[Path]:
+def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path]:
     """A context that provides an empty folder; at the end its files are moved into `folder`, created if needed.
 
-    After an error `folder` is unchanged, or missing if it was.
+    After an error `folder` is unchanged, or missing if it was. A signal during the move is answered after it.
+
+    Args:
+        folder: The folder.
+        obsolete: Patterns of files in `folder` that are then removed, unless they are new. It may grow meanwhile.
 
     Raises:
         OSError: naming `folder` or the file.
@@ -25,24 +34,46 @@ def written_whole(folder: Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=".part-", dir=folder) as name:
             part = Path(name)
             yield part
-            for path in sorted(part.iterdir()):
-                path.replace(folder / path.name)
+            _move(sorted(part.iterdir()), folder, obsolete)
     except BaseException as error:
         for path in new:
             with contextlib.suppress(OSError):  # not made, or somebody else has files there
                 path.rmdir()
         if isinstance(error, OSError) and (error.filename is None or ".part-" in str(error.filename)):
-            raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
+            text = os.strerror(error.errno) if error.errno else str(error)  # other libraries tell stories
+            raise OSError(error.errno, text, str(folder)) from error
         raise
+
+
+def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> None:
+    """Moves files into a folder, and removes others that match a pattern of `obsolete`."""
+    names = {path.name for path in paths}
+    for path in paths:
+        target = folder / path.name
+        if target.is_dir() and not target.is_symlink() and not path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder in place of a file; remove it", str(target))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        for path in paths:
+            path.replace(folder / path.name)
+        for old in {path for pattern in obsolete for path in folder.glob(pattern)}:
+            if old.name not in names:
+                old.unlink()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def check_folder(folder: Path) -> None:
     """Checks before a long computation that `written_whole` can write into a folder; changes nothing.
 
     Raises:
-        OSError: naming what is in the way: a file instead of a folder, or a folder that cannot be written.
+        OSError: naming what is in the way: a file instead of a folder, a folder that cannot be written, or a name that
+            is too long.
     """
-    found = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+    for found in (folder, *folder.parents):
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            found.lstat()
+            break
     if not found.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "is not a folder; choose another name", str(found))
     if not os.access(found, os.W_OK | os.X_OK):
@@ -50,15 +81,21 @@ def check_folder(folder: Path) -> None:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Writes a text file, and replaces an existing one.
+    """Writes a text file, and replaces an existing one, whose permissions it keeps; into a device or pipe at once.
 
     Raises:
         OSError: naming the file, which is then unchanged.
     """
     try:
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=path.parent) as name:
+        if path.exists() and not path.is_file():
+            path.write_text(text, newline="")
+            return
+        target = path.resolve()  # a link stays
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=target.parent) as name:
             part = Path(name) / "text"
             part.write_text(text, newline="")
-            part.replace(path)
+            if target.exists():
+                shutil.copymode(target, part)
+            part.replace(target)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import errno
+import os
+import signal
+from collections.abc import Collection
 from pathlib import Path
 
 import pytest
 
 from auv_lse_common.support import atomic_files
-from auv_lse_common.support.atomic_files import check_folder, written_whole
+from auv_lse_common.support.atomic_files import check_folder, write_whole, written_whole
 
 
 def _begin_and_raise(path: Path, error: BaseException) -> None:
     path.write_text("new")
     raise error
+
+
+def _write_all(folder: Path, names: str, obsolete: Collection[str] = ()) -> None:
+    with written_whole(folder, obsolete) as part:
+        for name in names:
+            (part / name).write_text("new")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
@@ -38,6 +47,81 @@ def test_an_error_names_the_folder_that_the_user_knows(tmp_path: Path) -> None:
     assert caught.value.filename == str(tmp_path / "a")
 
 
+def test_an_error_of_another_library_is_one_line(tmp_path: Path) -> None:
+    """As HDF5's of a full disk, which also names the folder of the parts."""
+    text = "file write failed: time = Sat Nov 28 22:18:35 2026\n, filename = 'a/.part-h3wfypxf/chart.h5'"
+    with pytest.raises(OSError, match="No space left on device") as caught, written_whole(tmp_path / "a"):
+        raise OSError(errno.ENOSPC, text)
+    assert caught.value.strerror == "No space left on device"
+
+
+def test_a_folder_in_place_of_a_file_is_named_before_anything_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "b" / "more").mkdir(parents=True)
+    with pytest.raises(IsADirectoryError) as caught:
+        _write_all(tmp_path, "ab")
+    assert caught.value.filename == str(tmp_path / "b")
+    assert (tmp_path / "a").read_text() == "old"
+
+
+def test_a_signal_while_files_are_moved_waits_until_all_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = Path.replace
+
+    def interrupted(path: Path, target: Path) -> Path:
+        signal.raise_signal(signal.SIGINT)
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    (tmp_path / "old").write_text("old")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _write_all(tmp_path, "abc", {"o*"})
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "c"]
+
+
+def test_obsolete_files_are_removed_with_the_move_and_new_ones_of_the_pattern_stay(tmp_path: Path) -> None:
+    for name in ("map_1", "map_2", "note"):
+        (tmp_path / name).write_text("old")
+    with pytest.raises(KeyboardInterrupt), written_whole(tmp_path, {"map_*"}) as part:
+        _begin_and_raise(part / "map_1", KeyboardInterrupt())
+    assert len(list(tmp_path.iterdir())) == 3
+    obsolete = set[str]()
+    with written_whole(tmp_path, obsolete) as part:
+        (part / "map_1").write_text("new")
+        obsolete.add("map_*")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"map_1": "new", "note": "old"}
+
+
+def test_a_text_is_written_through_a_link_and_into_a_pipe(tmp_path: Path) -> None:
+    """As --out /dev/stdout, and a file that is a link to the one on another disk."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk" / "file").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "disk" / "file")
+    write_whole(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "disk" / "file").read_text() == "new"
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(tmp_path / "pipe", "text")
+        assert os.read(reader, 100) == b"text"
+    finally:
+        os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_replaced_text_keeps_its_permissions(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("old")
+    (tmp_path / "file").chmod(0o640)
+    write_whole(tmp_path / "file", "new")
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
+
+
 @pytest.mark.parametrize("name", ["file", "file/below", "file/below/it", "broken"])
 def test_a_file_in_the_way_of_a_folder_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").touch()
@@ -45,6 +129,12 @@ def test_a_file_in_the_way_of_a_folder_is_named(tmp_path: Path, name: str) -> No
     with pytest.raises(NotADirectoryError) as caught:
         check_folder(tmp_path / name)
     assert caught.value.filename == str(tmp_path / name.split("/", maxsplit=1)[0])
+
+
+def test_a_name_that_is_too_long_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="File name too long") as caught:
+        check_folder(tmp_path / ("a" * 300) / "b")
+    assert caught.value.errno == errno.ENAMETOOLONG
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

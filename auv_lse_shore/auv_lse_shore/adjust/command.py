@@ -11,7 +11,8 @@ from auv_lse_common.support.plurals import counted
 from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import report, write_before_and_after
 from auv_lse_shore.areas.area_file import read_area
-from auv_lse_shore.export.export import write_export
+from auv_lse_shore.export.content import Export
+from auv_lse_shore.export.export import about_depths, write_formats
 from auv_lse_shore.export.options import add_survey_options, survey_of
 from auv_lse_shore.export.survey import Survey
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
@@ -22,7 +23,7 @@ from auv_lse_shore.positions.merging import on_one_clock
 from auv_lse_shore.positions.recordings import missing_in
 
 ERRORS = (ValueError, OSError)
-INTERRUPTED = "stopped; the folder may be incomplete. Run the same command again to complete it"
+INTERRUPTED = "stopped; the folder has all files of this adjustment, or is as it was"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -101,14 +102,17 @@ def adjusted(
         set_true_ground(adjustment.runs[0], str(paths[0]))
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
     evaluation = _evaluated(team) if with_report else None
-    with written_whole(folder) as part:
+    yield f"writing to {folder}"
+    discarded = set[str]()
+    with written_whole(folder, discarded) as part:
         (part / "moved.md").write_text(text)
         count = write_before_and_after(part / "before_and_after.csv", adjustment, runs, names)
-    yield f"written: {folder / 'moved.md'}"
-    yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
-    if evaluation is not None:
-        yield from _report(evaluation, folder)
-    yield from write_export(team, folder, survey)
+        yield f"  moved.md, before_and_after.csv ({counted(count, 'sounding')})"
+        if evaluation is not None:
+            yield from _report(evaluation, part, folder)
+        content = Export(team=team, folder=part, survey=survey, discarded=discarded)
+        yield from write_formats(content)
+    yield from about_depths(content)
 
 
 def _evaluated(team: TeamMap) -> Evaluation:
@@ -126,10 +130,13 @@ def _evaluated(team: TeamMap) -> Evaluation:
     return evaluate(team.run, team=team, on_two_cores=True)
 
 
-def _report(evaluation: Evaluation, folder: Path) -> Iterator[str]:
-    """Writes the report of all vehicles of a dive; yields the main figures."""
+def _report(evaluation: Evaluation, part: Path, folder: Path) -> Iterator[str]:
+    """Writes the report of all vehicles of a dive into `part`, for `folder`; yields the main figures."""
     from auv_lse_shore.report.report import write_outputs  # slow to import
     from auv_lse_shore.report.words import headlines
 
-    yield from headlines(write_outputs(evaluation, folder), evaluation.planned_steps)
-    yield f"written: {folder / 'report.html'}"
+    summary = write_outputs(evaluation, part)
+    if (folder / "mission.yaml").exists():  # a run's own stays
+        (part / "mission.yaml").unlink()
+    yield "  report.html"
+    yield from headlines(summary, evaluation.planned_steps)

@@ -11,7 +11,7 @@ from auv_lse_shore.export.formats import formats
 from auv_lse_shore.export.options import add_survey_options, survey_of
 
 ERRORS = (ValueError, OSError)
-INTERRUPTED = "stopped; nothing is written"
+INTERRUPTED = "stopped; the folder has all files of this export, or is as it was"
 
 
 def parser() -> argparse.ArgumentParser:

@@ -49,26 +49,35 @@ def write_export(team: TeamMap, folder: Path, survey: Survey, picture: bool = Fa
         OSError: naming `folder` or the file.
     """
     yield f"writing to {folder}"
-    with written_whole(folder) as part:
-        content = Export(team=team, folder=part, survey=survey)
-        for module in formats():
-            try:
-                _check(module)
-            except ExportError as error:
-                yield f"  skipped: {error}"
-            else:
-                yield f"  {module.write(content)}"
-        if picture:
-            from auv_lse_shore.export.picture import draw_export
+    discarded = set[str]()
+    with written_whole(folder, discarded) as part:
+        content = Export(team=team, folder=part, survey=survey, discarded=discarded)
+        yield from write_formats(content, picture)
+    yield from about_depths(content)
 
-            draw_export(part, part / "export.png")
-            yield "  export.png"
-        made = {path.name for path in part.iterdir()}
-    for old in {path for pattern in content.discarded for path in folder.glob(pattern)}:
-        if old.name not in made:
-            old.unlink()
+
+def write_formats(content: Export, picture: bool = False) -> Iterator[str]:
+    """Writes every format that can be written into the content's folder; yields what it writes, line by line."""
+    for module in formats():
+        try:
+            _check(module)
+        except ExportError as error:
+            yield f"  skipped: {error}"
+        else:
+            yield f"  {module.write(content)}"
+    content.discard("export.png")
+    if picture:
+        from auv_lse_shore.export.picture import draw_export
+
+        draw_export(content.folder, content.folder / "export.png")
+        yield "  export.png"
+
+
+def about_depths(content: Export) -> Iterator[str]:
+    """Lines on the coordinates and depths of an export."""
+    survey = content.survey
     yield f"coordinates: {content.reference.describe()}"
-    depths = np.concatenate([vehicle.soundings.depth_m for vehicle in team.run.vehicles])
+    depths = np.concatenate([vehicle.soundings.depth_m for vehicle in content.team.run.vehicles])
     if not len(depths):
         yield "depths: none was measured; the map shows the prior"
         return

@@ -5,6 +5,7 @@ import dataclasses
 import errno
 import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.content import NODATA, Export, ExportError
-from auv_lse_shore.export.formats import ascii_grid, soundings_csv
+from auv_lse_shore.export.formats import ascii_grid, bag, cloud_geotiff, geotiff, s102, soundings_csv
 from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
@@ -163,7 +164,7 @@ def test_a_run_that_ended_before_its_first_sounding_is_exported(tmp_path, synthe
     for vehicle in run.vehicles:
         vehicle.soundings = vehicle.received = Soundings.from_rows([])
     write_run(run, tmp_path)
-    assert main([str(tmp_path), "--water-level", "1.0", "--datum", "D"]) == 0
+    assert main([str(tmp_path), "--water-level", "1.0", "--datum", "D", "--picture"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "depths: none was measured; the map shows the prior"
 
 
@@ -299,12 +300,35 @@ def test_a_full_disk_is_named_with_the_folder(on_earth, tmp_path, monkeypatch, c
     assert not (tmp_path / "full").exists()
 
 
+@pytest.mark.parametrize("module", [geotiff, cloud_geotiff, bag, s102])
+def test_a_full_disk_is_an_error_of_the_system_also_where_a_library_writes(on_earth, tmp_path, module):
+    """GDAL and HDF5 raise errors of their own, or none, and print pages. A limit stands for the disk."""
+    _, run, team = on_earth
+    team = dataclasses.replace(team, run=dataclasses.replace(run, origin=ORIGIN))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for most in (0, 100, 1000):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, limits[1]))
+        try:
+            with pytest.raises(OSError, match="File too large") as caught:
+                module.write(Export(team=team, folder=tmp_path))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert caught.value.errno == errno.EFBIG
+
+
+def test_a_picture_of_an_earlier_map_is_removed(on_earth, tmp_path):
+    folder, *_ = on_earth
+    for words in (["--picture"], []):
+        assert main([str(folder.parent), "--out", str(tmp_path / "out"), *words]) == 0
+        assert (tmp_path / "out" / "export.png").exists() == bool(words)
+
+
 def test_an_interrupted_export_leaves_the_earlier_one_as_it_was(on_earth, monkeypatch, capsys):
     folder, *_ = on_earth
     before = {path: path.read_bytes() for path in folder.iterdir()}
     monkeypatch.setattr(soundings_csv, "write", Mock(side_effect=KeyboardInterrupt))
     assert main([str(folder.parent), "--datum", "LN02"]) == 130
-    assert capsys.readouterr().err == "stopped; nothing is written\n"
+    assert capsys.readouterr().err == "stopped; the folder has all files of this export, or is as it was\n"
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from auv_lse_shore.export.content import NO_ORIGIN, Export, ExportError
@@ -32,7 +30,6 @@ def write(export: Export) -> str:
     if not chart.crs.is_projected:
         return f"chart.bag: skipped, because {chart.crs.to_string()} is in degrees; BAG needs metres, as of a UTM zone"
     from rasterio.io import MemoryFile
-    from rasterio.shutil import copy
 
     bands = np.stack([-chart.depth_m, chart.tvu_m])
     bands = np.where(np.isnan(bands), _NO_DATA, bands).astype(np.float32)
@@ -42,11 +39,11 @@ def write(export: Export) -> str:
         with memory.open(height=height, width=width, crs=chart.crs, transform=chart.transform, **profile) as file:
             file.write(bands)
         with memory.open() as file:
-            copy(file, path, driver="BAG", **_metadata(export))
+            geotiff.copy_whole(file, path, "BAG", **_metadata(export))
     return f"chart.bag ({chart.crs.to_string()}, {export.survey.vertical_datum})"
 
 
-def _metadata(export: Export) -> dict[str, Any]:
+def _metadata(export: Export) -> dict[str, str]:
     """Variables of the XML metadata that GDAL writes; rasterio passes them in capitals."""
     datum = export.survey.vertical_datum.replace('"', "'")
     about = "; ".join(f"{key}: {text}" for key, text in export.survey.describe().items())

@@ -27,7 +27,6 @@ def write(export: Export) -> str:
         return f"chart.tif: {NO_ORIGIN}"
     chart = project(export)
     from rasterio.io import MemoryFile
-    from rasterio.shutil import copy
 
     bands = np.stack([chart.depth_m, chart.tvu_m, chart.order])
     height, width = chart.depth_m.shape
@@ -40,7 +39,7 @@ def write(export: Export) -> str:
                 file.set_band_description(number, meaning)
                 file.set_band_unit(number, unit)
         with memory.open() as file:
-            copy(file, path, driver="COG", compress="deflate", overview_resampling="nearest")
+            geotiff.copy_whole(file, path, "COG", compress="deflate", overview_resampling="nearest")
     codes = np.bincount(chart.order[np.isfinite(chart.order)].astype(int), minlength=len(ORDERS))
     shares = (f"{100.0 * n / max(codes.sum(), 1):.0f} % {o.name}" for n, o in zip(codes, ORDERS, strict=True) if n)
     return f"chart.tif ({chart.crs.to_string()}; S-44 order of cells: {', '.join(shares)})"

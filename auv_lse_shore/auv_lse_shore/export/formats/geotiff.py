@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,22 @@ def rasterio() -> Any:
     return rasterio
 
 
+def copy_whole(dataset: Any, path: Path, driver: str, **options: str) -> None:
+    """Writes a dataset to a file in GDAL's format `driver`.
+
+    GDAL writes into memory: on a full disk its drivers raise errors of their own, or none.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    from rasterio.io import MemoryFile
+    from rasterio.shutil import copy
+
+    with MemoryFile(ext=path.suffix) as memory:
+        copy(dataset, memory.name, driver=driver, **options)
+        path.write_bytes(memory.read())
+
+
 def check() -> None:
     """Raises ExportError if rasterio is not installed."""
     rasterio()
@@ -32,26 +49,27 @@ def check() -> None:
 
 def write(export: Export) -> str:
     """Writes the maps as float32, north up; no data outside of the operating area."""
-    library, grid, reference = rasterio(), export.team.field.grid, export.reference
+    grid, reference = export.team.field.grid, export.reference
+    from rasterio.io import MemoryFile
     from rasterio.transform import from_origin
 
     (west, _), size = export.corner(), grid.resolution_m
     for raster in export.rasters():
-        with library.open(
-            export.folder / f"{raster.name}.tif",
-            "w",
-            driver="GTiff",
-            height=len(grid.north_m),
-            width=len(grid.east_m),
-            count=1,
-            dtype="float32",
-            crs=reference.wkt() or None,
-            transform=from_origin(west, float(grid.north_m[-1]) + 0.5 * size, size, size),
-            nodata=NODATA,
-            compress="deflate",
-        ) as file:
-            file.write(raster.northern_row_first.astype(np.float32), 1)
-            file.set_band_description(1, raster.meaning)
-            file.set_band_unit(1, raster.unit)
-            file.update_tags(**export.metadata())
+        with MemoryFile() as memory:
+            with memory.open(
+                driver="GTiff",
+                height=len(grid.north_m),
+                width=len(grid.east_m),
+                count=1,
+                dtype="float32",
+                crs=reference.wkt() or None,
+                transform=from_origin(west, float(grid.north_m[-1]) + 0.5 * size, size, size),
+                nodata=NODATA,
+            ) as file:
+                file.write(raster.northern_row_first.astype(np.float32), 1)
+                file.set_band_description(1, raster.meaning)
+                file.set_band_unit(1, raster.unit)
+                file.update_tags(**export.metadata())
+            with memory.open() as file:
+                copy_whole(file, export.folder / f"{raster.name}.tif", "GTiff", compress="deflate")
     return ", ".join(f"{raster.name}.tif" for raster in export.rasters())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from datetime import UTC, datetime
 from typing import Any
 
@@ -60,10 +61,12 @@ def write(export: Export) -> str:
         return f"{path.name}: skipped, because S-102 allows UTM and WGS84 only, not {chart.crs.to_string()}"
     library = _h5py()
     datum = _DATUMS.get(export.survey.datum.upper().replace(" ", ""), _LOCAL_DATUM)
-    with library.File(path, "w") as file:
+    memory = io.BytesIO()  # on a full disk HDF5 raises errors of its own, and prints a page
+    with library.File(memory, "w") as file:
         _write_root(file, chart, code, datum)
         _write_features(file, library)
         _write_coverage(file, chart, library)
+    path.write_bytes(memory.getbuffer())
     return f"{path.name} ({chart.crs.to_string()}, {export.survey.vertical_datum})"
 
 
