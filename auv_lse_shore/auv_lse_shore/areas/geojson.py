@@ -20,7 +20,8 @@ def json_of(text: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        first, *others = [line for line in map(str.strip, text.split("\n")) if line]
+        mark = "\x1e" if "\x1e" in text else "\n"  # RFC 8142 puts one before each feature
+        first, *others = [part for part in map(str.strip, text.split(mark)) if part]
         try:
             features = [json.loads(first)]
         except ValueError:

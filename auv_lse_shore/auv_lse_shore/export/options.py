@@ -23,7 +23,7 @@ _STDS = {
     "sound-speed": "sound_speed_mps",
     "water-level": "water_level_m",
 }
-#: A value that often marks missing data does so in a table if it is farther than this (m, m/s) from the median.
+#: A value that often marks missing data does so in a table if it is farther than this (m, m/s) from the others' median.
 _APART = 20.0
 #: Largest number of contour levels.
 _MAX_LEVELS = 1000
@@ -191,9 +191,9 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
     needed = f"needed is a CSV file with columns {' or '.join(firsts)}, {second}"
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            begin = file.readline()
+            head = file.readline()
             file.seek(0)
-            separator = next((sign for sign in ";\t" if sign in begin), ",")
+            separator = next((sign for sign in ";\t" if second in _cells(head, sign)), ",")
             reader = csv.DictReader(file, delimiter=separator, skipinitialspace=True)
             reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
             first = next((name for name in firsts if name in reader.fieldnames), None)
@@ -203,6 +203,8 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
             rows: dict[float, tuple[float, str]] = {}
             for row in reader:
                 texts = [(row[name] or "").strip() for name in (first, second)]
+                if not any(texts):
+                    continue  # an empty row of a spreadsheet
                 where = f"{option} {path}:{reader.line_num}"
                 value, level = _row(texts[0], texts[1], first, second, where, "." if separator == "," else ",")
                 if value in rows and rows[value][0] != level:
@@ -216,7 +218,8 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
     if not rows:
         raise SurveyError(f"{option} {path} has no rows; {needed}")
     table = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
-    marks = np.isin(np.abs(table[:, 1]), OFTEN_NO_DATA) & (np.abs(table[:, 1] - np.median(table[:, 1])) > _APART)
+    marks = np.isin(np.abs(table[:, 1]), OFTEN_NO_DATA)
+    marks &= np.abs(table[:, 1] - np.median(table[~marks | marks.all(), 1])) > _APART
     if marks.any():
         value, level = table[marks][0]
         raise SurveyError(
@@ -224,6 +227,11 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
             "missing data. Remove this line"
         )
     return table
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line of a table."""
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _row(first_text: str, second_text: str, first: str, second: str, where: str, decimal: str) -> tuple[float, float]:

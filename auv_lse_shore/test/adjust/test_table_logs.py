@@ -144,6 +144,8 @@ def test_projected_positions_in_feet_are_those_of_any_system(tmp_path, crs, unit
         ("S33°51'12\"", -1), ("33°51'12\"s", -1), ("33°51.2'S", -1), ("33.853333S", -1), ("33°51'12\"W", -1),
         ("33°51'12\"", 1), ("33d51m12s", 1), ("33d51m12sN", 1), ("N 33d 51m 12s", 1), ("33°51'12\"N", 1),
         ("33°51'12\"E", 1), ("-33°51'12\"", -1), ("33:51:12S", -1),
+        ("33 51 12 s", -1), ("33:51:12s", -1), ("33d51m12S", -1), ("33D51M12S", 1), ("33D51M12SS", -1),
+        ("33d51m12ss", -1),
     ],
 )  # fmt: skip
 def test_the_s_behind_seconds_is_south_and_that_of_33d51m12s_is_a_unit(text, sign):

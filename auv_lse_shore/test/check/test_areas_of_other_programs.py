@@ -235,6 +235,8 @@ def test_geojson_with_a_feature_on_each_line_is_read_as_qgis_writes_it(tmp_path,
     content = read(tmp_path, "".join(f"{mark}{line}\n" for line in lines), "a.geojsonl")
     np.testing.assert_array_equal(content.area, AREA)
     assert list(content.no_go) == ["no_go_pier"]
+    indented = "".join(f"\x1e{json.dumps(json.loads(line), indent=1)}\n" for line in lines)
+    assert list(read(tmp_path, indented, "a.geojsons").no_go) == ["no_go_pier"]
     with pytest.raises(ParameterError, match=r"damaged, .*Expecting.*line 2 column"):
         read(tmp_path, '{"type": "FeatureCollection",\n"features": [,', "b.geojson")
 

@@ -238,6 +238,11 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
             "time_s,level_m\n0,0.1\n5,-99\n9,0.2\n",
             r": line 3: level_m is -99, far from the others and a common mark .* Remove this line",
         ),
+        (
+            "--water-level",
+            "time_s,level_m\n0,-99\n500,-99\n900,0.2\n",
+            r": line 2: level_m is -99, far from the others and a common mark .* Remove this line",
+        ),
         ("--water-level", "time_s,level_m\n", r"has no rows; needed is a CSV file with columns time_s or time_utc"),
         (
             "--sound-speed",
@@ -261,6 +266,8 @@ def test_tables_that_would_be_misread_are_refused(tmp_path, capsys, lake, option
         "time_s;level_m;name\n0;0,1;a,b\n5;0,4;c\n9;0.2;d\n",
         "time_s\tlevel_m\n0\t0.1\n5\t0.4\n9\t0.2\n",
         "\ufeff time_s, level_m\n0, 0.1\n5, 0.4\n9, 0.2\n",
+        'time_s,level_m,"quality; source"\n0,0.1,good\n5,0.4,good\n9,0.2,good\n',
+        "time_s;level_m;\n0;0,1;\n5;0,4;\n9;0,2;\n;;\n;;\n",  # empty rows of a spreadsheet
     ],
 )
 def test_tables_of_gauges_and_spreadsheets_are_read(tmp_path, text):

@@ -205,7 +205,8 @@ def _ground(
 def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) -> tuple[Array, list[str]]:
     """Values (ny, nx) as stored with those outside of `valid_range`, `valid_min`, `valid_max` unknown, and a note.
 
-    The range is one of stored values. Where they are packed and it leaves out most, the writer meant unpacked ones.
+    The range is one of stored values. Where they are packed and it leaves out most, the writer meant unpacked ones. One
+    that leaves out all is a mistake.
     """
     texts = [*tags.get("valid_range", "").strip("{} ").split(","), "", ""][:2]
     low, high = (_number(tags.get(key, text)) for key, text in zip(("valid_min", "valid_max"), texts, strict=True))
@@ -215,8 +216,11 @@ def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) 
     outside = unpacked if known < 2 * stored.sum() and unpacked.sum() < stored.sum() else stored
     if not outside.any():
         return values, []
-    limits = [f"{word} {limit:g}" for word, limit in (("below", low), ("above", high)) if np.isfinite(limit)]
-    note = f"{int(outside.sum())} nodes {' or '.join(limits)} (the file's valid range) taken as unknown"
+    pairs = (("below", low), ("above", high))
+    limits = " or ".join(f"{word} {limit:g}" for word, limit in pairs if np.isfinite(limit))
+    if outside.sum() == known:
+        return values, [f"the file's valid range is ignored: all its values are {limits}"]
+    note = f"{int(outside.sum())} nodes {limits} (the file's valid range) taken as unknown"
     return np.where(outside, np.nan, values), [note]
 
 

@@ -15,6 +15,7 @@ from auv_lse_sim.ground.soundings_ground import read_soundings_ground
 from auv_lse_sim.ground.xyz_ground import is_xyz, read_xyz_ground
 
 _VECTORS = (".shp", ".gpkg", ".geojson", ".geojsonl", ".json", ".kml", ".kmz", ".gml", ".gpx", ".dxf", ".fgb")
+_SPREADSHEETS = (".xls", ".xlsx", ".xlsm", ".ods", ".numbers")
 
 
 def load_ground(
@@ -89,6 +90,8 @@ def _refuse_other(path: Path, begin: bytes) -> None:
             f"{path} holds points or lines, not a grid. Write its soundings as a table: ogr2ogr -t_srs EPSG:4326 -lco "
             f"GEOMETRY=AS_XY {path.stem}.csv {path.name}; then rename the columns to lon, lat, depth_m"
         )
+    if path.suffix.lower() in _SPREADSHEETS:
+        raise GroundError(f"{path} is a spreadsheet. Save it as .csv with lat, lon, depth_m")
     if begin[:2] == b"\x1f\x8b" or (begin[:4] == b"PK\3\4" and path.suffix.lower() != ".npz"):
         raise GroundError(f"{path} is packed. Unpack it, and give the file inside")
 

@@ -150,6 +150,8 @@ def test_a_survey_both_ways(tmp_path):
         ("a.gpkg", b"SQLite", r"a\.gpkg holds points or lines"),
         ("a.csv.gz", b"\x1f\x8b", r"a\.csv\.gz is packed\. Unpack it"),
         ("a.zip", b"PK\3\4", r"a\.zip is packed\. Unpack it"),
+        ("a.XLSX", b"PK\3\4", r"a\.XLSX is a spreadsheet\. Save it as \.csv"),
+        ("a.ods", b"PK\3\4", r"a\.ods is a spreadsheet\. Save it as \.csv"),
     ],
 )
 def test_files_that_another_program_converts_name_the_way(tmp_path, name, begin, match):

@@ -89,6 +89,21 @@ def test_a_range_that_holds_all_values_changes_nothing(tmp_path, attributes):
     assert f"{DEPTH.min():.1f} to {DEPTH.max():.1f} m deep" in described
 
 
+@pytest.mark.parametrize(
+    ("values", "attributes", "note"),
+    [
+        (filled(30.0), {"valid_range": np.array([100.0, 0.0], "f4")}, "below 100 or above 0"),
+        (filled(30.0), {"valid_range": np.array([0.0, 0.0], "f4")}, "below 0 or above 0"),
+        (-filled(30.0), {"valid_min": np.float32(0.0)}, "below 0"),  # of depths, on elevations
+    ],
+)
+def test_a_range_that_no_value_is_in_is_a_mistake_of_the_writer_and_ignored(tmp_path, values, attributes, note):
+    name = "elevation" if values.mean() < 0.0 else "depth"
+    described = load_ground(netcdf(tmp_path / "a.nc", {name: (values, attributes)})).describe()
+    assert f"the file's valid range is ignored: all its values are {note};" in described
+    assert f"{np.abs(values).min():.1f} to {np.abs(values).max():.1f} m deep" in described
+
+
 def test_the_variable_named_by_the_word_alone_is_used_and_the_others_are_reported_as_in_emodnets(tmp_path):
     elevation = (-DEPTH).astype("f4")
     others = {name: (elevation + 5.0, {}) for name in ("elevation_min", "elevation_max", "elevation_smoothed", "stdev")}

@@ -43,7 +43,7 @@ TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lo
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
 _ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?:\.\d*)?)['′ m:]*)?\s*"
-                    r"(?:(\d+(?:\.\d*)?)(?:[\"″'′ ]|s(?=\s*[NSEWO]\s*$))*)?\s*([NSEWO])?\s*$",
+                    r"(?:(\d+(?:\.\d*)?)((?:[\"″'′ ]|s(?=\s*[NSEWO]\s*$))*))?\s*([NSEWO])?\s*$",
                     re.IGNORECASE)  # fmt: skip
 #: More names than these in a column of vehicles, or of sounders, number something else.
 _MOST_VEHICLES, _MOST_SOUNDERS = 20, 50
@@ -135,9 +135,9 @@ def _angle(text: str, path: Path) -> float:
     match = _ANGLE.match(text)
     if not match:
         return float("nan")
-    before, degrees, minutes, rest, after = match.groups()
-    if after == "s" and rest and not set("\"″'′") & set(text):  # of seconds, as in 33d51m12s
-        after = None
+    before, degrees, minutes, rest, mark, after = match.groups()
+    if rest and "s" not in mark.lower() and ("m" if after == "s" else "M" if after == "S" else "?") in text:
+        after = None  # of seconds, as in 33d51m12s
     value = abs(float(degrees)) + float(minutes or 0.0) / 60.0 + float(rest or 0.0) / 3600.0
     return -value if degrees.startswith("-") else value * _side(before or after or "", repr(text.strip()), path)
 
