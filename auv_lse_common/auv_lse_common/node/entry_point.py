@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.node.executable import leave
+from auv_lse_common.node.executable import handle_signals, leave
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.node.intra_process import INTRA_PROCESS
@@ -49,7 +49,7 @@ def prepare() -> None:
 
 
 class Stopping:
-    """Requests to stop, by SIGINT or SIGTERM: obeyed between two callbacks, never within one.
+    """Requests to stop, by SIGINT, SIGTERM or SIGHUP: obeyed between two callbacks, never within one.
 
     rclpy's own handlers shut ROS down from another thread, which can crash a node that is taking a message. A
     KeyboardInterrupt within a callback can leave a recording open. A second signal does interrupt.
@@ -66,8 +66,7 @@ class Stopping:
         os.set_blocking(written, False)
         signal.set_wakeup_fd(written, warn_on_full_buffer=False)  # even while the main thread waits
         threading.Thread(target=self._watch, name="signals", daemon=True).start()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._request)
+        handle_signals(self._request)
 
     def set_wake(self, wake: Callable[[], None] | None) -> None:
         """Sets what ends the main thread's wait from another thread, or None."""
@@ -76,8 +75,7 @@ class Stopping:
     def ignore_signals(self) -> None:
         """Ignores signals from now on, so that nothing being written is lost."""
         self._wake = None
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        handle_signals(signal.SIG_IGN)
 
     def _request(self, number: int, frame: object) -> None:
         if self.requested:
@@ -127,7 +125,7 @@ class Main:
         return self.make.__module__.rpartition(".")[2]
 
     def __call__(self, *beside: Main, arguments: Sequence[str] | None = None) -> int:
-        """Makes the node, serves it until SIGINT, SIGTERM or shutdown, and cleans up.
+        """Makes the node, serves it until a signal or shutdown, and cleans up.
 
         Args:
             beside: Further nodes for this process: one thread serves all, and they are one participant in the ROS

@@ -1,6 +1,6 @@
 """Prepares the process of a node's executable; each node's module imports this one first.
 
-SIGINT or SIGTERM during the imports ends the node without a traceback; `auv_lse_common.node.entry_point` then replaces
+A signal to end during the imports ends the node without a traceback; `auv_lse_common.node.entry_point` then replaces
 the handlers. Linear algebra runs on one thread unless the environment sets more: a mission is many processes on
 few cores, and waiting threads would take the cores from each other. `leave` ends the process.
 """
@@ -8,13 +8,22 @@ few cores, and waiting threads would take the cores from each other. `leave` end
 import os
 import signal
 import sys
+from collections.abc import Callable
+from types import FrameType
+
+
+def handle_signals(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
+    """Sets the handler of SIGINT, SIGTERM and, unless it is ignored as under nohup, SIGHUP (a closed terminal)."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
 
 #: Whether `ros2 run` or `ros2 launch` has started this process: it is not a test, a command or the fork server.
 IS_EXECUTABLE = os.path.basename(sys.argv[0]).endswith("_node")
 
 if IS_EXECUTABLE:
-    for _number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(_number, lambda number, frame: os._exit(0))
+    handle_signals(lambda number, frame: os._exit(0))
     for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(_name, "1")
 

@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 from auv_lse_common.mission_file.parameters import parameter, section
 from auv_lse_common.node import base_node, vehicle_node
 from auv_lse_common.node.base_node import BaseNode
-from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.entry_point import Main, Stopping
 from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_msgs.msg import Bound, LockstepTick
 
@@ -64,7 +64,7 @@ def make(tmp_path: Path) -> Iterator[Callable[[str], BaseNode]]:
 @pytest.fixture
 def signals() -> Iterator[None]:
     """Puts back what an entry point does to signals."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     yield
     signal.set_wakeup_fd(-1)
     for number, handler in before.items():
@@ -160,7 +160,7 @@ class Closing(BaseNode):
         super().destroy_node()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("at", ["made", "callback", "waiting"])
 def test_stopped_node_completes_its_callback_and_is_closed(signals: None, at: str, number: signal.Signals) -> None:
     Closing.closed.clear()
@@ -168,6 +168,15 @@ def test_stopped_node_completes_its_callback_and_is_closed(signals: None, at: st
     assert Main(lambda: Closing(at, number))(arguments=[]) == 0
     assert Closing.closed == (["whole", "closed"] if at == "callback" else ["closed"])
     assert time.monotonic() - began < 10.0, "it does not wait for something to happen"
+
+
+def test_under_nohup_a_closed_terminal_stops_no_node(signals: None) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stopping = Stopping()
+    signal.raise_signal(signal.SIGHUP)
+    assert not stopping.requested
+    signal.raise_signal(signal.SIGTERM)
+    assert stopping.requested
 
 
 def test_timers_continue_when_the_system_clock_is_set_back(make: Callable[[str], BaseNode]) -> None:

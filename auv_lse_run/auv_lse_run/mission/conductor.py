@@ -99,12 +99,14 @@ def follow(
         while not interrupt.came and progress.phase != "finished":
             state, message = watch.wait(_PERIOD_S)
             progress.started_s = time.monotonic() - marks["began"]
-            look_after(state, message)
-            if state == "failed":
-                raise MissionError(f"the simulator stopped the mission: {message}")
             if state in ("running", "finished"):
                 progress.phase = state
                 marks.setdefault("running", time.monotonic())
+            if interrupt.came:  # so may have the processes, as in a shutdown: their ends are no failure
+                break
+            look_after(state, message)
+            if state == "failed":
+                raise MissionError(f"the simulator stopped the mission: {message}")
             display.refresh()
     return marks | {"ended": time.monotonic()}
 

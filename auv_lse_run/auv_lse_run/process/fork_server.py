@@ -131,6 +131,7 @@ class ForkServer:
         global _early
         self.log = log
         self._started: list[ForkedProcess] = []
+        self._left: list[ForkedProcess] = []  # by the server's end, with which Linux ends them
         self._rest = b""
         self._server, _early = _early or _launch(environment), None
         self._ask({"server_log": str(log), "environment": dict(environment), "in_turn": in_turn})
@@ -175,9 +176,10 @@ class ForkServer:
             data = os.read(pipe, 65536)
             if not data:
                 code = self._server.wait()
-                for forked in self._started:
-                    if forked.returncode is None:
-                        forked.ended(code or -signal.SIGTERM)
+                left = [forked for forked in self._started if forked.returncode is None]
+                for forked in left:
+                    forked.ended(code or -signal.SIGTERM)
+                self._left += left
                 return
             *lines, self._rest = (self._rest + data).split(b"\n")
             for line in lines:
@@ -198,10 +200,9 @@ class ForkServer:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._server.wait(1.0)
         end([self._server])
-        left = {forked for forked in self._started if forked.returncode is None}
         self.read(1.0)
         self._server.stdout.close()
-        _wait_for_end([forked.pid for forked in left if forked.begun])
+        _wait_for_end([forked.pid for forked in self._left if forked.begun])
 
 
 def _wait_for_end(pids: Iterable[int]) -> None:

@@ -81,6 +81,25 @@ def test_what_is_forked_while_the_server_closes_ends_with_it(tmp_path: Path) -> 
         assert all(forked.poll() is not None for forked in later)
 
 
+def test_after_the_servers_death_the_end_of_its_processes_is_awaited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A shutdown ends all at once: a recorder that still writes must not find its folder cleared."""
+    monkeypatch.setattr(fork_server, "_END_S", 0.3)
+    server = ForkServer(tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+    forked = server.start(MODEM, [*RUNS, "-p", f"packet.session:={tmp_path}"], tmp_path / "node.log")
+    pid = forked.pid
+    try:
+        os.kill(pid, signal.SIGSTOP)  # it takes its time
+        server._server.terminate()
+        assert forked.wait(30.0) == -signal.SIGTERM
+        server.close()
+        assert not fork_server._lives(pid)
+    finally:
+        if fork_server._lives(pid):
+            os.kill(pid, signal.SIGKILL)
+
+
 def _pids() -> list[int]:
     return [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit() and (path / "cmdline").exists()]
 

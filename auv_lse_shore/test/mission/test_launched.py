@@ -16,6 +16,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_run.mission import conductor
+from auv_lse_run.process.interrupt import SIGNALS
 from auv_lse_shore.mission import launched
 
 pytestmark = pytest.mark.ros
@@ -25,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(autouse=True)
 def _handlers() -> Iterator[None]:
-    before = {sign: signal.getsignal(sign) for sign in (signal.SIGINT, signal.SIGTERM)}
+    before = {sign: signal.getsignal(sign) for sign in SIGNALS}
     yield
     for sign, handler in before.items():
         signal.signal(sign, handler)
@@ -34,7 +35,7 @@ def _handlers() -> Iterator[None]:
 def _run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, states: list[str], record: bool = True
 ) -> tuple[int, list[Any]]:
-    """Exit code and reports of a mission that has these states in turn; "SIGINT" comes instead of one."""
+    """Exit code and reports of a mission that has these states in turn; "SIGINT" comes with one."""
     bag = tmp_path / "bag"
     wanted = {"record.folder": str(bag) if record else ""}
     settings = Settings.load(ROOT / "config" / "missions" / "default.yaml", wanted)
@@ -54,9 +55,9 @@ def _run(
 
         def wait(self, seconds: float) -> tuple[str, str]:
             state = next(self._states)
-            if state == "SIGINT":
+            if state.startswith("SIGINT"):
                 os.kill(os.getpid(), signal.SIGINT)
-                state = "running"
+                state = state.partition(" ")[2] or "running"
             return state, "tick 1: no answer for 60 s" if state == "failed" else ""
 
     def sleep(seconds: float) -> None:
@@ -85,6 +86,8 @@ def _run(
     [
         (["waiting", "running", "finished"], 0, [True]),
         (["waiting", "running", "SIGINT"], 130, [False]),
+        (["waiting", "running", "SIGINT failed"], 130, [False]),  # all processes are ended at once, as in a shutdown
+        (["waiting", "running", "SIGINT finished"], 0, [True]),
         (["waiting", "running", "failed"], 1, []),
     ],
 )
