@@ -149,7 +149,7 @@ class ProcessKeeper:
             self._environment[SOCKET_VARIABLE] = self._heartbeats.address
         self._forked = [task.node for task in tasks if task.node is not None]
         self._server: ForkServer | None = None
-        self._first_tick_s = self._loading_s = self._ticked_s = math.nan
+        self._loads_from_s = self._loading_s = self._ticked_s = math.nan  # the first: NaN while nothing is loaded
         self._loading_reported = False
         self._log_problem = ""
 
@@ -192,8 +192,8 @@ class ProcessKeeper:
         Returns:
             Name and exit code of each task that has died since the last call; -9 if signal 9 ended it.
         """
-        if math.isnan(self._first_tick_s):
-            self._first_tick_s = self._loading_s = self._ticked_s = now_s
+        if math.isnan(self._ticked_s):
+            self._loading_s = self._ticked_s = now_s
         passed_s = min(max(0.0, now_s - self._ticked_s), _LONGEST_TICK_S)
         self._ticked_s = now_s
         alive, reports = self._heartbeats.take() if self._heartbeats is not None else (set(), ())
@@ -226,9 +226,12 @@ class ProcessKeeper:
 
     def _check_loading(self, now_s: float) -> None:
         if all(s.begun or s.process is None or s.process.poll() is not None for s in self._states):
+            self._loads_from_s = math.nan
             return
         self._loading_s = now_s
-        if not self._loading_reported and now_s - self._first_tick_s > _LOADING_REPORTED_S:
+        if math.isnan(self._loads_from_s):
+            self._loads_from_s = now_s
+        if not self._loading_reported and now_s - self._loads_from_s > _LOADING_REPORTED_S:
             self._say("still loading the nodes: recompiling changed code; this may take minutes")
             self._loading_reported = True
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from auv_lse_run.process import keeper
 from auv_lse_run.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, ProcessKeeper, Task
 
 
@@ -123,6 +124,25 @@ def test_steady_process_is_restarted_with_the_first_wait(tmp_path: Path) -> None
     assert bench.keeper.running
     bench.keeper.stop()
     assert not bench.keeper.running
+
+
+def test_loading_that_takes_long_is_reported_and_a_late_restart_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A node that is restarted in mid-dive is forked a moment after the request."""
+    bench, begun = Bench(tmp_path, node="sleep 60"), True
+    monkeypatch.setattr(keeper._State, "begun", property(lambda state: begun))
+    bench.after(0.0)
+    bench.after(3600.0)
+    begun = False
+    bench.after(0.2)
+    assert not any("loading" in line for line in bench.said)
+    assert bench.keeper.loaded_for_s == 0.0
+    bench.after(5.0)
+    bench.after(5.1)
+    assert bench.said[-1] == "still loading the nodes: recompiling changed code; this may take minutes"
+    begun = True
+    bench.keeper.stop()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")

@@ -12,6 +12,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.mission import UntilConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.plurals import counted
+from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.map.certainty import FOUND, MAX_STD_M
 from auv_lse_gp.map.depth_map import BAND_SIGMAS
 from auv_lse_run.shipped_files import shipped_file
@@ -163,7 +164,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             findings = check(path, options.vehicle, area_file=options.area, picture=picture)
         except (ParameterError, OSError) as error:
-            print(f"error    {error}", file=sys.stderr)
+            print(f"error    {error_text(error)}", file=sys.stderr)
             code = 2
             continue
         print(path)

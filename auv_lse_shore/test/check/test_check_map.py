@@ -92,6 +92,14 @@ def test_area_replaces_that_of_the_mission_file_and_the_map_has_its_name(
     assert "no-go area no_go_pier" in capsys.readouterr().out
 
 
+def test_a_picture_that_cannot_be_written_is_named(
+    mission: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert main([str(mission), "--map", str(tmp_path / "file" / "map.png")]) == 2
+    assert capsys.readouterr().err == f"error    {tmp_path}/file/map.png: Not a directory\n"
+
+
 def test_a_mission_file_is_never_taken_for_the_name_of_the_picture(
     mission: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
