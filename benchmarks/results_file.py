@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -40,16 +42,21 @@ def fly(
 ) -> Iterator[dict[str, Any]]:
     """Calls `mission` with the arguments of each job, some at once, and yields each line after it is written.
 
-    Ctrl-C ends those under way without a word; the lines of the others stay.
+    A signal to end ends those under way without a word; the lines of the others stay.
     """
     quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with appended(path) as file, ProcessPoolExecutor(processes, initializer=quiet) as pool:
+        others, workers = multiprocessing.active_children(), list[BaseProcess]()
         try:
-            for future in as_completed([pool.submit(mission, *job) for job in jobs]):
+            futures = [pool.submit(mission, *job) for job in jobs]
+            workers += [child for child in multiprocessing.active_children() if child not in others]
+            for future in as_completed(futures):
                 line = future.result()
                 file.write(json.dumps(line) + "\n")
                 file.flush()
                 yield line
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in workers:
+                process.terminate()
             raise
