@@ -1,9 +1,10 @@
-"""Shows what a long evaluation is doing, in one line of the terminal."""
+"""Shows what a long evaluation is doing."""
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 #: Shows a step of the work.
 Show = Callable[[str], None]
@@ -17,3 +18,12 @@ def show_step(text: str) -> None:
 
 def show_nothing(text: str) -> None:
     """Shows nothing."""
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Prints the lines of a work as they come. A reader that ends early, as a pager does, does not end the work."""
+    for line in lines:
+        try:
+            print(line, flush=True)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
+from auv_lse_shore.report.progress import print_lines
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
@@ -120,8 +121,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.dry_run:
         check_free(folder)
         check_folder(folder)
-    for line in imported(options, folder):
-        print(line, flush=True)
+    print_lines(imported(options, folder))
 
 
 def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:

@@ -340,6 +340,17 @@ def test_a_file_in_place_of_the_output_folder_is_refused_before_anything_is_read
     assert (out, err) == ("", f"error: {tmp_path / 'taken'}: is not a folder; choose another name\n")
 
 
+def test_a_pager_that_is_left_early_ends_no_export(on_earth, tmp_path):
+    folder, *_ = on_earth
+    command = [sys.executable, "-m", "auv_lse_run", "export", str(folder.parent), "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline().startswith("reading ")
+        process.stdout.close()
+        errors = process.stderr.read()
+    assert (process.returncode, errors) == (0, "")
+    assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "out").iterdir()}
+
+
 def test_ctrl_c_leaves_no_traceback(tmp_path, monkeypatch, capsys):
     def stopped(*_, **__):
         raise KeyboardInterrupt
