@@ -40,7 +40,7 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
             with contextlib.suppress(OSError):  # not made, or somebody else has files there
                 path.rmdir()
         if isinstance(error, OSError) and (error.filename is None or ".part-" in str(error.filename)):
-            text = os.strerror(error.errno) if error.errno else str(error)  # other libraries tell stories
+            text = os.strerror(error.errno) if error.errno else str(error)  # HDF5's own names a hidden folder
             raise OSError(error.errno, text, str(folder)) from error
         raise
 
