@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 from auv_lse_common.support.missing_packages import missing
+from auv_lse_common.support.plurals import counted
 from auv_lse_record.recording import STORAGES, Recording, RecordingError, recording_in
 from auv_lse_record.salvage import MAGIC, whole_pieces
 
@@ -168,7 +169,8 @@ def run(options: argparse.Namespace) -> int:
     except (RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    nameless = f", {done.nameless} messages of topics without a description" if done.nameless else ""
-    print(f"{done.file}: {done.messages} messages recovered; {done.lost_bytes} damaged bytes left out{nameless}")
+    nameless = f", {counted(done.nameless, 'message')} of topics without a description" if done.nameless else ""
+    lost = f"{counted(done.lost_bytes, 'damaged byte')} left out"
+    print(f"{done.file}: {counted(done.messages, 'message')} recovered; {lost}{nameless}")
     print(f"damaged file kept as {done.file}{_KEPT}")
     return 0

@@ -16,6 +16,7 @@ from auv_lse_run.process.domain import simulator_domain
 from auv_lse_shore.replay.keys import HELP, Keys
 from auv_lse_shore.replay.pace import Selection, select_topics
 from auv_lse_shore.replay.player_node import Player, Progress
+from auv_lse_shore.report.progress import can_rewrite
 
 #: Seconds between two lines of progress: in a terminal (one line, rewritten), elsewhere.
 _REWRITE_S, _LINE_S = 0.2, 10.0
@@ -84,7 +85,7 @@ class _Line:
 
     def __init__(self, length_s: float) -> None:
         self._length_s = length_s
-        self._terminal = sys.stdout.isatty()
+        self._terminal = can_rewrite(sys.stdout)
         self._shown_s = -float("inf")
 
     def show(self, progress: Progress) -> None:

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
-from auv_lse_shore.report.progress import print_lines
+from auv_lse_shore.report.progress import can_rewrite, print_lines
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
@@ -210,7 +210,7 @@ class _Progress:
     def __init__(self) -> None:
         """Nothing is shown yet."""
         self._out = sys.stdout  # readers of logs redirect it; None if it is closed: print() prints nothing then
-        self._is_terminal = self._out is not None and self._out.isatty()
+        self._is_terminal = can_rewrite(self._out)
         self._start_s = self._shown_s = time.monotonic()
 
     def __call__(self, path: Path, share: float) -> None:

@@ -24,7 +24,8 @@ _WORTH_M2 = 2_500.0
 
 def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
     """What was found in a log, and what was left out."""
-    yield f"{log.name}: {len(found.soundings)} soundings of {len(log.depths)} depths; {'; '.join(log.notes)}"
+    placed = f"{counted(len(found.soundings), 'sounding')} of {counted(len(log.depths), 'depth')}"
+    yield "; ".join([f"{log.name}: {placed}", *log.notes])
     first_s, last_s = float(log.positions[0, 0]), float(log.positions[-1, 0])
     if log.has_time:
         start = f"{datetime.fromtimestamp(first_s, tz=UTC):%Y-%m-%d %H:%M:%S} UTC, " if log.is_utc else ""
@@ -32,7 +33,7 @@ def log_lines(log: SurveyLog, found: PlacedLog) -> Iterator[str]:
     else:
         yield "- no times: auv_lse adjust cannot move these soundings"
     if found.combined:
-        yield f"- pings of each second are one sounding: {found.combined} pings"
+        yield f"- pings of each second are one sounding: {counted(found.combined, 'ping')}"
     for reason, count in sorted(found.left_out.items()):
         if count:
             yield f"- left out: {count} {reason}"

@@ -6,6 +6,7 @@ import csv
 
 import numpy as np
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_shore.export.content import Export
 from auv_lse_shore.export.uncertainty import ORDERS, sounding_uncertainty
@@ -45,4 +46,4 @@ def write(export: Export) -> str:
             writer.writerow([f"{stamp:.3f}", number, *cells, ORDERS[order].name, *degrees])
     counts = np.bincount([row[-1] for row in rows], minlength=len(ORDERS))
     shares = ", ".join(f"{count} {order.name}" for order, count in zip(ORDERS, counts, strict=True) if count)
-    return f"soundings.csv ({len(rows)} soundings; S-44 order: {shares or 'none'})"
+    return f"soundings.csv ({counted(len(rows), 'sounding')}; S-44 order: {shares or 'none'})"
