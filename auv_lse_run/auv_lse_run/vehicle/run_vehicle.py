@@ -38,7 +38,7 @@ from auv_lse_run.process.domain import (
     vehicle_domain,
     wanted_domain,
 )
-from auv_lse_run.process.interrupt import Interrupt
+from auv_lse_run.process.interrupt import Interrupt, first_signal
 from auv_lse_run.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
 from auv_lse_run.process.processes import RECORDER, LaunchError, Process
 from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
@@ -186,7 +186,7 @@ def begin_dive(
         wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
         file: The mission file; a simulator's is in its run folder.
         out: The folder for logs and recording.
-        record: The record of the dive, which is ended with the context.
+        record: The record of the dive, which is ended with the context, but not by SIGHUP.
 
     Returns:
         The domain, and further variables of the nodes' environment (`DiveRecord.begin`).
@@ -206,7 +206,8 @@ def begin_dive(
         try:
             yield domain, variables
         finally:
-            record.end()
+            if processes.simulated or first_signal() != signal.SIGHUP:  # a lost connection is nobody's decision
+                record.end()
 
 
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:

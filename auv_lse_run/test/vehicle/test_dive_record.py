@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +17,8 @@ from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.node.state_file import DOUBT_VARIABLE, NODES, SECOND_VARIABLE, START_VARIABLE, StateFile, open_state
 from auv_lse_common.node.state_memory import forget_copy
 from auv_lse_common.vocabulary.mission_run import RunState
-from auv_lse_run.vehicle import dive_record
+from auv_lse_run.process.interrupt import Interrupt, signals_raised
+from auv_lse_run.vehicle import dive_record, run_vehicle
 from auv_lse_run.vehicle.dive_record import DiveRecord, StateFolderError, second_folders
 
 
@@ -72,6 +76,26 @@ def test_what_continues(
         record.end()
         continued = under_water
     assert (DiveRecord(tmp_path, 2, mission).continued is not None) is continued
+
+
+@pytest.mark.parametrize(("number", "ends"), [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGHUP, False)])
+def test_a_lost_connection_ends_no_dive(
+    tmp_path: Path, mission: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals, ends: bool
+) -> None:
+    """A vehicle at the surface in mid-mission, whose operator's SSH session breaks, was not asked to end its dive."""
+    monkeypatch.setattr(run_vehicle, "vehicle_domain", lambda *_: nullcontext())
+    monkeypatch.setattr(run_vehicle, "note_run", lambda *_: None)
+    (tmp_path / "dive").mkdir()
+    record, _ = begun(tmp_path, mission, RunState.RUNNING)
+    processes: Any = SimpleNamespace(simulated=False, vehicle=2)
+    with signals_raised():
+        interrupt = Interrupt()
+        with run_vehicle.begin_dive(processes, "97", mission, tmp_path / "dive", record):
+            file = opened(record.begin(tmp_path / "dive", "auv2-1123-184534-3f2a"), "safety_node")
+            file.write({"run": {"state": int(RunState.RUNNING)}, "under_water": False})
+            signal.raise_signal(number)
+        assert interrupt.signal == number
+    assert (DiveRecord(tmp_path, 2, mission).continued is None) is ends
 
 
 def test_another_mission_file_or_vehicle_is_a_new_dive(tmp_path: Path, mission: Path) -> None:
