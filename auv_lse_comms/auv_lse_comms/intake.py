@@ -24,7 +24,6 @@ class BridgeIntake:
     """
 
     def __init__(self, bridge: ModemBridge) -> None:
-        """Starts without inputs."""
         self.bridge = bridge
         self.gate = SoundingGate()
         self.ranges: list[MateNavigation] = []

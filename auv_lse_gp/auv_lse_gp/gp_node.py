@@ -103,7 +103,8 @@ class GpNode(VehicleNode):
         began = time.perf_counter()
         write = self.journal.write if self.journal.kept else None
         taken = self._intake.step(now_s) if write is None else self._intake.step_in_journal(now_s, write)
-        keep_back = self._is_only_recorded()
+        # no other process needs the centers but a recorder, which wants them with a map only
+        keep_back = self.lockstep and self._is_rationed and self._centers.readers <= self.recorded
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(_centers_report(now_s, self._map), keep_back=keep_back)
@@ -150,10 +151,6 @@ class GpNode(VehicleNode):
     def settled(self) -> bool:
         """Lockstep: whether this tick's share of a judgement is done."""
         return self._slices <= 0
-
-    def _is_only_recorded(self) -> bool:
-        """Whether no other process needs the centers but a recorder, which wants them with a map only."""
-        return self.lockstep and self._is_rationed and self._centers.readers <= self.recorded
 
     def _is_map_due(self, now_s: float) -> bool:
         """Whether to compute a map now: not without readers, and less often for the recorder alone."""

@@ -43,18 +43,14 @@ def fill_values(
     while len(known):
         for mark in (float(known.max()), float(known.min())):
             others = known[known != mark]
-            if _is_fill(mark, len(known) - len(others), others, _APART_OFTEN if _is_in(mark, often) else apart):
+            is_usual = np.isclose(abs(mark), often, 1e-6).any()
+            if _is_fill(mark, len(known) - len(others), others, _APART_OFTEN if is_usual else apart):
                 found.append(mark)
                 known = others
                 break
         else:
             break
     return found
-
-
-def _is_in(mark: float, values: Sequence[float]) -> bool:
-    """Whether a value, with either sign, is one of some."""
-    return bool(np.isclose(abs(mark), values, 1e-6).any())
 
 
 def _is_fill(mark: float, count: int, others: Array, apart: float) -> bool:

@@ -239,7 +239,7 @@ class AutopilotCheck:
             text = f"no heartbeat of system {self._system} (link.autopilot_system_id, or the vehicle's number)"
             return [Finding(ok=False, text=f"{text}; heard instead: {others}" if others else text)]
         found = [*self._streams(), *self._depth_findings(), *self._states()]
-        return [*found, *self._parameter_findings(), *self._flight_findings()]
+        return [*found, *self.parameters.judge(rules(self._setting))[0], *self._flight_findings()]
 
     def _streams(self) -> list[Finding]:
         heard_s = max(self._now_s - self._since_s, 1e-9)
@@ -314,9 +314,6 @@ class AutopilotCheck:
         if self._options.origin is not None:
             return "It has not taken that of --origin: it may wait for its GPS"
         return "Wait for GPS; without GPS, --origin LAT LON sets it"
-
-    def _parameter_findings(self) -> list[Finding]:
-        return self.parameters.judge(rules(self._setting))[0]
 
     def _flight_findings(self) -> list[Finding]:
         if self._flight:

@@ -38,7 +38,6 @@ class RawTrack:
     """
 
     def __init__(self) -> None:
-        """Starts without an estimate."""
         self.north_m = self.east_m = math.nan
         self.jumps = 0
         self._last: tuple[float, float, float, float, float] | None = None  # stamp, position, velocity

@@ -212,7 +212,6 @@ class _Index:
     """
 
     def __init__(self, entries: Iterable[tuple[int, int]]) -> None:
-        """Takes stamps (ns) and positions in the chunk."""
         self._entries = [np.array(list(entries), dtype="<u8").reshape(-1, 2)]
 
     def __len__(self) -> int:

@@ -59,25 +59,6 @@ class DecisionRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PacketSent:
-    """A payload given to the modem.
-
-    Attributes:
-        stamp_s: Start of the transmission.
-        source: Number of the sending vehicle (1, 2, ...).
-    """
-
-    stamp_s: float
-    source: int
-    payload: bytes
-
-    @classmethod
-    def of(cls, packet: Transmission) -> PacketSent:
-        """The packet of a message on modem/tx."""
-        return cls(stamp_s=packet.stamp_s, source=packet.source, payload=packet.payload)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PacketReceived:
     """A payload that a modem received intact.
 
@@ -247,7 +228,7 @@ class RunData:
 
     parameters: Mapping[str, Mapping[str, Any]]
     vehicles: list[VehicleRun]
-    sent: list[PacketSent] = field(default_factory=list)
+    sent: list[Transmission] = field(default_factory=list)
     received: list[PacketReceived] = field(default_factory=list)
     ground: GroundGrid | None = None
     sim_s: float = 0.0

@@ -27,7 +27,6 @@ from auv_lse_record.run_data import (
     DecisionRecord,
     GroundGrid,
     PacketReceived,
-    PacketSent,
     RunData,
     VehicleRun,
     origin_of,
@@ -163,7 +162,7 @@ def _run_in(
             last_s = max(last_s, stamp_s)
     if not logs:
         raise RecordingError(f"{recording.path} has no topic /auvN/...: it is not the recording of a mission.")
-    sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
+    sent = [packet for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
     received = [
         PacketReceived.of(packet, number)
         for number, log in logs.items()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.topics.codecs import Fields
 from auv_lse_common.topics.columns import odometry_columns, sounding_columns, stamps_ns
-from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Reception, Transmission
+from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Reception
 from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.sounding import Sounding
@@ -133,8 +133,7 @@ def _records(run: RunData) -> Iterator[Record]:
         for topic, stamp_s, value in _values(vehicle):
             yield _record(topic, stamp_s, value, vehicle.vehicle)
     for sent in run.sent:
-        packet = Transmission(stamp_s=sent.stamp_s, source=sent.source, payload=sent.payload)
-        yield _record(VEHICLE_TOPICS["modem/tx"], sent.stamp_s, packet, sent.source)
+        yield _record(VEHICLE_TOPICS["modem/tx"], sent.stamp_s, sent, sent.source)
     for heard in run.received:
         names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
         reception = Reception(**{name: getattr(heard, name) for name in names})

@@ -6,10 +6,11 @@ import math
 import numpy as np
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.topics.records import Transmission
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
+from auv_lse_record.run_data import DecisionRecord, PacketReceived, RunData, VehicleRun
 from auv_lse_shore.judge.evaluation import ground_grid
 from auv_lse_shore.judge.team_map import mission_settings
 
@@ -104,7 +105,7 @@ def make_run(steps=30, drift_mps=0.002, with_truth=True):
     for number, stamp in enumerate(np.arange(5.0, end_s, 15.0)):
         source, receiver = (1, 2) if number % 2 == 0 else (2, 1)
         payload = bytes([number % 256]) * 252
-        sent.append(PacketSent(stamp_s=float(stamp), source=source, payload=payload))
+        sent.append(Transmission(stamp_s=float(stamp), source=source, payload=payload))
         if number % 3 == 2:
             continue
         arrival = float(stamp) + 5.25

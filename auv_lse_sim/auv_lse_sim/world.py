@@ -79,7 +79,6 @@ class World:
     def __init__(
         self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
     ) -> None:
-        """Positions the vehicles at their starts."""
         self.config = sim
         self.ground = ground
         operating_area = OperatingArea(area) if area is not None else None

@@ -84,7 +84,6 @@ class Forger:
     """Makes forged packets; knows the ground, the level and the victim's last packet."""
 
     def __init__(self, fleet: Fleet, seed: int) -> None:
-        """With a random stream of its own."""
         self._fleet = fleet
         self._rng = np.random.default_rng([seed, 23])
         self._steps = fleet.settings.mission.steps
@@ -203,7 +202,6 @@ class AttackedFleet(Fleet):
     """
 
     def __init__(self, settings: Settings, attack: Attack, seed: int) -> None:
-        """Puts the forger into the water."""
         super().__init__(settings, ground_of(settings))
         self.true_payloads: set[bytes] = set()
         self.through = self.forged = 0

@@ -104,7 +104,6 @@ class Program:
     """
 
     def __init__(self, verb: str, *arguments: str) -> None:
-        """Starts a verb of auv_lse with arguments."""
         self.text: list[str] = []
         self.nodes: dict[str, int] = {}
         self.process = subprocess.Popen(

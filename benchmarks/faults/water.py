@@ -169,7 +169,6 @@ class RoughWater(Fleet):
     """A fleet whose arrivals are distorted, or of which one clock is off."""
 
     def __init__(self, settings: Settings, fault: Fault, seed: int) -> None:
-        """Makes the fleet, and a random stream for the fault."""
         super().__init__(settings, ground_of(settings))
         if fault.clock is not None:
             self._set_clock(fault.clock)

@@ -24,7 +24,6 @@ class Relay:
     """
 
     def __init__(self, target: int, seed: int = 1, delay_s: float = 0.0, cut_rate: float = 0.0) -> None:
-        """Opens the port."""
         self.target, self.delay_s, self.cut_rate, self.up = target, delay_s, cut_rate, True
         #: Bytes after which a cut may come: an exchange is about this long.
         self.cut_within = 9000

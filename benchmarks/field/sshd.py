@@ -112,7 +112,6 @@ class Field:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Makes the laptop's key."""
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self._key = folder / "id"

@@ -61,7 +61,6 @@ class Dive:
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
-        """Draws everything."""
         self.planned = int(rng.integers(40, 160))
         self.full_legs = self.planned * rng.uniform(0.7, 1.6)
         self.charge = rng.uniform(0.85, 1.0)

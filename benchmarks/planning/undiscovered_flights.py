@@ -34,7 +34,6 @@ class Waves:
     """A Gaussian field: Matern 5/2 with a length scale of 50 to 120 m and 4 to 9 m about a mean of 12 to 18 m."""
 
     def __init__(self, seed: int) -> None:
-        """Draws the field."""
         rng = stream(seed, "gaussian field")
         length, self._std, self._mean = rng.uniform(50.0, 120.0), rng.uniform(4.0, 9.0), rng.uniform(12.0, 18.0)
         # The spectrum of a Matern kernel of order nu is that of a multivariate t with 2 nu degrees of freedom.

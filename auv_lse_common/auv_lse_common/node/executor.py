@@ -28,6 +28,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
@@ -162,12 +163,12 @@ class StandingExecutor(SingleThreadedExecutor):
             raise ExternalShutdownException()
         entities.mark_guards()
         for run, ready in (
-            (self._run_waitables, entities.ready_waitables()),
+            (partial(self._run_tasks, self._take_waitable), entities.ready_waitables()),
             (self._run_timers, entities.ready("timer")),
             (self._run_guards, entities.node_guards),
             (self._run_subscriptions, entities.ready("subscription")),
-            (self._run_clients, entities.ready("client")),
-            (self._run_services, entities.ready("service")),
+            (partial(self._run_tasks, self._take_client), entities.ready("client")),
+            (partial(self._run_tasks, self._take_service), entities.ready("service")),
         ):
             if ready and not self._changed:
                 run(ready)
@@ -247,16 +248,7 @@ class StandingExecutor(SingleThreadedExecutor):
             if guard._executor_triggered and not self._changed:
                 self._run_task(guard, node, self._take_guard_condition)
 
-    def _run_waitables(self, ready: Sequence[_Served]) -> None:
-        self._run_tasks(ready, self._take_waitable)
-
-    def _run_clients(self, ready: Sequence[_Served]) -> None:
-        self._run_tasks(ready, self._take_client)
-
-    def _run_services(self, ready: Sequence[_Served]) -> None:
-        self._run_tasks(ready, self._take_service)
-
-    def _run_tasks(self, ready: Sequence[_Served], take: Callable[[Any], Any]) -> None:
+    def _run_tasks(self, take: Callable[[Any], Any], ready: Sequence[_Served]) -> None:
         for entity, node in ready:
             if not self._changed:
                 self._run_task(entity, node, take)

@@ -51,7 +51,6 @@ class AltitudeKeeper:
     """
 
     def __init__(self, least_m: float) -> None:
-        """Starts without ground."""
         self.least_m = least_m
         self._ground: deque[tuple[float, float]] = deque(maxlen=64)  # way travelled, depth of the ground (m)
         self._depths: deque[tuple[float, float]] = deque(maxlen=64)  # time (s), depth of the vehicle (m)

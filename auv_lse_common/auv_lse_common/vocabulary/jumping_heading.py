@@ -19,7 +19,6 @@ class JumpingHeading:
     """The headings of one vehicle, in order of time."""
 
     def __init__(self) -> None:
-        """Starts without a heading."""
         self._last: tuple[float, float] | None = None  # time (s), heading (rad)
         self._jumps: deque[tuple[float, float]] = deque(maxlen=JUMPS)  # time (s), size (deg)
 

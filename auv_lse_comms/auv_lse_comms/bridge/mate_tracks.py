@@ -154,7 +154,6 @@ class MateTracks:
     """
 
     def __init__(self, pace: Pace) -> None:
-        """Starts without tracks."""
         self.since_s = math.inf
         self._pace = pace
         self._tracks: dict[int, list[Track]] = {}

@@ -60,7 +60,6 @@ class SlotContest:
     """The packets of the current slot of each sender."""
 
     def __init__(self) -> None:
-        """Starts without packets."""
         self._slots: dict[int, _Slot] = {}
 
     def add(self, source: int, start_s: float, candidate: Candidate) -> list[Candidate]:

@@ -21,7 +21,6 @@ class SlotUsage:
     """
 
     def __init__(self, tdma: Tdma, counts: Counter[str]) -> None:
-        """Starts before the first slot."""
         self.loss = 0.0
         self.used = False
         self.reason = "late"

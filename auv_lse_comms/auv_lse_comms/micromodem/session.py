@@ -28,7 +28,6 @@ class Session:
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
-        """Starts closed."""
         self.config = config
         self.address = address
         self.state = State.CLOSED

@@ -24,7 +24,6 @@ class PortWatcher:
     """
 
     def __init__(self, transport: Readable, wake: Callable[[], None]) -> None:
-        """Starts watching."""
         self._transport = transport
         self._wake = wake
         self._handled = threading.Event()

@@ -102,7 +102,6 @@ class OwnTrack(Track):
     """The vehicle's own track: a dead-reckoned position about every second, with the heading."""
 
     def __init__(self) -> None:
-        """Starts empty."""
         self._nodes = GrowingRows(8)
         self._has_tip = False  # whether the last row is the last position, which the next one replaces
 
@@ -154,7 +153,6 @@ class MateTrack(Track):
     """
 
     def __init__(self) -> None:
-        """Starts empty."""
         self._positions = GrowingRows(3)  # time, raw north, east of the transmissions
         self._nodes = GrowingRows(8)
         self._new: list[Array] = []  # time, raw north, east of what is not in the nodes yet, (n, 3) each

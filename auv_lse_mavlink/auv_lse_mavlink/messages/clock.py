@@ -12,7 +12,6 @@ class AutopilotClock:
     """Stamps of one autopilot; times of receipt while its UTC is unknown or implausible."""
 
     def __init__(self) -> None:
-        """Starts with unknown UTC."""
         self._offset_s: float | None = None
         self._boot_ms = 0  # the latest time since boot
 

@@ -16,7 +16,6 @@ class VerticalWay:
     """Where the vehicle was when its vertical target was sent last."""
 
     def __init__(self) -> None:
-        """Starts without a position."""
         self._from: AutopilotEstimate | None = None
         self._depth_m = 0.0
 

@@ -248,11 +248,6 @@ class Ground:
         return self._graph
 
 
-def nearest_node(nodes: Ints, location: Ints) -> int:
-    """Index of the node (N, 2) nearest to a location (2,)."""
-    return int(np.argmin(((nodes - location) ** 2).sum(axis=1)))
-
-
 def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, count: int) -> Array:
     """A route from a start, a polyline (n + 1, 2) of at most `length_m`.
 
@@ -278,5 +273,5 @@ def route_m(ground: Ground, start_m: Array, weights_at: Array, length_m: float, 
     for i, j in itertools.pairwise(route):
         line += [bends.get((int(i), int(j)), np.empty((0, 2), dtype=np.int64)), locations[j][None]]
     if len(route) == 1:  # no node: it stays near the start
-        line.append(locations[nearest_node(nodes, start)][None])
+        line.append(nodes[np.argmin(((nodes - start) ** 2).sum(axis=1))][None])
     return np.asarray(0.01 * np.concatenate(line), dtype=np.float64)

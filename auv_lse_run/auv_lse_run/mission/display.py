@@ -206,7 +206,6 @@ class Display:
     """Shows a MissionProgress until its context ends."""
 
     def __init__(self, progress: MissionProgress, console: Console) -> None:
-        """Shows nothing yet."""
         self._progress = progress
         self._console = console
         self._live = Live(console=console, refresh_per_second=4, transient=False) if console.is_terminal else None

@@ -54,7 +54,6 @@ class ForkedProcess:
     """
 
     def __init__(self, server: ForkServer, name: str) -> None:
-        """Created by `ForkServer.start`."""
         self.returncode: int | None = None
         self._server = server
         self._name = name
@@ -239,7 +238,7 @@ def load_early(processes: Iterable[Process], environment: Mapping[str, str]) -> 
         LaunchError: if one of `processes` is not installed.
     """
     global _early
-    _early = _launch(environment, _modules_of(processes))
+    _early = _launch(environment, sorted({entry.module for p in processes for entry in entries_of(p)}))
 
 
 def end_early() -> None:
@@ -249,10 +248,6 @@ def end_early() -> None:
         _early.kill()
         _early.communicate()
         _early = None
-
-
-def _modules_of(processes: Iterable[Process]) -> list[str]:
-    return sorted({entry.module for p in processes for entry in entries_of(p)})
 
 
 def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subprocess.Popen[bytes]:

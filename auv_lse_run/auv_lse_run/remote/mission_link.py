@@ -31,7 +31,6 @@ class Newest:
     """
 
     def __init__(self) -> None:
-        """Nothing was received."""
         self.value: Any = None
         self._since_s = math.inf
         self._count = 0

@@ -78,7 +78,6 @@ class Stream:
     """Lines and blocks of bytes over two descriptors, such as those of a pipe."""
 
     def __init__(self, read: int, write: int) -> None:
-        """Takes open descriptors."""
         self._read, self._write, self._left = read, write, bytearray()
 
     def line(self, wait_s: float) -> bytes:

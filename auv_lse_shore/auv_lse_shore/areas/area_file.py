@@ -35,7 +35,6 @@ class AreaFiles:
     """
 
     def __init__(self) -> None:
-        """Nothing was read yet."""
         self.read: list[tuple[Path, AreaContent]] = []
 
     def __call__(self, path: Path) -> AreaContent:

@@ -235,7 +235,9 @@ def _summary(e: Evaluation) -> Summary:
         "mowing_risk": curves.mowing_risk,
         "flown_risk": curves.flown_risk,
         "alone_risk": e.alone_risk,
-        "void_plans": _void_plans(run) if first.planner.family.bound_of == "map" else None,
+        "void_plans": tuple(sum(d.void for d in v.decisions) for v in run.vehicles)
+        if first.planner.family.bound_of == "map"
+        else None,
         "map_bound_promised": first.planner.family.bound_of == "map" and _promises(run, first),
     }
     if run.steps < e.planned_steps:  # the bounds are those of a complete mission
@@ -270,10 +272,6 @@ def _promises(run: RunData, settings: PlannerSettings) -> bool:
         return False
     first = [v.decisions[0] for v in run.vehicles if v.decisions]
     return bool(first) and all(d.lower_bound > d.reward_so_far for d in first)
-
-
-def _void_plans(run: RunData) -> tuple[int, ...]:
-    return tuple(sum(d.void for d in v.decisions) for v in run.vehicles)
 
 
 def _at_third(risk: Array) -> float | None:

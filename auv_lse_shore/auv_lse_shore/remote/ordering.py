@@ -50,7 +50,6 @@ class MemoryLedger:
     """A ledger that no file keeps: for an abort from a laptop whose disk is full. It has an id of its own."""
 
     def __init__(self) -> None:
-        """A new ledger."""
         self._ledger = Ledger(secrets.token_hex(8))
 
     @contextmanager

@@ -41,7 +41,6 @@ class RemoteSession:
     """A session with a vehicle, from its hello to its end."""
 
     def __init__(self, stream: Stream, errors: IO[bytes], vehicle: RemoteVehicle, process: Any) -> None:
-        """Takes the streams of a running ssh."""
         self._stream, self._errors, self._vehicle, self._process = stream, errors, vehicle, process
         self.version = ""
 

@@ -20,7 +20,6 @@ class Keys:
     """
 
     def __init__(self) -> None:
-        """Leaves the terminal as it is."""
         self.available = sys.stdin is not None and sys.stdin.isatty()
         self._before: list[Any] = []
 

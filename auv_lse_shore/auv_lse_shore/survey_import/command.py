@@ -208,7 +208,6 @@ class _Progress:
     """Shows, if it takes long, how much of a log has been read, and each step after that."""
 
     def __init__(self) -> None:
-        """Nothing is shown yet."""
         self._out = sys.stdout  # readers of logs redirect it; None if it is closed: print() prints nothing then
         self._is_terminal = can_rewrite(self._out)
         self._start_s = self._shown_s = time.monotonic()

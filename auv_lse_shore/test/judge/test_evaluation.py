@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.topics.records import Transmission
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.certainty import FOUND, LIKELY, lines_of
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_planner.methods import coverage
-from auv_lse_record.run_data import GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
+from auv_lse_record.run_data import GroundGrid, PacketReceived, RunData, VehicleRun
 from auv_lse_shore.judge.evaluation import evaluate, ground_grid, local_map
 from auv_lse_shore.judge.team_map import mission_settings
 
@@ -138,7 +139,7 @@ def test_a_packet_under_way_at_the_end_is_not_lost(synthetic_run):
     run.sent, run.received = [], []
     assert (evaluate(run).summary.packets_lost, evaluate(run).summary.delivery) == (0, None)
     for stamp_s, payload in ((10.0, b"heard"), (20.0, b"lost"), (run.sim_s - 2.0, b"just heard"), (run.sim_s, b"last")):
-        run.sent.append(PacketSent(stamp_s=stamp_s, source=1, payload=payload))
+        run.sent.append(Transmission(stamp_s=stamp_s, source=1, payload=payload))
         if b"heard" in payload:
             run.received.append(PacketReceived(stamp_s=stamp_s + 2.0, receiver=2, source=1, payload=payload))
     s = evaluate(run).summary

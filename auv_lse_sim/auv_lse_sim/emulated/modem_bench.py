@@ -21,11 +21,6 @@ from auv_lse_sim.emulated.modem_rack import ModemRack, perfect_water
 _TICK_S = 0.05
 
 
-def host_clock_s() -> float:
-    """Seconds since 1970, UTC, of this machine."""
-    return datetime.now(UTC).timestamp()
-
-
 def run(
     ports: dict[int, HostPort], delay_s: float, clock_s: Callable[[], float], running: Callable[[], bool]
 ) -> ModemRack:
@@ -74,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     for number, port in ports.items():
         print(f"modem {number}: {port.port}", flush=True)
-    rack = run(ports, options.delay, host_clock_s, lambda: True)
+    rack = run(ports, options.delay, lambda: datetime.now(UTC).timestamp(), lambda: True)
     print(f"packets sent {sum(rack.transmitted.values())}, received {sum(rack.delivered.values())}")
     return 0
 

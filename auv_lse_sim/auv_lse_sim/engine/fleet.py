@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.records import Transmission
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.mission_run import Command, RunState, Stop
@@ -38,7 +39,6 @@ from auv_lse_record.run_data import (
     DecisionRecord,
     GroundGrid,
     PacketReceived,
-    PacketSent,
     RunData,
     VehicleRun,
     origin_of,
@@ -106,7 +106,6 @@ class VehicleCores:
         planner: VehiclePlanner,
         tick_s: float,
     ) -> None:
-        """Connects the cores."""
         self.vehicle = vehicle
         self.bridge = bridge
         self.map = to_map.map
@@ -221,7 +220,7 @@ class Fleet:
         self.area = OperatingArea(settings.area)
         self.cores = [self._build_cores(number) for number in range(1, settings.mission.vehicles + 1)]
         self.now_s = 0.0
-        self.sent: list[PacketSent] = []
+        self.sent: list[Transmission] = []
         self.received: list[PacketReceived] = []
         self.notes: list[str] = []
         self._wall_s = 0.0
@@ -283,7 +282,7 @@ class Fleet:
             self.world.command(cores.vehicle, decision.leg, own.speed_mps, then)
         for vehicle, payload in payloads:
             self.world.transmit(vehicle, now_s, payload)
-            self.sent.append(PacketSent(stamp_s=now_s, source=vehicle, payload=payload))
+            self.sent.append(Transmission(stamp_s=now_s, source=vehicle, payload=payload))
         self._wall_s += time.perf_counter() - began
 
     def _record(

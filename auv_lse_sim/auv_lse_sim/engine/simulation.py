@@ -382,7 +382,6 @@ class Speed:
     """
 
     def __init__(self) -> None:
-        """Starts without marks."""
         self.value = 0.0
         self._marks: list[tuple[float, float]] = []
 

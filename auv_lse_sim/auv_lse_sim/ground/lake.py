@@ -146,7 +146,6 @@ class SyntheticLake:
     """
 
     def __init__(self, config: LakeConfig | None = None, mission_seed: int = 1) -> None:
-        """Generates the lake."""
         self.config = config or LakeConfig()
         self.seed = mission_seed if self.config.seed < 0 else self.config.seed
         self._window = self.config.window

@@ -287,12 +287,10 @@ class SimVehicle:
         """Whether a leg begins at the end of the current one; a steered circle has no end."""
         if self._loitering and self._m.mode == mm.STEERED:
             return False
-        end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
+        start = (self._leg.heading, self._leg.north, self._leg.east)
+        end = start if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
         near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
         return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
-
-    def _leg_start(self) -> tuple[float, float, float, float]:
-        return self._leg.heading, self._leg.north, self._leg.east, 0.0
 
     def _begin(self, order: _Order, along_m: float) -> None:
         """Starts a leg, `along_m` from its beginning."""

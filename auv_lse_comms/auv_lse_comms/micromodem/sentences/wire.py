@@ -53,7 +53,6 @@ class SentenceReader:
     """
 
     def __init__(self) -> None:
-        """Starts without data."""
         self.counts: Counter[str] = Counter()
         self._line = bytearray()
         self._skipping = False
@@ -140,7 +139,6 @@ class TypeCounts:
     OTHERS: ClassVar[str] = "others"
 
     def __init__(self) -> None:
-        """Starts at zero."""
         self.counts: Counter[str] = Counter()
 
     def add(self, kind: str) -> None:

@@ -22,7 +22,6 @@ class OwnMap:
     """
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
-        """Starts without soundings."""
         self._settings = settings
         self._area = area
         self._map: DepthMap | None = None

@@ -148,7 +148,6 @@ class _MergedMessages:
     """
 
     def __init__(self, settings: Settings, timeline: Timeline, run: Path | None) -> None:
-        """Takes the mission file, the timeline and the run folder."""
         self._events = MissionEvents(settings)
         self._topics = frozenset(topics_of(settings.mission.vehicles))
         self._timeline = timeline

@@ -18,7 +18,6 @@ class Timeline:
     """
 
     def __init__(self) -> None:
-        """Creates an empty timeline."""
         self._lock = threading.Lock()
         self._events: list[Event] = []
         self._name = uuid.uuid4().hex

@@ -28,12 +28,11 @@ def recognizes(file: LogFile) -> bool:
     """Whether it is a .DAT file with a known size and a recording's name, or a .SON file."""
     if file.head.startswith(_PING):
         return True
+    if len(file.head) not in _ORDERS:
+        return False
     name = file.head[_NAME_AT : _NAME_AT + 8]
-    return (len(file.head) in _ORDERS and name[:1].isalpha() and name.upper().find(b".SON") > 0) or _is_dat(file)
-
-
-def _is_dat(file: LogFile) -> bool:
-    return len(file.head) in _ORDERS and file.path.suffix.lower() == ".dat" and b"\0" in file.head
+    has_name = name[:1].isalpha() and name.upper().find(b".SON") > 0
+    return has_name or (file.path.suffix.lower() == ".dat" and b"\0" in file.head)
 
 
 def read(file: LogFile, options: ReadOptions) -> list[LogContent]:

@@ -31,7 +31,6 @@ class AutoMission:
     """
 
     def __init__(self) -> None:
-        """Starts without a mission."""
         self.items: tuple[Message, ...] = ()
         self.current = 0
         self.state = NO_MISSION

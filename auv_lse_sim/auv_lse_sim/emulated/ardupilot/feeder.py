@@ -18,7 +18,6 @@ class Feeder:
     """The companion's messages."""
 
     def __init__(self) -> None:
-        """Starts with the first sequence number."""
         self._codec = MavlinkCodec(SYSTEM, COMPONENT)
 
     def messages(self, now_s: float, report: Report, has_echo: bool) -> list[bytes]:

@@ -19,7 +19,6 @@ class OrderedPilot:
     """
 
     def __init__(self, guidance: Guidance) -> None:
-        """Starts without orders."""
         self.step = -1
         self._guidance = guidance
         self._orders: deque[tuple[float, Callable[[float], None]]] = deque()
