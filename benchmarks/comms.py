@@ -118,8 +118,6 @@ def _within(share: float, expected: float, least: float, count: int) -> tuple[st
     """The goal that a share of `count` is an expected one but for chance, and whether it is met.
 
     Args:
-        share: The share.
-        expected: The expected one.
         least: Variance of one of `count`, at least.
         count: Their number.
     """

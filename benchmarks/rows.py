@@ -24,7 +24,6 @@ def row(
     Args:
         name: Name of the measurement.
         value: The figure; None if it could not be measured.
-        unit: Its unit.
         against: The alternative that it is compared with.
         ratio: How many times better than the alternative.
         goal: The goal, in words.

@@ -17,7 +17,6 @@ class BridgeIntake:
     """Queues the bridge's inputs and passes them on in a fixed order.
 
     Attributes:
-        bridge: The bridge.
         gate: Filter for own soundings.
         ranges: Ranges from pings, found by the last `process`.
         problems: Inputs that were unusable in the last `process` or `poll`, for the log.

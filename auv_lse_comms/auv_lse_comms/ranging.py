@@ -113,7 +113,6 @@ class Ranging:
         """The mate to ping now: in each own slot one mate in turn, after the slot's packet; mostly None.
 
         Args:
-            now_s: Time (s).
             sent_s: When the last packet was given out (s).
             sent_in: That packet's slot; None if there was none.
         """

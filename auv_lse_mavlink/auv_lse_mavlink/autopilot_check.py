@@ -66,7 +66,6 @@ class AutopilotCheck:
     """Listens to one autopilot, requests its parameters, and optionally travels three legs.
 
     Attributes:
-        link: The link to it.
         messages: Number of its messages by type; DISTANCE_SENSOR only those that look down.
         problems: Problems that the link has reported.
         parameters: The autopilot's parameters.

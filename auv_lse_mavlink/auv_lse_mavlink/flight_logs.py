@@ -43,7 +43,6 @@ def dataflash_messages(
     """Time (s since 1970, or since the start without GPS time) and message of a dataflash log, as far as it goes.
 
     Args:
-        path: The log.
         kinds: Names of the messages to read.
         damage: Takes the number of damaged bytes and messages.
         progress: Takes the share that has been read.
@@ -105,7 +104,6 @@ def telemetry_messages(
     """Time (s since 1970) and message of a telemetry log, as far as it goes.
 
     Args:
-        path: The log.
         kinds: Names of the messages to read, such as "HEARTBEAT".
         damage: Takes the number of damaged messages and positions.
         progress: Takes the share that has been read.

@@ -81,7 +81,6 @@ class VehicleLink:
 
         Args:
             config: Section `link`.
-            vehicle: Number of the vehicle.
             origin: The mission's origin; None: local positions only, no missions.
             limits: Limits of targets; None: any target passes.
             key: Key with which messages are signed, both ways; None: they are not signed.

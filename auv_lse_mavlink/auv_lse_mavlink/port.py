@@ -35,7 +35,6 @@ class AutopilotPort:
     jumps and times the waits before the endpoint is reopened.
 
     Attributes:
-        link: The link.
         connection: The endpoint.
     """
 

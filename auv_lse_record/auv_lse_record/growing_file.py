@@ -30,7 +30,6 @@ class GrowingFile:
     """The records of one MCAP file as it grows.
 
     Attributes:
-        path: The file.
         offset: Where the next record begins.
         complete: True once the end has been read, so that nothing more will be written.
     """
@@ -39,7 +38,6 @@ class GrowingFile:
         """Opens nothing yet.
 
         Args:
-            path: The file.
             offset: Where a record begins; 0: the file's beginning.
         """
         self.path, self.offset, self.complete = path, offset, False
@@ -82,11 +80,7 @@ def _unpacked(chunk: bytes) -> bytes:
 
 
 class RecordingFile:
-    """Reads the messages of one MCAP file as it grows.
-
-    Attributes:
-        path: The file.
-    """
+    """Reads the messages of one MCAP file as it grows."""
 
     def __init__(self, path: Path) -> None:
         """Opens nothing yet."""

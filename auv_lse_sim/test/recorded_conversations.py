@@ -22,7 +22,6 @@ class Heard:
     Attributes:
         time_s: Seconds since 1970.
         to_autopilot: Its direction.
-        message: The message.
     """
 
     time_s: float

@@ -55,7 +55,6 @@ class Kill:
     """A node that was killed.
 
     Attributes:
-        vehicle: Its vehicle.
         node: Its name.
         when_s: When (s since 1970).
         back_s: Time (s) until it was ready again; NaN if it never was.
@@ -74,7 +73,6 @@ class Flight:
     """The results of a mission with kills.
 
     Attributes:
-        kills: The kills.
         steps: Steps that each vehicle decided, in their order, by vehicle.
         legs_s: Times (s) from one of its decisions to the next, by vehicle.
         heard: Mates' plans that each vehicle received, by vehicle.
@@ -98,7 +96,6 @@ class Program:
     """A process whose output is read while it runs.
 
     Attributes:
-        process: The process.
         text: Its output, by line.
         nodes: Process id of each node that it reported to have started.
     """

@@ -126,7 +126,6 @@ def fly(folder: Path, vehicles: int, say: Say) -> dict[str, float]:
 
     Args:
         folder: For everything that it leaves; must not exist.
-        vehicles: Number of vehicles.
         say: Prints a line of progress.
 
     Raises:

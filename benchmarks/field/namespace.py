@@ -25,7 +25,6 @@ class Namespace:
     """The computer of one vehicle, on a network of its own.
 
     Attributes:
-        name: Its name.
         inside: The words that run a command in it.
         address: Where it listens; an address changes with `move`.
     """

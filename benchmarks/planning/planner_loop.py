@@ -54,7 +54,6 @@ def light_mission(
 
     Args:
         settings: Of all vehicles.
-        ground: The ground.
         seed: Seed of all random draws.
         loss: Share of packets lost.
     """

@@ -20,7 +20,6 @@ def read_parameter_file(
     """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order; all is in metres.
 
     Args:
-        path: The file.
         read_area: Reads the file that `area.file` names; None: such a file is refused.
         is_recorded: Whether it is the file of a run, which an earlier version may have written: see `parse_yaml`.
 

@@ -135,7 +135,6 @@ class BaseNode(Node):
 
         Args:
             topic: The message's topic.
-            message: The message.
             participant: The participant of the ROS domain that has sent it; None: unknown.
         """
         if hasattr(message, "dive"):

@@ -71,7 +71,6 @@ def is_foreign(topic: Topic, sender: str, own: str) -> bool:
     """Whether a reader of a topic must ignore a message.
 
     Args:
-        topic: The topic.
         sender: The message's id.
         own: The reader's id.
     """
@@ -106,7 +105,6 @@ class ForeignMessages:
         """Whether to ignore a message; counts ignored ones.
 
         Args:
-            topic: The topic.
             sender: The message's id.
             now_s: A monotonic clock.
         """

@@ -280,11 +280,7 @@ _Served = tuple[Any, Node]
 
 
 class _Entities:
-    """The entities of some nodes in one wait set. Their handles stay in use until `close`.
-
-    Attributes:
-        node_guards: The nodes' guard conditions.
-    """
+    """The entities of some nodes in one wait set. Their handles stay in use until `close`."""
 
     def __init__(self, context: Any, nodes: Sequence[Node], own_guards: Sequence[Any]) -> None:
         """Lists the entities of `nodes`; `own_guards` are the executor's guard conditions, which only end a wait."""

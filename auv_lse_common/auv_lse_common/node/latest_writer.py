@@ -36,7 +36,6 @@ class LatestWriter:
         """Writes `text`. Returns False if that takes longer than `wait_s`, or an earlier text is still being written.
 
         Args:
-            text: The text.
             wait_s: Time to wait; infinite: the text is written by the caller's thread if no other one is busy.
         """
         with self._changed:

@@ -319,7 +319,6 @@ def read_state(path: Path, dive: str, second: Path | None = None) -> tuple[dict[
     """Reads the values in a state file without changing it.
 
     Args:
-        path: The file.
         dive: As `StateFile` takes it.
         second: As `StateFile` takes it.
 
@@ -345,7 +344,6 @@ def read_document(path: Path, dive: str, identity: str = "") -> tuple[dict[str, 
     """Reads the newest record of a state file.
 
     Args:
-        path: The file.
         dive: As `StateFile` takes it.
         identity: Fingerprint of the mission; "": any.
 

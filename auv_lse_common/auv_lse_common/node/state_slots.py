@@ -30,7 +30,6 @@ class SlotFile:
 
     Attributes:
         sequence: Number of the newest slot.
-        text: Its text.
     """
 
     def __init__(self, path: Path) -> None:

@@ -48,7 +48,6 @@ def transforms(vehicle: int, odometry: Any, raw: Any) -> tuple[Transform, Transf
     """The transforms map -> odom, odom -> base_link and base_link -> dvl of a vehicle.
 
     Args:
-        vehicle: Its number.
         odometry: Its navigation's estimate, with `heading_rad`, `north_m`, `east_m`.
         raw: Its dead-reckoned position at the same time (`DeadReckoning`).
     """

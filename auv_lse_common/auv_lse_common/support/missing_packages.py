@@ -55,7 +55,6 @@ def missing(error: ImportError, purpose: str) -> MissingPackageError:
     """The error to raise for a failed import.
 
     Args:
-        error: The error of the import.
         purpose: Subject of the sentence "... need the Python package": "figures".
     """
     name = (error.name or str(error)).split(".")[0]

@@ -124,7 +124,6 @@ class RunStatus:
     """The status of a vehicle's mission, and the vehicle's action.
 
     Attributes:
-        state: State of the mission.
         stop: The vehicle's action when it does not travel; None: it follows its waypoints.
         team_abort: Whether the abort is sent to the team mates by acoustic packet.
         reason: Why the mission is in this state, as a text for operators.

@@ -13,7 +13,6 @@ class PacketRate(NamedTuple):
 
     Attributes:
         frames: Largest number of frames in one packet.
-        frame_bytes: Bytes in one frame.
         bit_rate: Nominal bits per second.
     """
 

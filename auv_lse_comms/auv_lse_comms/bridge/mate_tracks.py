@@ -51,7 +51,6 @@ class Pace:
     """A mate's assumed speed and timing, from this vehicle's parameters.
 
     Attributes:
-        speed_mps: Speed (m/s).
         leg_s: Duration of a leg (s).
         surfacing_steps: Steps that a surfacing takes.
     """

@@ -214,7 +214,6 @@ class ModemBridge:
         """Reads a payload that the modem received.
 
         Args:
-            now_s: Time (s).
             source: Sender's number according to the modem.
             payload: Any bytes.
             timing: When it was sent and arrived.

@@ -30,7 +30,6 @@ class Candidate:
 
     Attributes:
         stamp_s: When it was received (s).
-        payload: Its bytes.
         packet: Its content.
         navigation: Its sender's navigation; None if it has none.
         track: The track that it continues.

@@ -122,7 +122,6 @@ class Micromodem:
         """Queues a packet; returns its number, which the events about it carry.
 
         Args:
-            now_s: Time (s).
             payload: Its bytes, at most as many as one packet holds at the configured rate.
             destination: Modem address; None: `modem.destination`.
 

@@ -199,7 +199,6 @@ def check_plan(
     """Checks that a packet can hold a plan.
 
     Args:
-        plan: The plan.
         limits: Narrower ranges than those of the field table.
         reserve: Bytes at the end that stay free for a tag.
         navigation_bytes: Bytes of navigation in the packet.

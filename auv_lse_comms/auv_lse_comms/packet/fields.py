@@ -162,7 +162,6 @@ def path_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
     """Size in bytes of a plan's path: its actions, its tour, and the terminal byte.
 
     Args:
-        n_actions: Number of its actions.
         segments: Segments of its tour, 0 if there is none.
         paired: Whether its actions are encoded in pairs (`are_paired`).
     """

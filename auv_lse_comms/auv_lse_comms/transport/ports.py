@@ -151,7 +151,6 @@ class UdpPort:
         Args:
             kind: "udpin" or "udpout".
             host: Address to bind, or to send to.
-            port: Its port.
             expected: Whether a datagram of a new sender makes that the peer (`udpin`); None: any does.
 
         Raises:

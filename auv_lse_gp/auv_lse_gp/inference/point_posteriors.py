@@ -62,7 +62,6 @@ def join_by_path(first: PointPosteriors, second: PointPosteriors, paths: int) ->
     Args:
         first: Points of the first part of each path, path after path; all first parts are equally long.
         second: Points of the second part of each path, likewise.
-        paths: Number of paths.
     """
 
     def both(one: Array, two: Array) -> Array:

@@ -79,7 +79,6 @@ class Moments:
     """Moments of the posterior at locations, (P,) each; of relative depths, if there are banks.
 
     Attributes:
-        mean_m: Mean.
         variance_m2: Variance with exact positions, by the prior's scale.
         position_variance_m2: Variance that uncertain positions add.
         scales: Factor on the variance that the ground's roughness near each location shows.

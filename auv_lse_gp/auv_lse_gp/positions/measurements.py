@@ -34,7 +34,6 @@ class FixMeasurement:
     """One surfacing: positions by GPS and by dead reckoning, each north, east (m).
 
     Attributes:
-        stamp_s: Time.
         position_m: Position by GPS.
         raw_m: Dead-reckoned position.
         std_m: Standard deviation of the GPS position, each axis.

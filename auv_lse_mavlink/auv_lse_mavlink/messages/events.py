@@ -85,7 +85,6 @@ class AutopilotState:
 
     Attributes:
         stamp_s: When it was last heard (s, the host's clock).
-        report: Its report.
         battery_v: Voltage of its battery (V); NaN unknown.
     """
 

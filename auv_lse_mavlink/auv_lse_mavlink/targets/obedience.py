@@ -73,7 +73,6 @@ class Obedience:
             target: The target that was sent last.
             stopped: Whether it is the position of a HOLD.
             diving: Whether the vehicle returns from the surface to the target's depth.
-            position: The estimate.
         """
         vertical = diving or target.at_surface
         remains_m = self._remains_m(target, diving, position)

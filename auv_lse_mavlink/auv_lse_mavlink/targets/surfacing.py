@@ -36,7 +36,6 @@ class Surfacing:
     """One surfacing.
 
     Attributes:
-        stage: Its stage.
         fixed: Whether GPS had a fix for long enough.
     """
 

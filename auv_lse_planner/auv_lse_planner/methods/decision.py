@@ -19,7 +19,6 @@ class BoundRecord:
     Attributes:
         step: Step planned from.
         now_s: Mission time.
-        method: The method.
         reward_so_far: Reward of the legs already decided.
         expected_end: Reward of the chosen path from here to its end (the paper's Jbar, or J without a naive path).
         lower_bound: The time-varying lower bound: reward_so_far + the naive path's reward, or reward_so_far +

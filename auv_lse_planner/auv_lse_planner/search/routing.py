@@ -105,7 +105,6 @@ def ruin_and_recreate(distance, near, penalty, budget, iterations, hot):
         near: For each node the others by distance, shape (N, N).
         penalty: Cost of leaving each node out, shape (N,).
         budget: Largest length of the route.
-        iterations: Number of iterations.
         hot: Largest increase of the cost that is accepted at first; it falls to 0.
     """
     count = penalty.shape[0]

@@ -41,7 +41,6 @@ class SearchResult:
 
     Attributes:
         actions: Best sequence.
-        value: Its value.
         deadline_hit: Whether the deadline ended the search before its budget.
         ranking: Evaluated sequences with their values, best first (at most `RANKED`).
     """

@@ -14,7 +14,6 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
     """The state of a planner.
 
     Args:
-        planner: The planner.
         problems: Its current problems (`VehiclePlanner.problems`).
         planning_s: Wall-clock duration of its last decision (s).
     """

@@ -63,7 +63,6 @@ class CommandCalls:
             graph: The node that calls; any object with its `node` will do where vehicles are named and `finish` is not
                 called.
             names: The vehicles ("auv2"); None: all that are discovered.
-            command: The command.
             team: With ABORT: whether to send it to the team mates by acoustic packet.
             report: Called with each vehicle's name and its first answer (RunMission.Response).
             source: The sender; "": this process's user.

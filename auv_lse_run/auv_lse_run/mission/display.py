@@ -30,7 +30,6 @@ class MissionProgress:
     """Progress of a mission.
 
     Attributes:
-        vehicles: Number of vehicles.
         steps_total: Legs of each vehicle.
         phase: "starting", "running" or "finished".
         started_s: Wall-clock time since the start (s).

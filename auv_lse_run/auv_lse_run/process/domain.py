@@ -43,7 +43,6 @@ def lock_file(domain: int, vehicle: int = 0) -> Path:
     """The file that is locked while `domain` is in use.
 
     Args:
-        domain: ROS domain.
         vehicle: Number of the vehicle whose nodes use it: vehicles may share a domain; 0: a simulation or a replay.
     """
     of_vehicle = f"_auv{vehicle}" if vehicle else ""
@@ -138,7 +137,6 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
     Several vehicles may share a domain, but not two with one number. A simulated vehicle joins its simulator.
 
     Args:
-        domain: ROS domain.
         vehicle: The vehicle's number.
         simulated: Whether the nodes follow a simulator.
 
@@ -282,7 +280,6 @@ def note_run(domain: int, run: Path, dive: str, vehicle: int = 0) -> None:
     """Notes who uses `domain`, for other commands.
 
     Args:
-        domain: ROS domain.
         run: The run folder of a simulation, or that of a vehicle's logs.
         dive: Id of the dive or simulation.
         vehicle: As `lock_file` takes it.

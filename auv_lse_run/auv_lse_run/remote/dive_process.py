@@ -31,7 +31,6 @@ def start(folder: Path, name: str, domain: int) -> tuple[str, str]:
     Args:
         folder: The vehicle's folder, with the mission file.
         name: The vehicle, "auv2".
-        domain: Its ROS domain.
     """
     number = vehicle_number(name)
     if (running := vehicle_on(domain, number)) is not None:

@@ -34,9 +34,6 @@ def facts(folder: VehicleFolder, number: int, domain: int, thorough: bool) -> di
     """What a laptop asks of a vehicle before a dive.
 
     Args:
-        folder: The vehicle's folder.
-        number: Its number.
-        domain: Its ROS domain.
         thorough: Whether the vehicle's own checks run, which ask its devices for up to 45 s.
     """
     copy = copy_of("auv_lse_common")
@@ -106,7 +103,6 @@ def own_checks(mission: Path, number: int, is_running: bool) -> list[dict[str, s
     """What the checks on the vehicle find, each with its part ("mission file", "autopilot", "modem"), level and text.
 
     Args:
-        mission: The mission file.
         number: The vehicle's number.
         is_running: Whether its nodes run; they then use autopilot and modem themselves.
     """

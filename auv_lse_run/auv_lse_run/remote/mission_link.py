@@ -53,7 +53,6 @@ class MissionLink:
 
         Args:
             name: The vehicle, "auv2".
-            domain: Its ROS domain.
         """
         self._name, self._domain = name, domain
         self._stack = contextlib.ExitStack()

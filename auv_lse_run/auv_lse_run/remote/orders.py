@@ -137,7 +137,6 @@ class OrderBook:
         """Decides about a delivered order.
 
         Args:
-            order: The order.
             age_s: Time since this session's hello, by the vehicle's steady clock.
             at: The time for people.
 

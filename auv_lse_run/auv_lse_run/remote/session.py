@@ -130,8 +130,6 @@ class Session:
 
         Args:
             folder: The vehicle's folder.
-            number: Its number.
-            domain: Its ROS domain.
             actor: Executes orders; None: the vehicle's nodes do.
         """
         self._folder, self._number, self._domain = VehicleFolder(folder), number, domain

@@ -182,7 +182,6 @@ def begin_dive(
     """Reserves the ROS domain of a vehicle's dive for as long as the context lasts.
 
     Args:
-        processes: The vehicle's processes.
         wanted: The domain of a command line; None: ROS_DOMAIN_ID, else the simulator's, else 0.
         file: The mission file; a simulator's is in its run folder.
         out: The folder for logs and recording.

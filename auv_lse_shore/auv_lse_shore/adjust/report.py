@@ -27,7 +27,6 @@ def report(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[st
     """The report as Markdown.
 
     Args:
-        adjustment: The adjustment.
         before: The recorded runs.
         names: A name for each run.
     """

@@ -31,7 +31,6 @@ class Feature:
         other_text: All other text of its properties.
         flags: Properties that are true.
         rings: Those of a polygon, the outer one first, then its holes.
-        line: A line.
         point: Latitude, longitude.
         closes: Whether a line that is open may be closed to an outline: "" (no), "route" or "track".
     """

@@ -78,8 +78,6 @@ def run_campaign(
     """Simulates the missions of a campaign that have no row yet.
 
     Args:
-        spec: The campaign.
-        folder: Its folder.
         client: `distributed.Client` of the cluster.
         retry_failed: Whether missions that failed earlier are repeated.
         budget_s: Time (s) from now after which no mission should end; those that probably would are not started.

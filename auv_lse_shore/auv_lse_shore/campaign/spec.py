@@ -48,7 +48,6 @@ class Job:
             only changed missions are simulated.
         group: Label of its setting; all seeds of one setting share it.
         varied: The parameters in which settings differ, with this mission's values.
-        seed: Its seed.
         patterns: Its complete mission file.
     """
 
@@ -64,7 +63,6 @@ class CampaignSpec:
     """A campaign.
 
     Attributes:
-        name: Its name.
         settings: Parameters of each setting (dotted names), with its label.
         seeds: Seeds of every setting.
         varied: Names of the parameters in which settings differ, in order.

@@ -86,7 +86,6 @@ def bootstrap(
     Args:
         samples: Arrays of the same length, at least 2.
         statistic: Function of these arrays with the keyword `axis`.
-        resamples: Number of resamples.
         seed: Seed of the random numbers.
     """
     generator: dict[str, Any] = {_GENERATOR: np.random.default_rng(seed)}

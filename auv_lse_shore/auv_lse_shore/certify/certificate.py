@@ -43,7 +43,6 @@ class Certificate:
 
     Attributes:
         verdict: `SUPPORTED`, `CONTRADICTED` or `UNPUBLISHED`.
-        final: The final map.
         checks: Every comparison with published maps.
         values: What the JSON file holds.
     """

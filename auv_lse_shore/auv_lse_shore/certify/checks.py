@@ -44,7 +44,6 @@ class Check:
     """One comparison.
 
     Attributes:
-        vehicle: Number of the vehicle.
         what: What was compared.
         passed: Whether all cells are within the tolerance.
         worst: Largest difference / tolerance.

@@ -44,7 +44,6 @@ class FinalMap:
 
     Attributes:
         run: All vehicles, with soundings at the locations of this map.
-        area: The operating area.
         field: The map on its grid.
         pieces: Its isobath, in pieces of one class.
         undiscovered: Isobath that may be missing.

@@ -19,7 +19,6 @@ def check_files(settings: Settings, number: int | None, findings: Findings) -> N
     """Checks that the files with depths exist on this machine.
 
     Args:
-        settings: The mission.
         number: The vehicle of this machine; None: every vehicle's files are checked.
         findings: Takes what is found.
     """
@@ -44,7 +43,6 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     """Checks what vehicle `number` needs on this machine.
 
     Args:
-        settings: The mission.
         number: The vehicle.
         simulated: Whether the file has a section sim; nodes then wait for a simulator.
         findings: Takes what is found.
@@ -74,7 +72,6 @@ def check_recording(settings: Settings, number: int | None, findings: Findings) 
     """Estimates the size of the recording, and checks the disk of this machine if it is that of a vehicle.
 
     Args:
-        settings: The mission.
         number: The vehicle of this machine; None: the disk is not checked.
         findings: Takes what is found.
     """

@@ -40,7 +40,6 @@ def mission_figure(settings: Settings, title: str, notes: Sequence[str] = ()) ->
 
     Args:
         settings: The mission; the parameters of area, motion and vehicles are usable.
-        title: Its title.
         notes: Sentences below the title.
 
     Raises:

@@ -40,7 +40,6 @@ def check_file(path: Path, findings: Findings, read_area: AreaReader, area_file:
     Args:
         path: The mission file.
         findings: Takes what is found.
-        read_area: Reads the area file.
         area_file: Area file that replaces the mission file's area.
 
     Returns:

@@ -46,8 +46,6 @@ class Uncertainties:
     Attributes:
         sounder_m: Noise of the sounder (m); None: `gp.noise_std_m` of the mission file.
         pressure_m: The vehicle's depth (m).
-        sound_speed_mps: Sound speed (m/s).
-        water_level_m: Water level (m).
     """
 
     sounder_m: float | None = None

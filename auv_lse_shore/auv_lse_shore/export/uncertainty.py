@@ -78,7 +78,6 @@ def sounding_uncertainty(run: RunData, vehicle: VehicleRun, survey: Survey, nois
 
     Args:
         run: The run of the vehicle.
-        vehicle: The vehicle.
         survey: The corrections with their uncertainties.
         noise_std_m: Noise of the sounder, where the survey does not give it.
     """

@@ -112,7 +112,6 @@ def evaluate(run: RunData, bounds: int = 34, team: TeamMap | None = None, *, on_
     """Evaluates a mission.
 
     Args:
-        run: The mission.
         bounds: Number of steps at which the bounds of the paper's reward are recomputed for its methods, at least 2;
             for other methods these are the first and the last.
         team: The map, if it is made already; its run is then evaluated.

@@ -117,7 +117,6 @@ def against_truth(
     Args:
         maps: The map from all soundings, then each vehicle's own.
         ideal: The map from all soundings at their true positions; None if these are unknown.
-        settings: Settings of the mission.
         ground: The true ground.
         scored: The cells evaluated, shape of the maps.
         true_isobath: Lines of the true isobath.

@@ -26,7 +26,6 @@ def trace(north_m: Array, east_m: Array, depth_m: Array, level_m: float) -> list
         north_m: North of the rows, shape (R,).
         east_m: East of the columns, shape (C,).
         depth_m: Depth (m), shape (R, C); no line is drawn beside NaN.
-        level_m: Level (m).
 
     Returns:
         Lines, each of shape (n, 2): north, east (m). The deeper side is on the same side of all of them.

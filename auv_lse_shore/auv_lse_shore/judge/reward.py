@@ -188,9 +188,7 @@ def reward_curves(
     """Replays a mission's reward and bounds from its soundings.
 
     Args:
-        run: The mission.
         settings: The planner's settings of each vehicle, in order.
-        area: The operating area.
         bounds: At most about this many steps get their bounds computed (each takes some 20 ms for 300 locations).
         map_m: Locations (P, 2) over which the map's risk is averaged, at start, end and `RISK_EVERY` times between.
     """

@@ -38,7 +38,6 @@ class TeamMap:
         run: The mission; with `positions.correct`, soundings are at the locations estimated from fixes, ranges and
             terrain.
         settings: The first vehicle's settings: level, costs and prior are the same for all.
-        area: The operating area.
         prior: The map before the first sounding.
         field: The map given all soundings, in order of time.
         isobath: Its contour at the level, with the band about it.
@@ -198,7 +197,6 @@ def write_isobath(
     and the median of its horizontal standard deviation (null where the ground has no slope).
 
     Args:
-        team: The map.
         path: File to write.
         origin: Latitude and longitude (deg) of north = east = 0, or None: then coordinates are local metres.
         truth: Lines of the true isobath; empty where it is not known.

@@ -157,7 +157,6 @@ def fly(
     """Runs the mission of the run folder's mission.yaml, and evaluates the recording.
 
     Args:
-        settings: The mission.
         folder: The run folder.
         console: Where the progress is shown.
         processes: What to start here.

@@ -54,7 +54,6 @@ class VehicleAdjustment:
 
     Attributes:
         run: Number of the run, from 0.
-        vehicle: Number of the vehicle.
         key: Its number among the vehicles of all dives.
         soundings: Number of soundings recorded.
         missing: What the recording lacks, so that its soundings were not moved; "" if nothing.
@@ -221,7 +220,6 @@ def _with_samples(vehicle: VehicleRun, mates: dict[int, tuple[VehicleRun, Vehicl
     """A vehicle whose received samples are moved with the mates' soundings that they repeat.
 
     Args:
-        vehicle: The vehicle.
         mates: Recorded and adjusted vehicles of its dive, by number.
     """
     heard = vehicle.received

@@ -110,7 +110,6 @@ class TeamMeasurements:
 
     Attributes:
         tracks: Raw track of each vehicle.
-        fixes: Their fixes.
         ranges: Ranges between them.
         earlier_distance_m: Distance that a vehicle could have covered before its first known position.
     """

@@ -71,7 +71,6 @@ class TeamChart:
 
         Args:
             name: Title of the page.
-            vehicles: Numbers of the vehicles.
         """
         self.timeline, self.trouble = Timeline(), dict[str, str]()
         self._name, self._tracks = name, {f"auv{k}": _Track() for k in vehicles}

@@ -62,7 +62,6 @@ def check(
     """Asks vehicles at the same time; returns their reports and the problems.
 
     Args:
-        fleet: The fleet file.
         vehicles: The vehicles to ask.
         thorough: Whether the vehicles' own checks run.
         sent: As `judged` takes it.

@@ -33,7 +33,6 @@ def deliver(asking: Asking, ledgers: Ledgers, vehicle: str, name: str, clock: Ca
 
     Args:
         asking: The session.
-        ledgers: The ledger.
         vehicle: "auv2".
         name: This laptop, for people.
         clock: The laptop's clock (s).

@@ -50,8 +50,6 @@ def fetch(
     """Fetches the dives of vehicles at the same time; returns what there is, by vehicle.
 
     Args:
-        fleet: The fleet file.
-        vehicles: The vehicles.
         out: Folder for the copies: OUT/auv1/DIVE.
         wait_s: Longest time (s) without progress.
         delete: Whether verified files are removed on the vehicle.

@@ -76,7 +76,6 @@ class FleetFile:
     """A fleet file's content.
 
     Attributes:
-        path: The file.
         vehicles: In order of their numbers.
         ssh_config: SSH's configuration; None: SSH's own default.
     """

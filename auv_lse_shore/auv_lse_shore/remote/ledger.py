@@ -30,7 +30,6 @@ class Given:
     """An order that was given to a vehicle.
 
     Attributes:
-        number: Its number.
         verb: "go".
         team: With abort: also by acoustic packet.
         given_s: When, by the laptop's clock (s).

@@ -23,9 +23,6 @@ def send(fleet: FleetFile, vehicles: Sequence[RemoteVehicle], mission: Path, wai
     """Sends a mission; returns the exit code: 0 if every vehicle has it.
 
     Args:
-        fleet: The fleet file.
-        vehicles: The vehicles.
-        mission: The mission file.
         wait_s: How long to repeat (s).
 
     Raises:

@@ -170,7 +170,6 @@ def session(
     """A context with a session; ssh ends with it.
 
     Args:
-        vehicle: The vehicle.
         ssh_config: SSH's configuration; None: its default.
         hello_s: Longest wait for the hello.
 

@@ -43,8 +43,6 @@ class Watch:
         """Asks nothing yet.
 
         Args:
-            fleet: The fleet file.
-            vehicles: The vehicles.
             every_s: Time between questions to a vehicle (s).
             chart: Gets excerpts of the vehicles' recordings; None: none are fetched.
         """
@@ -115,8 +113,6 @@ def watch(
     """Shows the team until Ctrl-C; with `once` one table. Returns the exit code: 1 if there are alarms.
 
     Args:
-        fleet: The fleet file.
-        vehicles: The vehicles.
         every_s: Time between questions to a vehicle (s).
         once: Whether to end after one table.
         page: Port of the page; None: no page.

@@ -57,7 +57,6 @@ class RecordedDecision:
     Attributes:
         now_s: Mission time of the decision.
         step: Step that the decided leg leads from.
-        plan: The plan.
         leg: The leg decided; None if no waypoint was recorded.
         jbar: Value of the plan; NaN if it was not recorded.
         deadline_hit: Whether the deadline ended the search, so that it cannot be repeated.
@@ -78,10 +77,8 @@ class VehicleInputs:
     """One vehicle's inputs and outputs; each input has the time (s) at which the node received it.
 
     Attributes:
-        vehicle: Its number.
         odometry: The vehicle's navigation.
         corrected: Its position, corrected by its map.
-        soundings: Its soundings.
         navigation: Dead-reckoned positions, fixes, and what mates reported of theirs.
         samples: The team's samples, packet by packet.
         plans: The team's plans.

@@ -53,7 +53,6 @@ class Player:
 
     Attributes:
         missing: Topics whose message types are not installed, {topic: type}.
-        progress: Its progress.
     """
 
     def __init__(self, recording: Recording, topics: tuple[RecordedTopic, ...], keys: Keys) -> None:

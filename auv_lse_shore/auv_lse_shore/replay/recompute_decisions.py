@@ -37,12 +37,10 @@ class DecisionStep:
     """A recorded decision compared with the recomputed one; pairs are (recorded, recomputed).
 
     Attributes:
-        vehicle: Number of the vehicle.
         step: Mission step.
         now_s: Mission time.
         turns_deg: Heading change of the leg.
         plans: The plan in words.
-        values: Its value.
         note: The reason, or what else differs.
         differs: Whether the decisions differ.
     """

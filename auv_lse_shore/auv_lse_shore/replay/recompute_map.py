@@ -31,7 +31,6 @@ class MapStep:
     """A published map compared with the recomputed one; differences are the largest over the cells.
 
     Attributes:
-        vehicle: Number of the vehicle.
         now_s: Mission time.
         centers: Number of kernel centers, recorded and recomputed.
         mean_m: Largest difference of the mean depth.

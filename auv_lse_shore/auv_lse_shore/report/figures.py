@@ -99,7 +99,6 @@ def draw_map(axis: Any, e: Evaluation, values: Array, title: str, **scale: Any) 
 
     Args:
         axis: Where to draw.
-        e: The mission.
         values: One for each cell of the map.
         title: Title of the axis.
         scale: Color map and limits, as of `imshow`.

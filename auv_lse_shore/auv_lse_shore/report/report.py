@@ -34,7 +34,6 @@ def write_report(run: RunData, folder: Path, show: Show = show_nothing) -> Summa
     `mission.yaml` is written too if it is not there yet. Takes a few seconds for a default mission.
 
     Args:
-        run: The mission.
         folder: Run folder, created if needed.
         show: Shows what is being done.
 
@@ -68,7 +67,6 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     """The report as one HTML file.
 
     Args:
-        e: The mission.
         folder: Where the figures are.
         drawn: File name and caption of each figure.
     """

@@ -62,7 +62,6 @@ def run_study(
     """Simulates all campaigns of a study; within a budget, each gets its share of the remaining time.
 
     Args:
-        study: The study.
         folder: Its folder; each campaign has one of its name in it.
         client: `distributed.Client` of the cluster.
         finished: Called with the name and the state of each campaign when it has ended.

@@ -138,7 +138,6 @@ def write_survey(
 
     Args:
         run: The survey.
-        area: Its area.
         table: The rows of `survey_table`.
         dive: The result of `dive_parameters`.
         folder: The run folder.

@@ -72,7 +72,6 @@ def report_of(output: VehicleOutput, gps_std_m: float, pressure_pa: float) -> Re
     """The state that a vehicle's autopilot reports after a tick.
 
     Args:
-        output: The vehicle's.
         gps_std_m: Accuracy of GPS (m).
         pressure_pa: What its barometer measures (Pa).
     """

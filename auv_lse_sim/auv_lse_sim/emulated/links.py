@@ -46,7 +46,6 @@ class EmulatedLinks:
         """Opens the ports.
 
         Args:
-            settings: The mission.
             transmit: Sends (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
             body: The vehicles that autopilots move.
 

@@ -22,11 +22,8 @@ class LoneVehicle:
     """Vehicle 1 of a mission along straight legs, one tick a second; bytes arrive at once.
 
     Attributes:
-        settings: The mission's.
         world: The simulated world.
         vehicle: The autopilot.
-        link: The link to it.
-        now_s: Time (s).
         told: The link's events.
         distort: Changes what the autopilot measures: (time (s), report) -> report.
         passes: Whether a datagram of the autopilot arrives.

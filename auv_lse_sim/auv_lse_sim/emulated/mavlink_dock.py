@@ -43,7 +43,6 @@ class MavlinkDock:
         """Opens the ports.
 
         Args:
-            vehicles: Autopilots by vehicle.
             endpoints: Their ports: "udpin://127.0.0.1:PORT" listens (0: any free port), "udpout://127.0.0.1:PORT"
                 sends first.
 

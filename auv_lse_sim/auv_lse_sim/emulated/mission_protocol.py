@@ -33,7 +33,6 @@ class MissionProtocol:
         """Starts without a mission.
 
         Args:
-            send: Sends a message.
             accept: Takes the items of a complete upload; returns MAV_MISSION_RESULT.
             asks_int: Whether items are requested by MISSION_REQUEST_INT; else by MISSION_REQUEST.
         """

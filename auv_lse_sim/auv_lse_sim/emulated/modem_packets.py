@@ -15,7 +15,6 @@ class Transmission:
         source: The sender's modem address.
         destination: The receiver's modem address, 0: all.
         rate: Packet rate number.
-        frames: Number of frames.
         payload: The frames' bytes, one after another.
     """
 
@@ -38,7 +37,6 @@ class HeardPacket:
         payload: Its bytes; None if it could not be decoded.
         snr_db: Signal to noise ratio (dB), not finite if unknown.
         rate: Packet rate number.
-        frames: Number of frames.
         doppler_mps: Relative speed of the sender (m/s).
         measured_s: Arrival of its first sound (s) by this modem's clock, as the sender's clock counts; NaN: `start_s`.
     """

@@ -72,8 +72,6 @@ class Pings:
         """Receives a mini-packet: answers a ping at once, or reports the travel time of this modem's own ping.
 
         Args:
-            now_s: Time (s).
-            mini: The mini-packet.
             heard_s: Measured arrival time of its first sound (s).
             free: Whether the modem can answer.
 

@@ -64,7 +64,6 @@ def status_report(simulation: Simulation, state: MissionState, message: str, spe
 
     Args:
         simulation: The simulation.
-        state: State of the mission.
         message: Why it waits or has failed.
         speed: Simulated seconds per second of wall clock.
     """

@@ -89,11 +89,8 @@ class VehicleCores:
     """The cores of one vehicle, connected by direct calls where the nodes exchange messages.
 
     Attributes:
-        vehicle: Its number.
         bridge: Its modem bridge.
-        map: Its map.
         safety: Its mission state and safety limits.
-        planner: Its planner.
         log: Its record.
     """
 

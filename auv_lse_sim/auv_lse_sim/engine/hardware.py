@@ -23,7 +23,6 @@ def hardware_of(
         modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder. Emulated modems have a
             PPS: they measure ranges one-way (`modem.synchronous`), unless a vehicle pings.
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
-        settings: The mission.
         folder: The run folder, absolute.
         chosen: Names of parameters that the user has set; they are kept.
     """

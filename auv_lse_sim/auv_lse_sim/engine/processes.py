@@ -19,7 +19,6 @@ def mission_processes(
     """Every process of a mission, the simulator last.
 
     Args:
-        vehicles: Number of vehicles.
         modem: "direct" (the simulated channel on modem/tx and modem/rx), or "emulated" (micromodem_node and an
             emulated Micromodem-2 per vehicle between them).
         vehicle_link: "direct", or "mavlink" (vehicle_link_node and a simulated MAVLink vehicle between them).

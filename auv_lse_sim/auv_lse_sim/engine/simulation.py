@@ -46,13 +46,10 @@ class Simulation:
     """The world of a mission, its emulated hardware, and its ticks.
 
     Attributes:
-        world: The world.
         links: The emulated modems and autopilots.
         vehicles: Numbers of the vehicles.
-        state: State of the mission.
         message: Why it waits or has failed; else the vehicles that wait or hold, and why.
         tick: Number of the last tick; 0 before the first.
-        now_s: Its time (s).
         steps: Legs travelled, per vehicle.
         steps_total: Legs of the mission.
         soundings: Soundings made so far, per vehicle.
@@ -71,7 +68,6 @@ class Simulation:
         """Builds the world and opens the ports of the emulated hardware.
 
         Args:
-            settings: The mission.
             ground: The ground under the vehicles.
             lockstep: Whether a tick waits for the nodes.
             recorded: Whether a recorder runs.
@@ -275,7 +271,6 @@ class Simulation:
 
         Args:
             k: Number of the vehicle.
-            leg: The leg.
             speed_mps: Speed through the water; NaN: the vehicle's own.
             then: What follows the mission's last leg.
         """

@@ -24,7 +24,6 @@ def load_ground(
     """Reads a bathymetry file; by content, else by suffix.
 
     Args:
-        path: The file.
         config: How to read it.
         origin: WGS84 latitude and longitude (deg) of the local origin if the file has none; by default the middle of
             the data.

@@ -74,7 +74,6 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     """Fits operating area and starts to the ground.
 
     Args:
-        settings: The mission.
         ground: The ground under the area.
         area_given: Whether the user requested `settings.area.polygon_m`; any polygon other than the default counts as
             requested. With the default polygon the mission covers the whole extent of a bathymetry file.

@@ -195,7 +195,6 @@ class SimVehicle:
         """Takes the next leg.
 
         Args:
-            leg: The leg.
             speed_mps: Speed through the water; None: the configured one.
             then: The stop after the mission's last leg; None: it circles.
         """

@@ -15,7 +15,6 @@ class NavigationEstimate:
     """The vehicle's own estimate of its state.
 
     Attributes:
-        stamp_s: Time.
         heading_rad: Heading (rad, clockwise from north).
         north_m: Estimated north.
         east_m: Estimated east.
@@ -38,7 +37,6 @@ class Truth:
     """The vehicle's true state, which no core may read.
 
     Attributes:
-        stamp_s: Time.
         heading_rad: True heading.
         north_m: True north.
         east_m: True east.

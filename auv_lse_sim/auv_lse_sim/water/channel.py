@@ -35,7 +35,6 @@ class Rate:
 
     Attributes:
         frames: Frames in a packet.
-        frame_bytes: Bytes in a frame.
         bit_rate_bps: Nominal bits per second.
         curve: Points (SNR (dB), frame error rate) of a piecewise linear curve, 1 before the first and 0 after the last.
     """
@@ -65,7 +64,6 @@ class Arrival:
     Attributes:
         receiver: Number of the receiving vehicle.
         source: Number of the sender.
-        payload: Its bytes.
         sent_s: When the sender began to send (s).
         start_s: When the first sound arrives (s).
         arrival_s: When the last sound has arrived and the packet is read (s).
@@ -224,7 +222,6 @@ class Channel:
         Args:
             now_s: Its start (s), not before the time of the last `arrivals`.
             source: Its number.
-            payload: Its bytes.
             positions: Every vehicle's position now, by number: north, east, depth (m).
             rate: Packet rate; None: the configured one.
 

@@ -21,7 +21,6 @@ class Ranging:
 
     Args:
         config: Section `sim.ranging`.
-        vehicles: Number of vehicles.
         sound_speed_mps: Assumed speed of sound.
         rng: Source of its random numbers; each arrival, readable or not, draws the same number.
         ideal: Whether the whole simulation is ideal.

@@ -71,7 +71,6 @@ class Story:
     """A recording, with what it does not contain.
 
     Attributes:
-        name: Its name.
         operator: The operator's actions, with their times (s) in the recording.
         before: Actions before it begins.
         has_gps: Whether there is a GPS receiver.

@@ -51,7 +51,6 @@ class Vehicle:
     """One vehicle's programs, and the witness of what they publish.
 
     Attributes:
-        number: Its number.
         witness: The water around it.
         program: `auv_lse vehicle`; None between dives.
         out: Folder of its current dive.

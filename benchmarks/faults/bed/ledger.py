@@ -25,7 +25,6 @@ class Ledger:
     """What the nodes of one vehicle have published, and which requirements that violates.
 
     Attributes:
-        vehicle: Number of the vehicle.
         broken: Violated requirements, one sentence each.
         last_step: Last step decided; -1 before the first.
         slots: Counters used by the packets: slot (s) and era.

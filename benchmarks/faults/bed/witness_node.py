@@ -50,7 +50,6 @@ class Witness:
     """A context that is a vehicle's water. Call `spin` all the time.
 
     Attributes:
-        vehicle: Number of the vehicle.
         ledger: What its nodes have published.
         dive: Id of the dive, for the frames of messages.
         send: Called with each packet that the vehicle sends.

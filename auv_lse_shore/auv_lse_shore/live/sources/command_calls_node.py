@@ -35,8 +35,6 @@ class QueuedCalls:
 
         Args:
             node: The node that calls; its owner spins it.
-            commands: The queue.
-            vehicles: Number of vehicles.
         """
         self._caller: Any = SimpleNamespace(node=node)
         self._commands = commands

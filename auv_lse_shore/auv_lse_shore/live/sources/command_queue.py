@@ -28,7 +28,6 @@ class Order:
     """A command on its way.
 
     Attributes:
-        command: The command.
         vehicles: Numbers of the vehicles that it is for.
         outcomes: Gets each vehicle's outcome when all are known.
     """

@@ -51,8 +51,6 @@ class MissionListener:
         """Stores its arguments.
 
         Args:
-            vehicles: Number of vehicles.
-            domain: ROS domain.
             take: Takes a topic's full name and a message, on the thread that calls `serve`.
             dive: The id of the simulation, whose messages alone are taken; None: any.
             commands: The queue of commands to send; None: none are sent.

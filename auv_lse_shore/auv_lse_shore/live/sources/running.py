@@ -36,7 +36,6 @@ class RunningMission:
     """A mission on a ROS domain.
 
     Attributes:
-        domain: The domain.
         run: Its run folder on this machine, None if it has none.
     """
 

@@ -27,7 +27,6 @@ class AutoMission:
     Attributes:
         items: Its items, the home first.
         current: Index of the current item.
-        state: MISSION_STATE.
     """
 
     def __init__(self) -> None:

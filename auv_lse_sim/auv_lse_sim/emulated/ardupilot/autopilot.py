@@ -57,9 +57,6 @@ class ArduPilot:
         estimator: Its origin and position.
         armed: Whether it is armed.
         mode: Number of its mode.
-        parameters: Its parameters.
-        failsafes: Its failsafes.
-        mission: Its mission.
         pilot: Moves the vehicle.
         battery: Charge, 0 to 1.
         has_echo: Whether the range finder's source sends.
@@ -159,7 +156,6 @@ class ArduPilot:
         """Sends what the other side needs before the mission.
 
         Args:
-            now_s: Time (s).
             pressure_pa: Pressure on deck.
         """
         self._tick(now_s)

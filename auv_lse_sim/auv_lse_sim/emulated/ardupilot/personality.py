@@ -15,7 +15,6 @@ class Personality:
     """One firmware.
 
     Attributes:
-        name: Its name.
         vehicle_type: MAV_TYPE of its heartbeat.
         manual: Number of the mode in which it boots.
         guided: Number of the mode that follows position targets.

@@ -34,7 +34,6 @@ class Status:
         height_m: Height of its origin above the surface (m).
         target_m: North, east of the present target (m); None: there is none.
         is_guided: Whether it is in GUIDED.
-        mission: Its mission.
         battery: Charge, 0 to 1.
         has_echo: Whether the range finder's source sends.
     """
