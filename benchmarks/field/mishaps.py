@@ -11,8 +11,9 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Self
 
 from auv_lse_shore.remote.watching import Watch
 from benchmarks.field.namespace import Namespace, Radio
@@ -24,8 +25,26 @@ _EVERY_S, _BOOT_S = 20.0, 3.0
 KINDS = ("outage", "address", "reboot")
 
 
-class Mishaps:
-    """Makes mishaps happen to one vehicle after another, in a thread of its own; a context.
+class _Beside:
+    """Work in a thread of its own, beside a block of code: a context, at whose end the last piece of work is over."""
+
+    def __init__(self, work: Callable[[], None]) -> None:
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=work, daemon=True)
+
+    def __enter__(self) -> Self:
+        """Begins."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends."""
+        self._over.set()
+        self._thread.join()
+
+
+class Mishaps(_Beside):
+    """Makes mishaps happen to one vehicle after another.
 
     Attributes:
         counts: Mishaps by kind.
@@ -44,19 +63,9 @@ class Mishaps:
             seed: Chooses vehicles and moments.
         """
         self._field, self._radio, self._there, self._outage_s = field, radio, there, outage_s
-        self._chance, self._over = random.Random(seed), threading.Event()
-        self._thread = threading.Thread(target=self._happen, daemon=True)
+        super().__init__(self._happen)
+        self._chance = random.Random(seed)
         self.counts: Counter[str] = Counter()
-
-    def __enter__(self) -> Mishaps:
-        """Begins."""
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Ends, when the last mishap is over."""
-        self._over.set()
-        self._thread.join()
 
     def _happen(self) -> None:
         turn = 0
@@ -91,8 +100,8 @@ def killed_laptop(file: Path, words: Sequence[str], after_s: float) -> None:
     process.wait()
 
 
-class AgeCheck:
-    """Compares the age that `watch` shows of each vehicle's state with its true age, twice a second; a context.
+class AgeCheck(_Beside):
+    """Compares the age that `watch` shows of each vehicle's state with its true age, twice a second.
 
     Attributes:
         margins_s: Shown age less true age (s), of each comparison. None may be negative.
@@ -100,19 +109,9 @@ class AgeCheck:
 
     def __init__(self, watch: Watch, computers: Sequence[Computer]) -> None:
         """Compares nothing yet; `watch` must be running."""
-        self._watch, self._computers, self._over = watch, computers, threading.Event()
-        self._thread = threading.Thread(target=self._compare, daemon=True)
+        super().__init__(self._compare)
+        self._watch, self._computers = watch, computers
         self.margins_s: list[float] = []
-
-    def __enter__(self) -> AgeCheck:
-        """Begins."""
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Ends."""
-        self._over.set()
-        self._thread.join()
 
     def _compare(self) -> None:
         while not self._over.wait(0.5):

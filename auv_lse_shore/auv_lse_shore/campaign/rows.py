@@ -107,15 +107,9 @@ class Rows:
 
     def write(self, row: Mapping[str, Any]) -> Path:
         """Writes one row; missing columns are null."""
-        values = {
-            name: [_fit(row.get(name), kind)]
-            for name, kind in zip(self._columns.names, self._columns.types, strict=True)
-        }
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / f"{row['id']}.parquet"
-        part = path.with_suffix(f".{os.getpid()}.part")
-        pyarrow.parquet.write_table(pyarrow.table(values, schema=self._columns), part)
-        os.replace(part, path)
+        self._write([row], path)
         return path
 
     def statuses(self) -> dict[str, str]:
@@ -142,13 +136,16 @@ class Rows:
         if not rows:
             self.table_file.unlink(missing_ok=True)
             return
+        self._write(rows, self.table_file)
+
+    def _write(self, rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         columns = {
             name: [_fit(row.get(name), kind) for row in rows]
             for name, kind in zip(self._columns.names, self._columns.types, strict=True)
         }
-        part = self.table_file.with_suffix(f".{os.getpid()}.part")
+        part = path.with_suffix(f".{os.getpid()}.part")
         pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
-        os.replace(part, self.table_file)
+        os.replace(part, path)
 
 
 def _fit(value: Any, kind: pyarrow.DataType) -> Any:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import tempfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -73,6 +76,16 @@ class LogFile:
         if len(data) > MOST_BYTES:
             raise LogError(f"{self.path} unpacks to more than {MOST_BYTES / 1e6:,.0f} MB. Split it by day.")
         return data
+
+    @contextlib.contextmanager
+    def unpacked(self) -> Iterator[Path]:
+        """A context with a path to the file as it is without gzip."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.path
+            if path.stat().st_size != len(self.data):  # it was packed
+                path = Path(folder) / path.stem
+                path.write_bytes(self.data)
+            yield path
 
     @property
     def text(self) -> str:

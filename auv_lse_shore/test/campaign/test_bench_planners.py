@@ -43,9 +43,7 @@ SMALL = {
 
 
 def judgement(*found: float) -> Judgement:
-    return Judgement(
-        found=found, risk=1.0, true_loss=0.5, false_share=0.0, error_m=1.0, true_m=100.0, found_m=90.0, missed_m=8.0
-    )
+    return Judgement(found=found, risk=1.0, true_loss=0.5, false_share=0.0, error_m=1.0, true_m=100.0, missed_m=8.0)
 
 
 def test_the_distance_to_a_share_is_interpolated_and_1_if_it_is_never_reached() -> None:

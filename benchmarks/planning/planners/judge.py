@@ -44,7 +44,6 @@ class Judgement:
         false_share: Share of the line called found that is more than 20 m from every true isobath.
         error_m: Mean distance of the line called found from the true isobath.
         true_m: Length of the true isobath.
-        found_m: Length called found.
         missed_m: Length of the longest connected piece of the true isobath that was not found.
     """
 
@@ -54,7 +53,6 @@ class Judgement:
     false_share: float
     error_m: float
     true_m: float
-    found_m: float
     missed_m: float
 
     def distance(self, share: float) -> float:
@@ -131,7 +129,6 @@ def _judgement(
         false_share=_false_share(found, everywhere),
         error_m=compare(found, everywhere).estimate_mean_m,
         true_m=length_m(isobath),
-        found_m=length_m(found),
         missed_m=longest_missed_m(isobath, found),
     )
 

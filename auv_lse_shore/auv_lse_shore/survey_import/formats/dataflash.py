@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing
@@ -42,11 +40,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         raise missing(error, "ArduPilot's logs") from error
     content = LogContent(file.path.name)
     content.lag_std_s = _LAG_STD_S
-    with tempfile.TemporaryDirectory() as folder:
-        path = file.path
-        if path.stat().st_size != len(file.data):  # it was packed
-            path = Path(folder) / path.stem
-            path.write_bytes(file.data)
+    with file.unpacked() as path:
         for stamp_s, message in dataflash_messages(path, _KINDS, content.left_out, file.progress):
             try:
                 _take(content, message, stamp_s)

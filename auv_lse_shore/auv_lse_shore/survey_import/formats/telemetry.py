@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections import Counter, defaultdict
-from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.missing_packages import MissingPackageError, missing
@@ -42,11 +40,7 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
     damaged: Counter[str] = Counter()
     vehicles: dict[int, LogContent] = defaultdict(lambda: LogContent(file.path.name))
     messages: Counter[int] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        path = file.path
-        if path.stat().st_size != len(file.data):  # it was packed
-            path = Path(folder) / path.stem
-            path.write_bytes(file.data)
+    with file.unpacked() as path:
         for stamp_s, message in _flight_logs().telemetry_messages(path, _KINDS, damaged, file.progress):
             sender = message.get_srcSystem()
             messages[sender] += message.get_type() != "HEARTBEAT"
