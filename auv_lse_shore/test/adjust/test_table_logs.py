@@ -105,6 +105,19 @@ def test_a_unit_that_is_not_understood_is_named(tmp_path):
     assert "not understood" not in " ".join(gathered(tmp_path, data, "--depth-unit", "m").lines)
 
 
+def test_depths_with_their_unit_in_the_cells_are_shown(tmp_path):
+    data = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d / 0.3048:.1f} ft,{utc(t)}")
+    with pytest.raises(LogError, match=r"such as '[\d.]+ ft'.*depth_ft, or into --depth-unit"):
+        gathered(tmp_path, data)
+    some = lines(
+        "lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}{' ?' if t > START_S + 119 else ''},{utc(t)}"
+    )
+    assert gathered(tmp_path, some).lines, "others are read"
+    none = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},nan,{utc(t)}")
+    with pytest.raises(LogError, match="no usable depths"):
+        gathered(tmp_path, none)
+
+
 @pytest.mark.parametrize(("names", "unit_m"), [("x_ft,y_ft", 0.3048), ("Easting (km),Northing (km)", 1000.0)])
 def test_positions_in_other_units_than_metres_are_converted(tmp_path, names, unit_m):
     north, east = local_from_geodetic(ROWS[:, 1], ROWS[:, 2], 46.5, 6.6)
