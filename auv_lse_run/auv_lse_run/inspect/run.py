@@ -55,7 +55,7 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     from auv_lse_run.inspect.graph_node import GraphError
     from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles
 
-    names = None if "all" in options.vehicles else list(dict.fromkeys(options.vehicles))
+    names = None if "all" in options.vehicles else list(dict.fromkeys(map(_full_name, options.vehicles)))
     valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
     failed = []
 
@@ -67,7 +67,10 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             failed.append(name)
 
     calls = CommandCalls(graph, valid, options.what, getattr(options, "team", False), report)
-    graph.discover(options.spin_time, calls.step)
+    if valid == []:  # none to be commanded, but those that run are shown
+        graph.discover(options.spin_time)
+    else:
+        graph.discover(options.spin_time, calls.step)
     calls.finish()
     answered, there = calls.acknowledged, vehicles(graph.nodes())
     for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
@@ -80,6 +83,12 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     if names is None or len(names) > 1:
         print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
     return int(bool(failed))
+
+
+def _full_name(name: str) -> str:
+    """ "auv2" for "2", "/auv2" and "AUV2"; other names unchanged."""
+    number = re.fullmatch(r"/?(?:auv)?(\d+)", name, re.IGNORECASE)
+    return name if number is None else f"auv{number[1]}"
 
 
 def run_state(options: argparse.Namespace, graph: Any) -> int:

@@ -101,6 +101,18 @@ def test_a_command_without_an_answer_is_repeated_and_a_silent_vehicle_reported(
     ]
 
 
+def test_a_vehicle_may_be_named_as_for_auv_lse_vehicle_and_in_capitals(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever aborts in a hurry types what comes to mind."""
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.1, 0), "auv3": (0.1, 0)})
+    assert graph.run("AUV1", "2", "/auv3", "auv1") == 0
+    assert [len(v.calls_s) for v in graph.vehicles.values()] == [1, 1, 1]
+    capsys.readouterr()
+    assert graph.run("boat") == 1
+    assert capsys.readouterr().err == "boat: error: not found; running: auv1, auv2, auv3\n"
+
+
 def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(graph_node.GraphError, match="no vehicle found"):
         _Graph(monkeypatch, {}).run("all")
