@@ -87,11 +87,15 @@ def run(options: argparse.Namespace) -> int:
         from benchmarks.planning.planners import command  # loads the planners
 
         return command.run(options)
+    if PLANNERS in options.groups:
+        raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
     unknown = [group for group in options.groups if group not in GROUPS]
     if unknown:
         raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
     if options.json and not options.json.resolve().parent.is_dir():
         raise ValueError(f"--json {options.json}: there is no folder {options.json.parent}")
+    if options.json and options.json.is_dir():
+        raise ValueError(f"--json {options.json}: this is a folder; name a file in it")
     if options.lake and not options.lake.is_file():
         raise ValueError(f"--lake {options.lake}: there is no such file")
     console = Console(width=None if sys.stdout.isatty() else 160)

@@ -230,6 +230,21 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
     assert ended.value.code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["planners", "gp"], "planners flies for hours, and runs alone"),
+        (["gp", "--json", "."], "--json .: this is a folder"),
+        (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
+        (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),
+        (["planners", "--page", "nosuch/page.md"], "--page nosuch/page.md: no file can be written there"),
+    ],
+)
+def test_what_would_lose_hours_is_refused_at_once(words, said, capsys):
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
     def stopped():
         raise KeyboardInterrupt

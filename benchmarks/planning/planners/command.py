@@ -24,13 +24,20 @@ def run(options: argparse.Namespace) -> int:
     """Flies the missions that the results file lacks, and writes the page.
 
     Raises:
-        ValueError: for an unknown planner or ground, a file that is not the one listed, a planner without its
-            environment, or nothing to fly.
+        ValueError: for an unknown planner or ground, a file that is not the one listed, a folder that is missing, a
+            planner without its environment, or nothing to fly.
         SystemExit: if that environment cannot be made.
     """
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
             loaded(name)
+    unknown = [name for name in options.against if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT, *options.planners)]
+    if unknown:
+        raise ValueError(f"--against {', '.join(unknown)}: no such planner; --planners names those that fly.")
+    if options.data and not options.data.is_dir():
+        raise ValueError(f"--data {options.data}: there is no such folder.")
+    if options.page and (options.page.is_dir() or not options.page.resolve().parent.is_dir()):
+        raise ValueError(f"--page {options.page}: no file can be written there; name one in a folder that exists.")
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
     if not grounds:
         raise ValueError(f"{options.grounds} has no {options.role} ground to fly; name another --role or --grounds.")
