@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from auv_lse_common.support.atomic_files import check_folder
+from auv_lse_common.support.option_types import whole_from
 from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
@@ -55,7 +56,9 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EXIT_CODES,
     )
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--seed", type=int, default=1, help="seed of everything random (default: %(default)s)")
+    common.add_argument(
+        "--seed", type=whole_from(0), default=1, help="seed of everything random (default: %(default)s)"
+    )
     common.add_argument(
         "--out",
         type=Path,

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.node.state_slots import FILE_BYTES
+from auv_lse_common.support.option_types import whole_from
 from benchmarks.faults.bed.dive_bed import BACK_S, NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.report import Moments, Report
 
@@ -77,7 +78,7 @@ def recover(bed: DiveBed) -> bool:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `auv_lse faults disk`."""
     parser.add_argument(
-        "--moments", type=int, default=20, metavar="N", help="how many (default: %(default)s; 10 s each)"
+        "--moments", type=whole_from(1), default=20, metavar="N", help="how many (default: %(default)s; 10 s each)"
     )
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from auv_lse_common.support.option_types import whole_from
+from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_shore.remote.fleet_file import read_fleet
 from benchmarks.faults.report import Part, Report
 from benchmarks.field import dive, on_air
@@ -47,7 +47,7 @@ def arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--fetch-mb", type=whole_from(0), default=50, metavar="MB", help="size of the recording (default: 50; 0: none)"
     )
-    p.add_argument("--outage", type=float, default=5.0, metavar="S", help="length of each outage (default: 5 s)")
+    p.add_argument("--outage", type=positive, default=5.0, metavar="S", help="length of each outage (default: 5 s)")
     p.add_argument(
         "--dive",
         type=whole_from(0),

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.support.option_types import positive
 from auv_lse_mavlink.messages.conversion import Target
 from auv_lse_mavlink.messages.events import AutopilotEstimate
 from auv_lse_mavlink.messages.wire import MavlinkCodec, mavlink
@@ -155,9 +156,11 @@ class _Link:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `auv_lse faults flood`."""
     parser.add_argument(
-        "--datagrams", type=float, default=10_000.0, metavar="HZ", help="number per second (default: %(default)g)"
+        "--datagrams", type=positive, default=10_000.0, metavar="HZ", help="number per second (default: %(default)g)"
     )
-    parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="of each flood (default: %(default)g)")
+    parser.add_argument(
+        "--seconds", type=positive, default=10.0, metavar="S", help="of each flood (default: %(default)g)"
+    )
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

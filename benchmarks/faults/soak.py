@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.option_types import whole_from
+from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
 from auv_lse_shore.mission.warm_up import main as warm_up
@@ -113,7 +113,9 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `auv_lse faults soak`."""
-    parser.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
+    parser.add_argument(
+        "--minutes", type=positive, default=30.0, metavar="N", help="mission time (default: %(default)s)"
+    )
     parser.add_argument(
         "--vehicles", type=whole_from(1), default=20, metavar="N", help="vehicles (default: %(default)s)"
     )
