@@ -12,6 +12,8 @@ from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, r
 from auv_lse_run.process.domain import DomainError
 
 _ACTION = "/_action/"
+#: The node of `auv_lse live`: several may watch.
+_VIEW = "/live_view"
 
 ERRORS = (DomainError,)
 
@@ -47,7 +49,7 @@ def run_list(options: argparse.Namespace, graph: Any) -> int:
     for name in names:
         print(name)
     for name, count in Counter(names).items():
-        if count > 1:
+        if count > 1 and name != _VIEW:
             print(f"warning: {count} nodes have the name {name}; one of them may be left over", file=sys.stderr)
     return 0
 

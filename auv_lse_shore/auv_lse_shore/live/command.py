@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Checks the ranges of numeric options.
+    """Checks options that the command line alone cannot.
 
     Raises:
         LiveError: naming the option.
@@ -105,6 +105,10 @@ def _check(options: argparse.Namespace) -> None:
         raise LiveError(f"--port must be 0 to {_LAST_PORT}, not {options.port}. Use 0 for any free port")
     if options.control and options.run is not None:
         raise LiveError(f"--control needs a running mission, but {options.run} is a recording. Leave out RUN")
+    if options.domain is not None and options.run is not None:
+        raise LiveError(f"--domain is for running missions, but {options.run} is a recording. Leave out one")
+    if options.mission is not None and not options.mission.is_file():
+        raise LiveError(f"--mission {options.mission}: there is no such file")
 
 
 def _only_domain() -> int | None:

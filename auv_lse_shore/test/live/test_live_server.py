@@ -286,6 +286,8 @@ def test_the_command_reports_errors(tmp_path, capsys):
     [
         (["--port", "99999"], "--port must be 0 to 65535, not 99999"),
         (["--control"], "--control needs a running mission, but"),
+        (["--domain", "3"], "--domain is for running missions, but"),
+        (["--mission", "nosuch"], "--mission nosuch: there is no such file"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )
