@@ -87,10 +87,12 @@ def test_after_the_servers_death_the_end_of_its_processes_is_awaited(
     """A shutdown ends all at once: a recorder that still writes must not find its folder cleared."""
     monkeypatch.setattr(fork_server, "_END_S", 0.3)
     server = ForkServer(tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
-    forked = server.start(MODEM, [*RUNS, "-p", f"packet.session:={tmp_path}"], tmp_path / "node.log")
-    pid, log, until_s = forked.pid, tmp_path / "node.log", time.monotonic() + 60.0
+    log, until_s = tmp_path / "node.log", time.monotonic() + 60.0
+    forked = server.start(MODEM, RUNS, log)
+    pid = forked.pid
     try:
         while not log.exists() or "ready after" not in log.read_text():
+            assert forked.poll() is None, log.read_text()
             assert time.monotonic() < until_s
             time.sleep(0.05)
         os.kill(pid, signal.SIGSTOP)  # it takes its time
