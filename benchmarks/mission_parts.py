@@ -139,16 +139,23 @@ def _datagrams() -> None:
 
         def answer() -> None:
             for _ in range(DATAGRAMS):
-                data, sender = far.recvfrom(4096)
-                far.sendto(json.dumps(json.loads(data)).encode(), sender)
+                data = _received(far, near)
+                far.sendto(json.dumps(json.loads(data)).encode(), near.getsockname())
 
         answering = threading.Thread(target=answer, daemon=True)
         answering.start()
         message: dict[str, Any] = {"name": "auv1", "values": [float(i) for i in range(30)]}
         for i in range(DATAGRAMS):
             near.sendto(json.dumps({**message, "stamp": i}).encode(), far.getsockname())
-            json.loads(near.recv(4096))
+            json.loads(_received(near, far))
         answering.join()
+
+
+def _received(end: socket.socket, other: socket.socket) -> bytes:
+    """The next datagram of `other`; nodes of other domains announce themselves on any port."""
+    while (found := end.recvfrom(4096))[1] != other.getsockname():
+        pass
+    return found[0]
 
 
 def _arrays() -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import socket
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -107,6 +108,18 @@ def test_a_part_counts_as_in_its_median_flight():
     seconds, units = mission_parts.median_of([disturbed, slow, flight(8.0, 0.4)])
     assert set(seconds.values()) == {8.0}
     assert set(units.values()) == {20.0}
+
+
+def test_calibration_takes_no_datagram_of_others():
+    """As nodes of another ROS domain, which announce themselves on a hundred ports."""
+    one, other, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
+    with one, other, stranger:
+        for end in (one, other):
+            end.bind(("127.0.0.1", 0))
+            end.settimeout(5.0)
+        stranger.sendto(b"RTPS", one.getsockname())
+        other.sendto(b"{}", one.getsockname())
+        assert mission_parts._received(one, other) == b"{}"
 
 
 def test_the_committed_baseline_has_each_part_and_a_reason():
