@@ -53,8 +53,9 @@ MIN_LENGTH_M = 15.0
 #: there is uncertain by half of it.
 BEYOND_STD = 0.5
 
-#: Least slope, as a share of the mean's, by which a line beyond the soundings is judged.
-LEAST_SLOPE = 1.0 / 3.0
+#: Least slope, as a share of the mean's, by which a line beyond the soundings is judged: what would be found on the
+#: mean's own slope is at least likely.
+LEAST_SLOPE = MAX_STD_M[FOUND] / MAX_STD_M[LIKELY]
 
 #: Spacing (m) of the locations along a line at which its class is computed.
 SPACING_M = 5.0

@@ -182,7 +182,7 @@ class MissionEvents:
         field, signal_std_m = _field_of(north_m, east_m, layers, scale), self._settings.vehicle(vehicle).gp.signal_std_m
         informed = field.informed(signal_std_m)
         estimate = contours(north_m, east_m, layers["depth"], level_m, informed)
-        # as the report's pieces, but without position errors
+        # as the report's pieces, but without soundings: neither their errors nor whether they only lead to the line
         pieces = classify(estimate, field, signal_std_m, np.empty((0, 3)))
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
