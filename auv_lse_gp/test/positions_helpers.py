@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ LEG_M = 24.0
 #: Area and parameters of the map that `played` returns.
 AREA = OperatingArea(AreaConfig(polygon_m=(-300.0, -300.0, 300.0, -300.0, 300.0, 300.0, -300.0, 300.0)))
 GP = GpConfig()
+#: Parameters of `sail` and of the estimator for what shows how well it solves: a compass with errors that no filter has
+#: estimated, and a log that wanders little, so that most of the error can be found.
+STEADY: dict[str, Any] = {"harmonic_std_deg": 1.0, "position_walk_m_rts": 0.02}
 #: What a packet tells: of its sender's navigation, and the dead-reckoned positions of its samples (n, 2).
 Heard = tuple[MateNavigation, Array]
 

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from positions_helpers import Ground, messages, sail, surface
+from positions_helpers import STEADY, Ground, messages, sail, surface
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
@@ -17,7 +17,7 @@ from auv_lse_gp.positions.position_corrector import PositionCorrector
 from auv_lse_gp.positions.smoother import PositionSmoother
 
 AREA = OperatingArea(AreaConfig(polygon_m=(-400.0, -400.0, 400.0, -400.0, 400.0, 400.0, -400.0, 400.0), raster_m=20.0))
-CONFIG = PositionsConfig(correct=True, heading_std_deg=2.0)
+CONFIG = PositionsConfig(**STEADY, correct=True, heading_std_deg=2.0)
 
 
 def _intake():

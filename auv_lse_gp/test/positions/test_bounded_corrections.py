@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from positions_helpers import Ground, played, sail, surface
+from positions_helpers import STEADY, Ground, played, sail, surface
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
@@ -32,7 +32,7 @@ from auv_lse_gp.positions.measurements import Fixes, RangeMeasurement, Ranges
 from auv_lse_gp.positions.position_corrector import PositionCorrector
 from auv_lse_gp.positions.track import MateTrack, OwnTrack
 
-CONFIG = PositionsConfig(correct=True, heading_std_deg=1.0)
+CONFIG = PositionsConfig(**STEADY, correct=True, heading_std_deg=1.0)
 
 
 def _mission(seed: int, gp: GpConfig, legs: int = 60, vehicles: int = 2, box_m: float = 400.0) -> MapIntake:

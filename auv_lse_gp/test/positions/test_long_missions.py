@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from positions_helpers import Ground, messages, sail, smoother_of, surface, terrain_of
+from positions_helpers import STEADY, Ground, messages, sail, smoother_of, surface, terrain_of
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
@@ -18,7 +18,7 @@ from auv_lse_gp.positions.track_segments import (
     segment_tracks,
 )
 
-CONFIG = PositionsConfig()
+CONFIG = PositionsConfig(**STEADY)
 
 
 def _segments(length_m, most=MAX_SEGMENTS):

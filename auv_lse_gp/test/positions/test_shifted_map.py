@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from positions_helpers import AREA, GP, Ground, played, sail, surface
+from positions_helpers import AREA, GP, STEADY, Ground, played, sail, surface
 
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_gp.inference.posterior import Posterior
@@ -26,7 +26,7 @@ def test_shifted_map_is_close_to_one_rebuilt_at_each_correction(
     for many in (corrected_map.MANY_CENTERS, -1.0):
         monkeypatch.setattr(corrected_map, "MANY_CENTERS", many)
         rng = np.random.default_rng(seed)
-        ground, config = Ground(rng, GP), PositionsConfig(correct=True, heading_std_deg=1.0)
+        ground, config = Ground(rng, GP), PositionsConfig(**STEADY, correct=True, heading_std_deg=1.0)
         team = [sail(rng, config, 40, box_m=300.0) for _ in range(2)]
         surface(rng, team[0], 400)
         intake = played(team, ground, config)

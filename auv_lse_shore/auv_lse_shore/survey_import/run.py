@@ -47,6 +47,7 @@ _NO_DRIFT = {
     "harmonic_std_deg": 0.01,
     "scale_std": 1e-5,
     "heading_walk_deg_rth": 0.0,
+    "position_walk_m_rts": 0.02,
 }
 
 

@@ -40,17 +40,18 @@ class PositionsConfig:
         help="Standard deviation of the heading bias: 0.71 times the compass's",
     )
     harmonic_std_deg: float = parameter(
-        1.0,
+        0.2,
         above=0.0,
         unit="deg",
-        help="Standard deviation of the heading errors proportional to its sine and cosine (iron aboard)",
+        help="Standard deviation of the heading errors proportional to its sine and cosine (iron aboard): what the "
+        "vehicle's filter leaves of them",
     )
     scale_std: float = parameter(0.003, above=0.0, high=0.5, help="Standard deviation of the DVL's scale error")
     heading_walk_deg_rth: float = parameter(
         0.5, low=0.0, unit="deg/sqrt(h)", help="Random walk of the heading error; 0: none"
     )
     position_walk_m_rts: float = parameter(
-        0.02, low=0.0, unit="m/sqrt(s)", help="Random walk of the dead-reckoned position in addition; 0: none"
+        0.1, low=0.0, unit="m/sqrt(s)", help="Random walk of the dead-reckoned position in addition; 0: none"
     )
     knot_s: float = parameter(200.0, above=0.0, unit="s", help="Time between the knots of these two walks")
     fix_std_m: float = parameter(
