@@ -7,9 +7,12 @@ import errno
 import os
 import shutil
 import signal
+import sys
 import tempfile
+import threading
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+from typing import TextIO
 
 #: Signals that ask a process to end.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -52,15 +55,34 @@ def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> Non
         target = folder / path.name
         if target.is_dir() and not target.is_symlink() and not path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder in place of a file; remove it", str(target))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-    try:
+    with _signals_answered_later():
         for path in paths:
             path.replace(folder / path.name)
         for old in {path for pattern in obsolete for path in folder.glob(pattern)}:
             if old.name not in names:
                 old.unlink()
+
+
+@contextlib.contextmanager
+def _signals_answered_later() -> Iterator[None]:
+    """A context at whose end `_SIGNALS` are answered that came meanwhile.
+
+    Blocking them does not suffice: Linux then gives them to another thread, such as one of linear algebra, and Python
+    answers in the main thread all the same.
+    """
+    came: list[int] = []
+    taken = {n: h for n in _SIGNALS if (h := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
+    if threading.current_thread() is not threading.main_thread():
+        taken = {}  # no signal is answered here
+    for number in taken:
+        signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+        for answered in came:
+            signal.raise_signal(answered)
 
 
 def check_folder(folder: Path) -> None:
@@ -83,10 +105,17 @@ def check_folder(folder: Path) -> None:
 def write_whole(path: Path, text: str) -> None:
     """Writes a text file, and replaces an existing one, whose permissions it keeps; into a device or pipe at once.
 
+    Standard output, as /dev/stdout, takes the text after what was printed to it, also if it is a file.
+
     Raises:
         OSError: naming the file, which is then unchanged.
     """
     try:
+        for stream in (sys.stdout, sys.stderr):
+            if _is_open_as(path, stream):
+                stream.write(text)
+                stream.flush()
+                return
         if path.exists() and not path.is_file():
             path.write_text(text, newline="")
             return
@@ -99,3 +128,11 @@ def write_whole(path: Path, text: str) -> None:
             part.replace(target)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+def _is_open_as(path: Path, stream: TextIO | None) -> bool:
+    """Whether a file is where a stream goes."""
+    try:
+        return stream is not None and os.path.samestat(path.stat(), os.fstat(stream.fileno()))
+    except (OSError, ValueError):  # there is no such file; the stream is closed, or goes to none
+        return False

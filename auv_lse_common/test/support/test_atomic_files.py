@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Collection
 from pathlib import Path
 
@@ -64,24 +67,43 @@ def test_a_folder_in_place_of_a_file_is_named_before_anything_is_replaced(tmp_pa
     assert (tmp_path / "a").read_text() == "old"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_files_are_moved_waits_until_all_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    replace = Path.replace
+    """A process has other threads, such as those of linear algebra, and Linux gives the signal to any of them."""
+    replace, over = Path.replace, threading.Event()
 
     def interrupted(path: Path, target: Path) -> Path:
-        signal.raise_signal(signal.SIGINT)
+        os.kill(os.getpid(), number)
         return replace(path, target)
 
     monkeypatch.setattr(Path, "replace", interrupted)
     (tmp_path / "old").write_text("old")
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before, other = signal.signal(number, signal.default_int_handler), threading.Thread(target=over.wait)
+    other.start()
     try:
         with pytest.raises(KeyboardInterrupt):
             _write_all(tmp_path, "abc", {"o*"})
+        assert signal.getsignal(number) is signal.default_int_handler
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
+        over.set()
+        other.join()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "c"]
+
+
+def test_a_signal_that_is_ignored_stays_ignored_and_other_threads_may_write(tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        other = threading.Thread(target=_write_all, args=(tmp_path, "a"))
+        other.start()
+        other.join()
+        _write_all(tmp_path, "b")
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
 def test_obsolete_files_are_removed_with_the_move_and_new_ones_of_the_pattern_stay(tmp_path: Path) -> None:
@@ -113,6 +135,17 @@ def test_a_text_is_written_through_a_link_and_into_a_pipe(tmp_path: Path) -> Non
     finally:
         os.close(reader)
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_text_for_standard_output_joins_what_is_printed_to_the_same_file(tmp_path: Path) -> None:
+    """As --out /dev/stdout > FILE: a new file in its place would lose all that is printed."""
+    program = (
+        "from pathlib import Path\nfrom auv_lse_common.support.atomic_files import write_whole\n"
+        "print('before')\nwrite_whole(Path('/dev/stdout'), 'text\\n')\nprint('after')\n"
+    )
+    with (tmp_path / "file").open("w") as file:
+        subprocess.run([sys.executable, "-c", program], stdout=file, check=True)
+    assert (tmp_path / "file").read_text() == "before\ntext\nafter\n"
 
 
 def test_a_replaced_text_keeps_its_permissions(tmp_path: Path) -> None:
