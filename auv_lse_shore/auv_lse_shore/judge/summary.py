@@ -45,7 +45,9 @@ class Summary:
         "m", "expected length of isobath farther than 10 m from the part found (`auv_lse_gp/map/undiscovered.py`)"
     )
     isobath_undiscovered_limit_m: float = figure("m", "upper limit of that length with 95 % probability")
-    isobath_not_visited_m: float = figure("m", "length not found because no vehicle measured near it")
+    isobath_not_visited_m: float = figure(
+        "m", "length not found because no vehicle measured near it, or on one side only"
+    )
     isobath_positions_uncertain_m: float = figure(
         "m", "length not found because the vehicles' positions were uncertain"
     )
