@@ -12,6 +12,7 @@ from adjust.survey_logs import START_S, depth_m, survey
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import UserFacts, gather
+from auv_lse_shore.survey_import.parsing import dialect
 from auv_lse_shore.survey_import.parsing.table_values import _angle
 from auv_lse_shore.survey_import.survey_log import LogError
 
@@ -113,9 +114,21 @@ def test_depths_with_their_unit_in_the_cells_are_shown(tmp_path):
         "lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}{' ?' if t > START_S + 119 else ''},{utc(t)}"
     )
     assert gathered(tmp_path, some).lines, "others are read"
+    beside = lines(
+        "lat,lon,depth,elevation,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{400.0 - d:.1f} m,{utc(t)}"
+    )
+    assert gathered(tmp_path, beside).lines, "only the column that is used counts"
     none = lines("lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},nan,{utc(t)}")
     with pytest.raises(LogError, match="no usable depths"):
         gathered(tmp_path, none)
+
+
+def test_depths_that_are_no_numbers_in_a_part_of_a_long_table_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(dialect, "_ROWS", 50)
+    data = lines(
+        "lat,lon,depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f}{' ?' if t < START_S + 60 else ''},{utc(t)}"
+    )
+    assert "depths that are no numbers" in " ".join(gathered(tmp_path, data).lines)
 
 
 @pytest.mark.parametrize(("names", "unit_m"), [("x_ft,y_ft", 0.3048), ("Easting (km),Northing (km)", 1000.0)])

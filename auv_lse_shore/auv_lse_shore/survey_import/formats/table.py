@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
-from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, unused_columns
+from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, depth_role, unused_columns
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -69,6 +69,8 @@ def _contents(
         values={role: np.concatenate(arrays) for role, arrays in parts.items()},
         decimal_comma=dialect.decimal_comma,
     )
+    if np.isnan(table.values[depth := depth_role(columns)]).all():
+        tv.refuse_units(file.path, next(columns_of(text, dialect, [columns[depth].number]))[0])
     shared = LogContent(file.path.name)
     rows = tv.rows_of(table, options, shared)
     if not options.columns and (unused := unused_columns(dialect.header, columns)):

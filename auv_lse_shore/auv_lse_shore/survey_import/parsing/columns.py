@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -152,11 +152,15 @@ def is_complete(columns: dict[str, Column]) -> bool:
     return has_position and any(role in columns for role in _DEPTHS)
 
 
+def depth_role(columns: Container[str]) -> str:
+    """The role of the column that depths are read from; there is one."""
+    return next(role for role in _DEPTHS if role in columns)
+
+
 def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:
     """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
-    depth = next(role for role in _DEPTHS if role in columns)
-    further = {role for pair in _PAIRS for role in pair if role not in position} | {*_DEPTHS} - {depth}
+    further = {role for pair in _PAIRS for role in pair if role not in position} | {*_DEPTHS} - {depth_role(columns)}
     used = {
         column.number
         for role, column in columns.items()

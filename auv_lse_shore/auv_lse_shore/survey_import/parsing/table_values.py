@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
-from auv_lse_shore.survey_import.parsing.columns import Column
+from auv_lse_shore.survey_import.parsing.columns import Column, depth_role
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.parsing.times import (
@@ -55,8 +55,6 @@ _DEGREE_M = 111_000.0
 _FAR_M = 100_000.0
 #: Depths of lakes and seas end here (m).
 _DEEPEST_M = 12_000.0
-#: Roles of columns of depths, the first one counts.
-_DEPTHS = ("depth", "elevation", "z")
 #: Names by which depths are measured from the transducer or the keel.
 _BELOW = {
     "transducer": Reference.TRANSDUCER,
@@ -123,21 +121,28 @@ def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) 
     """Numbers of cells; angles may have hemispheres, minutes and seconds.
 
     Raises:
-        LogError: if a hemisphere is not clear, or no cell of depths is a number.
+        LogError: if a hemisphere is not clear.
     """
     numbers = numbers_of(cells, decimal_comma)
-    if role in _DEPTHS and np.isnan(numbers).all():
-        written = [cell.strip() for cell in cells if cell.strip()]
-        if written and all(re.match(r"[+-]?[.,]?\d.*[^\d.,]", cell) for cell in written):
-            raise LogError(
-                f"{path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the cells, and "
-                "put their unit into the header, such as depth_ft, or into --depth-unit."
-            )
     if role not in ("lat", "lon", "x", "y"):
         return numbers
     for i in np.flatnonzero(~np.isfinite(numbers)).tolist():
         numbers[i] = _angle(cells[i].replace(",", ".") if decimal_comma else cells[i], path)
     return numbers
+
+
+def refuse_units(path: Path, cells: Sequence[str]) -> None:
+    """Refuses a table without a depth that is a number, if its cells of depths begin with numbers.
+
+    Raises:
+        LogError: showing a cell.
+    """
+    written = [cell.strip() for cell in cells if cell.strip()]
+    if written and all(re.match(r"[+-]?[.,]?\d.*[^\d.,]", cell) for cell in written):
+        raise LogError(
+            f"{path}: its depths are no numbers, such as {written[0]!r}. Leave only the numbers in the cells, and "
+            "put their unit into the header, such as depth_ft, or into --depth-unit."
+        )
 
 
 def _angle(text: str, path: Path) -> float:
@@ -317,7 +322,7 @@ def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
 
 def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, Reference]:
     """Depths (m), positive down, NaN where missing; and what they are measured from."""
-    role = next(role for role in _DEPTHS if role in table.columns)
+    role = depth_role(table.columns)
     column, values = table.columns[role], np.array(table.values[role], dtype=float)
     options.used.add("depth_unit")
     factor = options.depth_unit_m or factor_of(column.unit, UNITS)
