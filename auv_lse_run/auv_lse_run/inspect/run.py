@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from auv_lse_common.vocabulary.mission_run import Command, RunState
+from auv_lse_common.vocabulary.vehicle_name import vehicle_names
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.process.domain import DomainError
 
@@ -55,7 +56,7 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     from auv_lse_run.inspect.graph_node import GraphError
     from auv_lse_run.inspect.mission_calls_node import CommandCalls, vehicles
 
-    names = None if "all" in options.vehicles else list(dict.fromkeys(map(_full_name, options.vehicles)))
+    names = vehicle_names(options.vehicles)
     valid = None if names is None else [name for name in names if re.fullmatch(r"auv\d+", name)]
     failed = []
 
@@ -83,12 +84,6 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
     if names is None or len(names) > 1:
         print(f"acknowledged by {len(answered)}: {', '.join(answered) or 'none'}")
     return int(bool(failed))
-
-
-def _full_name(name: str) -> str:
-    """ "auv2" for "2", "/auv2" and "AUV2"; other names unchanged."""
-    number = re.fullmatch(r"/?(?:auv)?(\d+)", name, re.IGNORECASE)
-    return name if number is None else f"auv{number[1]}"
 
 
 def run_state(options: argparse.Namespace, graph: Any) -> int:

@@ -25,6 +25,7 @@ from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.dive import DIVE_VARIABLE, WAIT_VARIABLE, new_dive
 from auv_lse_common.support.installed_copy import COPY_VARIABLE, note_software, own_copy
 from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.vocabulary.vehicle_name import vehicle_name
 from auv_lse_common.vocabulary.vehicle_nodes import vehicle_nodes
 from auv_lse_run.process.death import cause
 from auv_lse_run.process.domain import (
@@ -90,12 +91,12 @@ class VehicleProcesses:
 
 
 def vehicle_number(name: str) -> int:
-    """The number of a vehicle from its name, "auv2" or "2".
+    """The number of a vehicle from its name, as people type it (`vehicle_name`).
 
     Raises:
         ParameterError: if it is not a vehicle's name.
     """
-    match = re.fullmatch(r"(?:/?auv)?([1-9]\d{0,2})", name)
+    match = re.fullmatch(r"auv([1-9]\d{0,2})", vehicle_name(name))
     if match is None or int(match[1]) > 255:
         raise ParameterError(f"{name!r} is not a vehicle; use a name from auv1 to auv255")
     return int(match[1])

@@ -108,6 +108,8 @@ def test_a_vehicle_may_be_named_as_for_auv_lse_vehicle_and_in_capitals(
     graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.1, 0), "auv3": (0.1, 0)})
     assert graph.run("AUV1", "2", "/auv3", "auv1") == 0
     assert [len(v.calls_s) for v in graph.vehicles.values()] == [1, 1, 1]
+    assert graph.run("ALL") == 0
+    assert [len(v.calls_s) for v in graph.vehicles.values()] == [2, 2, 2]
     capsys.readouterr()
     assert graph.run("boat") == 1
     assert capsys.readouterr().err == "boat: error: not found; running: auv1, auv2, auv3\n"

@@ -9,6 +9,7 @@ from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import read_yaml
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.vehicle_name import vehicle_names
 from auv_lse_run.process.domain import VEHICLE_DOMAINS
 
 #: What `auv_lse fleet init` writes without arguments: hosts as `~/.ssh/config` may name them.
@@ -85,18 +86,18 @@ class FleetFile:
     ssh_config: Path | None = None
 
     def chosen(self, names: list[str]) -> list[RemoteVehicle]:
-        """The vehicles with these names; all for none, or for `all`.
+        """The vehicles with these names, as people type them (`vehicle_name`); all for none, or for `all`.
 
         Raises:
             FleetFileError: if one is not in the file.
         """
-        if not names or "all" in names:
+        known, wanted = {vehicle.name: vehicle for vehicle in self.vehicles}, vehicle_names(names)
+        if not wanted:
             return list(self.vehicles)
-        known = {vehicle.name: vehicle for vehicle in self.vehicles}
-        for name in names:
+        for name in wanted:
             if name not in known:
                 raise FleetFileError(f"{name} is not in {self.path}, which has {', '.join(known)}.")
-        return [known[name] for name in dict.fromkeys(names)]
+        return [known[name] for name in wanted]
 
 
 def read_fleet(path: Path) -> FleetFile:

@@ -14,7 +14,7 @@ import pytest
 from auv_lse_run.remote.orders import ACTED
 from auv_lse_shore.remote import fetching, ordering
 from auv_lse_shore.remote.checking import utc_s
-from auv_lse_shore.remote.fleet_file import FleetFile, read_fleet
+from auv_lse_shore.remote.fleet_file import FleetFile, FleetFileError, read_fleet
 from auv_lse_shore.remote.judge import Problem, Report
 from auv_lse_shore.remote.ledger import LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile
@@ -24,6 +24,14 @@ from auv_lse_shore.remote.ledger_file import LedgerFile
 def fleet(tmp_path: Path) -> FleetFile:
     (tmp_path / "fleet.yaml").write_text("vehicles: {auv1: {host: a}, auv2: {host: b}}\n")
     return read_fleet(tmp_path / "fleet.yaml")
+
+
+def test_vehicles_are_named_as_for_the_other_orders(fleet: FleetFile) -> None:
+    """Whoever aborts in a hurry types what comes to mind."""
+    for typed, names in ((["2"], ["auv2"]), (["AUV2", "/auv1", "2"], ["auv2", "auv1"]), (["ALL"], ["auv1", "auv2"])):
+        assert [vehicle.name for vehicle in fleet.chosen(typed)] == names
+    with pytest.raises(FleetFileError, match="auv3 is not in"):
+        fleet.chosen(["3"])
 
 
 @pytest.fixture
