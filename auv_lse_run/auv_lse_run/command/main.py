@@ -25,6 +25,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
+from auv_lse_run.command.undisturbed import undisturbed
 from auv_lse_run.process.interrupt import first_signal, signals_raised
 
 if TYPE_CHECKING:
@@ -214,10 +215,11 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
     Raises:
         CommandError: for one of the module's `ERRORS`.
         KeyboardInterrupt: with the module's text.
-        BrokenPipeError: if the reader of the output has ended.
+        BrokenPipeError: if the reader of the output has ended, and the module's `ENDS_WITH_READER` is true.
     """
     try:
-        return int(module.run(options) or 0)
+        with contextlib.nullcontext() if getattr(module, "ENDS_WITH_READER", False) else undisturbed():
+            return int(module.run(options) or 0)
     except BrokenPipeError:  # no error of the verb, though its `ERRORS` may have OSError
         raise
     except SystemExit as end:

@@ -15,6 +15,8 @@ from auv_lse_run.inspect.message_text import TRUNCATE, csv_text, field_of, plain
 from auv_lse_run.inspect.rates import Bandwidth, Rate
 from auv_lse_run.process.domain import DomainError
 
+#: `topics echo` prints without end, and does nothing else.
+ENDS_WITH_READER = True
 ERRORS = (DomainError,)
 
 

@@ -288,11 +288,32 @@ def test_another_full_disk_is_not_standard_outputs(tmp_path: Path) -> None:
     ],
     ids=["print", "rich"],
 )
-def test_a_reader_that_ends_early_is_no_error(tmp_path: Path, text: str) -> None:
-    """As `auv_lse import ... | head` does, although a broken pipe is an OSError, which the verb may report."""
-    with start(tmp_path, "ERRORS = (OSError,)\n" + run_of(text)) as process:
+def test_a_reader_that_ends_early_ends_what_only_prints(tmp_path: Path, text: str) -> None:
+    """As `auv_lse topics echo ... | head` does, although a broken pipe is an OSError, which the verb may report."""
+    with start(tmp_path, "ERRORS = (OSError,)\nENDS_WITH_READER = True\n" + run_of(text)) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         assert process.stdout.readline() == "a line\n"
         process.stdout.close()
         assert (process.wait(timeout=30), process.stderr.read()) == (0, "")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("printer", ["", "from rich.console import Console\nprint = Console().print\n"])
+def test_a_reader_that_ends_early_ends_no_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, printer: str, unbuffered: str
+) -> None:
+    """As `auv_lse mission 2>&1 | less`, of which only the first page is read."""
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    text = (
+        f"{printer}import pathlib, sys\nfor _ in range(9999): print('a line')\nsys.stdout.flush()\n"
+        f"sys.stderr.write('words')\nsys.stderr.flush()\npathlib.Path({str(tmp_path / 'done')!r}).touch()\nreturn 3"
+    )
+    with start(tmp_path, run_of(text)) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stderr.close()
+        assert process.stdout.readline() == "a line\n"
+        process.stdout.close()
+        assert process.wait(timeout=30) == 3
+    assert (tmp_path / "done").exists()

@@ -21,7 +21,6 @@ from auv_lse_shore.judge.true_ground import set_true_ground
 from auv_lse_shore.positions.adjustment import AdjustError, adjust
 from auv_lse_shore.positions.merging import on_one_clock
 from auv_lse_shore.positions.recordings import missing_in
-from auv_lse_shore.report.progress import print_lines
 
 ERRORS = (ValueError, OSError)
 INTERRUPTED = "stopped; the folder has all files of this adjustment, or is as it was"
@@ -53,7 +52,8 @@ def run(options: argparse.Namespace) -> None:
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
     check_folder(folder)
-    print_lines(adjusted(options.runs, folder, options.mission, survey_of(options), options.report))
+    for line in adjusted(options.runs, folder, options.mission, survey_of(options), options.report):
+        print(line, flush=True)
 
 
 def adjusted(

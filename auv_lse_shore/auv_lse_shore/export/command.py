@@ -9,7 +9,6 @@ from auv_lse_common.support.atomic_files import check_folder
 from auv_lse_shore.export.export import export
 from auv_lse_shore.export.formats import formats
 from auv_lse_shore.export.options import add_survey_options, survey_of
-from auv_lse_shore.report.progress import print_lines
 
 ERRORS = (ValueError, OSError)
 INTERRUPTED = "stopped; the folder has all files of this export, or is as it was"
@@ -38,4 +37,5 @@ def run(options: argparse.Namespace) -> None:
     folder = options.out or options.run / "export"
     if options.out or options.run.is_dir():  # else the run's own error is clearer
         check_folder(folder)
-    print_lines(export(options.run, folder, picture=options.picture, survey=survey_of(options)))
+    for line in export(options.run, folder, picture=options.picture, survey=survey_of(options)):
+        print(line, flush=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TextIO
 
 #: Shows a step of the work.
@@ -24,12 +24,3 @@ def show_step(text: str) -> None:
 
 def show_nothing(text: str) -> None:
     """Shows nothing."""
-
-
-def print_lines(lines: Iterable[str]) -> None:
-    """Prints the lines of a work as they come. A reader that ends early, as a pager does, does not end the work."""
-    for line in lines:
-        try:
-            print(line, flush=True)
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

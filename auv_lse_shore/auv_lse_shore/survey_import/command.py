@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from auv_lse_common.support.atomic_files import check_folder
-from auv_lse_shore.report.progress import can_rewrite, print_lines
+from auv_lse_shore.report.progress import can_rewrite
 from auv_lse_shore.survey_import.choice import Choice
 from auv_lse_shore.survey_import.clocks import ClockFacts, start_of
 from auv_lse_shore.survey_import.formats import formats
@@ -121,7 +121,8 @@ def run(options: argparse.Namespace) -> None:
     if not options.dry_run:
         check_free(folder)
         check_folder(folder)
-    print_lines(imported(options, folder))
+    for line in imported(options, folder):
+        print(line, flush=True)
 
 
 def imported(options: argparse.Namespace, folder: Path) -> Iterator[str]:
