@@ -81,23 +81,38 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def run(options: argparse.Namespace) -> int:
-    """Runs the groups asked for. Returns 0, or 1 if one could not be run or the mission exceeds its baseline."""
-    if options.groups == [PLANNERS]:
-        from benchmarks.planning.planners import command  # loads the planners
+def _check(options: argparse.Namespace) -> None:
+    """Checks groups and options before hours of measurements.
 
-        return command.run(options)
+    Raises:
+        ValueError: naming the option.
+    """
     if PLANNERS in options.groups:
-        raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
-    unknown = [group for group in options.groups if group not in GROUPS]
-    if unknown:
+        if len(options.groups) > 1:
+            raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
+        for option, value in (("--json", options.json), ("--smoke", options.smoke)):
+            if value:
+                raise ValueError(f"{option} is for other groups than {PLANNERS}; leave it out")
+    elif unknown := [group for group in options.groups if group not in GROUPS]:
         raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
+    for option, group, value in (("--new-baseline", "mission", options.new_baseline), ("--lake", "gp", options.lake)):
+        if value and group not in (options.groups or GROUPS):
+            raise ValueError(f"{option} is for the group {group}: name that, too, or leave {option} out")
     if options.json and not options.json.resolve().parent.is_dir():
         raise ValueError(f"--json {options.json}: there is no folder {options.json.parent}")
     if options.json and options.json.is_dir():
         raise ValueError(f"--json {options.json}: this is a folder; name a file in it")
     if options.lake and not options.lake.is_file():
         raise ValueError(f"--lake {options.lake}: there is no such file")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Runs the groups asked for. Returns 0, or 1 if one could not be run or the mission exceeds its baseline."""
+    _check(options)
+    if PLANNERS in options.groups:
+        from benchmarks.planning.planners import command  # loads the planners
+
+        return command.run(options)
     console = Console(width=None if sys.stdout.isatty() else 160)
     figures: list[Row] = []
     failed = False

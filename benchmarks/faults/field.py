@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from auv_lse_common.support.option_types import positive, whole_from
+from auv_lse_common.support.option_types import number_from, positive, whole_from
 from auv_lse_shore.remote.fleet_file import read_fleet
 from benchmarks.faults.report import Part, Report
 from benchmarks.field import dive, on_air
@@ -41,9 +41,15 @@ def arguments(p: argparse.ArgumentParser) -> None:
         help="orders to network namespaces whose packets are lost; the fetch goes there, too; as root (default: 0)",
     )
     p.add_argument(
-        "--loss", type=float, default=0.3, metavar="P", help="share of connections cut, of packets lost (0.3)"
+        "--loss",
+        type=number_from(0.0, below=1.0),
+        default=0.3,
+        metavar="P",
+        help="share of connections cut, of packets lost (0.3)",
     )
-    p.add_argument("--delay", type=float, default=0.0, metavar="S", help="one-way delay of the link (default: 0 s)")
+    p.add_argument(
+        "--delay", type=number_from(0.0), default=0.0, metavar="S", help="one-way delay of the link (default: 0 s)"
+    )
     p.add_argument(
         "--fetch-mb", type=whole_from(0), default=50, metavar="MB", help="size of the recording (default: 50; 0: none)"
     )

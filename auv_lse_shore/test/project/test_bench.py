@@ -8,6 +8,7 @@ import os
 import re
 import socket
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import comms, gp, mission_parts, vehicle
+from benchmarks import bench, comms, gp, mission_parts, vehicle
 from benchmarks.command import end_with
 from benchmarks.planning import areas, peer_environment
 from benchmarks.rows import KEYS
@@ -247,6 +248,10 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
     ("words", "said"),
     [
         (["planners", "gp"], "planners flies for hours, and runs alone"),
+        (["planners", "--smoke"], "--smoke is for other groups than planners"),
+        (["planners", "--json", "figures.json"], "--json is for other groups than planners"),
+        (["gp", "--new-baseline", "faster"], "--new-baseline is for the group mission"),
+        (["mission", "--lake", "lake.npz"], "--lake is for the group gp"),
         (["gp", "--json", "."], "--json .: this is a folder"),
         (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
         (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),
@@ -256,6 +261,21 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
 def test_what_would_lose_hours_is_refused_at_once(words, said, capsys):
     assert main(words) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["battery"], ["gp", "battery"], []])
+def test_options_of_one_group_are_taken_beside_others(words, monkeypatch, tmp_path):
+    called = {}
+    for name in {"gp", "battery", "mission"}:
+        run = partial(lambda name, **options: (called.update({name: options}), [])[1], name)
+        module = SimpleNamespace(run=run, complaints=lambda rows: ())
+        monkeypatch.setitem(sys.modules, f"benchmarks.{bench.MODULES.get(name, name)}", module)
+    monkeypatch.setattr(bench, "GROUPS", ("gp", "battery", "mission"))
+    (tmp_path / "lake.npz").touch()
+    own = ["--lake", str(tmp_path / "lake.npz")] if words != ["battery"] else []
+    own += ["--new-baseline", "faster"] if not words else []
+    assert main([*words, *own, "--smoke", "--json", str(tmp_path / "figures.json")]) == 0
+    assert [*called] == (words or ["gp", "battery", "mission"])
 
 
 def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):

@@ -370,16 +370,30 @@ def test_the_water_carries_a_packet_to_all_mates(team, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--vehicles", "0"], "argument --vehicles: '0' is not a whole number of at least 1"),
-        (["--kills", "-1"], "argument --kills: '-1' is not a whole number of at least 0"),
-        (["--hours", "inf"], "argument --hours: 'inf' is not a number above 0"),
-        (["--speed-up", "fast"], "argument --speed-up: 'fast' is not a number above 0"),
+        (["day", "--vehicles", "0"], "argument --vehicles: '0' is not a whole number of at least 1"),
+        (["day", "--kills", "-1"], "argument --kills: '-1' is not a whole number of at least 0"),
+        (["day", "--hours", "inf"], "argument --hours: 'inf' is not a number above 0"),
+        (["day", "--speed-up", "fast"], "argument --speed-up: 'fast' is not a number above 0"),
+        (["day", "--seed", "-1"], "argument --seed: '-1' is not a whole number of at least 0"),
+        (["disk", "--moments", "0"], "argument --moments: '0' is not a whole number of at least 1"),
+        (["reboot", "--moments", "0"], "argument --moments: '0' is not a whole number of at least 1"),
+        (["flood", "--datagrams", "0"], "argument --datagrams: '0' is not a number above 0"),
+        (["soak", "--minutes", "nan"], "argument --minutes: 'nan' is not a number above 0"),
+        (["field", "--outage", "-5"], "argument --outage: '-5' is not a number above 0"),
+        (["field", "--loss", "1"], "argument --loss: '1' is not a number from 0 to below 1"),
+        (["field", "--loss", "30"], "argument --loss: '30' is not a number from 0 to below 1"),
+        (["field", "--delay", "nan"], "argument --delay: 'nan' is not a number of at least 0"),
     ],
 )
-def test_an_impossible_day_is_refused_by_name(arguments, words, capsys):
+def test_an_impossible_drill_is_refused_by_name(arguments, words, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(["day", *arguments])
+        main(arguments)
     assert words in capsys.readouterr().err
+
+
+def test_links_without_loss_or_delay_can_be_asked_for():
+    options = faults.parser().parse_args(["field", "--loss", "0", "--delay", "0"])
+    assert (options.loss, options.delay) == (0.0, 0.0)
 
 
 def test_a_recovery_after_the_last_leg_reads_like_one():
