@@ -107,7 +107,7 @@ def _check(options: argparse.Namespace) -> None:
         raise LiveError(f"--control needs a running mission, but {options.run} is a recording. Leave out RUN")
     if options.domain is not None and options.run is not None:
         raise LiveError(f"--domain is for running missions, but {options.run} is a recording. Leave out one")
-    if options.mission is not None and not options.mission.is_file():
+    if options.mission is not None and not options.mission.exists():
         raise LiveError(f"--mission {options.mission}: there is no such file")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import re
 import signal
 import socket
@@ -288,6 +289,7 @@ def test_the_command_reports_errors(tmp_path, capsys):
         (["--control"], "--control needs a running mission, but"),
         (["--domain", "3"], "--domain is for running missions, but"),
         (["--mission", "nosuch"], "--mission nosuch: there is no such file"),
+        (["--mission", "."], ".: cannot be read: Is a directory"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )
@@ -295,6 +297,18 @@ def test_impossible_options_are_named(tmp_path, capsys, synthetic_run, arguments
     write_run(synthetic_run(steps=1), tmp_path / "run")
     assert main([str(tmp_path / "run"), "--no-open", *arguments]) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_a_mission_file_may_come_through_a_pipe(tmp_path, synthetic_run):
+    """As --mission <(...) of a shell."""
+    write_run(synthetic_run(steps=1), tmp_path / "run")
+    mission, pipe = (tmp_path / "run" / "mission.yaml").read_text(), tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=(mission,), daemon=True)
+    writer.start()
+    page = tmp_path / "page.html"
+    assert main([str(tmp_path / "run"), "--mission", str(pipe), "--write", str(page)]) == 0
+    assert page.is_file()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
