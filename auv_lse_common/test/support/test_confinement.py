@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -86,3 +90,24 @@ def test_another_terminal_is_told_the_range(monkeypatch: pytest.MonkeyPatch) -> 
     assert watch_variables(3) == "ROS_DOMAIN_ID=3 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
     monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.9")
     assert watch_variables(3) == "ROS_DOMAIN_ID=3"
+
+
+@pytest.mark.ros
+def test_a_new_participant_announces_itself_often() -> None:
+    """Newcomers drop answers to their own start, so they wait for the next announcement of each of the others.
+
+    Fast DDS's default is 5 announcements, and one every 3 s after that.
+    """
+    program = "import rclpy\nrclpy.init()\nnode = rclpy.create_node('newcomer')\ninput()\n"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("127.0.0.1", 7400 + 250 * 102 + 10 + 2 * 60))  # where a 60th participant of domain 102 would listen
+        end.settimeout(30.0)
+        with subprocess.Popen([sys.executable, "-c", program], env=confined(102, BARE), stdin=subprocess.PIPE) as node:
+            try:
+                end.recv(65536)
+                began = time.monotonic()
+                for _ in range(25):
+                    end.recv(65536)
+                assert time.monotonic() - began < 10.0
+            finally:
+                node.kill()
