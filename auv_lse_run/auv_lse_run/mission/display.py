@@ -207,7 +207,8 @@ class Display:
     def __init__(self, progress: MissionProgress, console: Console) -> None:
         self._progress = progress
         self._console = console
-        self._live = Live(console=console, refresh_per_second=4, transient=False) if console.is_terminal else None
+        renews = console.is_terminal and not console.is_dumb_terminal
+        self._live = Live(console=console, refresh_per_second=4, transient=False) if renews else None
         self._line_at_s = 0.0
 
     def __enter__(self) -> Display:

@@ -17,7 +17,7 @@ def progress_display() -> Iterator[Callable[[CampaignState], None]]:
     from rich.progress import Progress as Bars
 
     console = Console()
-    if not console.is_terminal:
+    if not console.is_terminal or console.is_dumb_terminal:
         last = [0.0]
 
         def line(state: CampaignState) -> None:

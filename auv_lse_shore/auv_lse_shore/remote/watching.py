@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -26,6 +27,8 @@ from auv_lse_shore.remote.ssh import LinkError, RemoteSession, VehicleError, ses
 
 _ANSWER_S, _RETRY_S = 15.0, 2.0
 _BELL = "\a"
+#: Least time (s) between two tables where none can be renewed: in a file, a pipe or a shell of an editor.
+_PRINTED_S = 5.0
 #: What `cells` has of each vehicle.
 COLUMNS = ("state", "north, east", "depth", "battery", "age", "link")
 
@@ -128,26 +131,32 @@ def watch(
             for asked in found.asked.values():
                 asked.wait(60.0)
             time.sleep(2.5 * every_s)  # a latched state has an age only when the next one has come
-            return _print(console, found)
-        known: set[str] = set()
-        with Live(console=console, auto_refresh=False, screen=console.is_terminal and page is None) as live:
-            while True:
-                table, lines = _shown(found, time.monotonic())
-                if chart is not None:
-                    chart.timeline.set_state(team=page_picture(found, time.monotonic()))
-                if set(lines) - known and console.is_terminal:
-                    console.file.write(_BELL)
-                known = set(lines)
+            table, lines = _shown(found, time.monotonic())
+            _print(console, table, lines)
+            return int(bool(lines))
+        known, live, printed_s = set[str](), None, -math.inf
+        if console.is_terminal and not console.is_dumb_terminal:
+            live = stack.enter_context(Live(console=console, auto_refresh=False, screen=page is None))
+        while True:
+            now_s = time.monotonic()
+            table, lines = _shown(found, now_s)
+            if chart is not None:
+                chart.timeline.set_state(team=page_picture(found, now_s))
+            if set(lines) - known and console.is_terminal:
+                console.file.write(_BELL)
+            known = set(lines)
+            if live is not None:
                 live.update(_stacked(table, lines), refresh=True)
-                time.sleep(1.0 if console.is_terminal or chart is not None else max(every_s, 5.0))
+            elif now_s - printed_s >= max(every_s, _PRINTED_S):
+                printed_s = now_s
+                _print(console, table, lines)
+            time.sleep(1.0)
 
 
-def _print(console: Console, found: Watch) -> int:
-    table, lines = _shown(found, time.monotonic())
+def _print(console: Console, table: Table, lines: Sequence[str]) -> None:
     console.print(table)
     for line in lines:
         console.print(Text(line), soft_wrap=True, highlight=False)
-    return int(bool(lines))
 
 
 def _stacked(table: Table, lines: Sequence[str]) -> Table:

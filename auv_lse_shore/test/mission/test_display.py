@@ -129,3 +129,16 @@ def test_legs_left_by_battery_stand_beside_those_planned() -> None:
     assert "31 (45 planned)" in text
     assert "legs left by battery 31 -" in progress.line
     assert "battery" not in MissionProgress(vehicles=2, steps_total=90, phase="running").line
+
+
+@pytest.mark.parametrize(("terminal", "term"), [(False, "xterm"), (True, "dumb")])
+def test_lines_are_shown_on_the_way_where_no_table_can_be_renewed(
+    monkeypatch: pytest.MonkeyPatch, terminal: bool, term: str
+) -> None:
+    """As in a shell of Emacs, in which a mission in real time showed nothing for hours."""
+    monkeypatch.setenv("TERM", term)
+    shown = io.StringIO()
+    progress = MissionProgress(phase="running", vehicles=1, steps_total=9)
+    with Display(progress, Console(force_terminal=terminal, file=shown)) as display:
+        display.refresh()
+        assert "legs - of 9" in shown.getvalue()
