@@ -255,6 +255,7 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
         (["gp", "--json", "."], "--json .: this is a folder"),
         (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
         (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),
+        (["planners", "--out", "."], "--out .: this is a folder; name a file in it"),
         (["planners", "--page", "nosuch/page.md"], "--page nosuch/page.md: no file can be written there"),
     ],
 )

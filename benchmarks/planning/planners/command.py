@@ -36,6 +36,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--against {', '.join(unknown)}: no such planner; --planners names those that fly.")
     if options.data and not options.data.is_dir():
         raise ValueError(f"--data {options.data}: there is no such folder.")
+    if options.out.is_dir():
+        raise ValueError(f"--out {options.out}: this is a folder; name a file in it.")
     if options.page and (options.page.is_dir() or not options.page.resolve().parent.is_dir()):
         raise ValueError(f"--page {options.page}: no file can be written there; name one in a folder that exists.")
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
