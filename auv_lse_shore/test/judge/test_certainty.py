@@ -79,6 +79,24 @@ def test_a_line_that_soundings_only_lead_to_is_less_sure_than_one_between_them()
     assert {p.kind for p in both_sides} == {FOUND}
 
 
+def test_soundings_beyond_the_line_count_up_to_20_m_from_it():
+    """Lanes 4 m from the line and farther on its deep side, and one on the other: at 21 m it is as if there were none.
+
+    At a distance of 4 m and s / g = 2 m, the slope may be half of the mean's.
+    """
+    along = np.arange(0.0, 601.0, 12.0)
+
+    def lane(north_m):
+        return np.column_stack([np.full(51, north_m), along, np.full(51, 15.0 + 0.17 * (north_m - 150.0))])
+
+    deep = [lane(north_m) for north_m in (154.0, 184.0, 214.0)]
+    near, far = (
+        classified(np.concatenate([*deep, lane(150.0 - m)]), std_soundings=0.0, noise_std_m=0.4) for m in (19.0, 21.0)
+    )
+    near_m, far_m = (float(np.median(np.concatenate([p.std_m for p in pieces]))) for pieces in (near, far))
+    assert 1.4 < far_m / near_m < 3.0
+
+
 def test_a_line_beyond_the_border_is_less_sure_by_half_its_distance():
     """The last cells' centers are at north 157.5 m, and the line is 7.5 m beyond."""
     area = OperatingArea(AreaConfig(polygon_m=(156.0, 0.0, 300.0, 0.0, 300.0, 600.0, 156.0, 600.0)))
