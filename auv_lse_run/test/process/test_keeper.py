@@ -130,9 +130,11 @@ def test_loading_that_takes_long_is_reported_and_a_late_restart_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A node that is restarted in mid-dive is forked a moment after the request."""
-    bench, begun = Bench(tmp_path, node="sleep 60"), True
+    bench, begun = Bench(tmp_path, node="sleep 60"), False
     monkeypatch.setattr(keeper._State, "begun", property(lambda state: begun))
     bench.after(0.0)
+    bench.after(1.0)
+    begun = True
     bench.after(3600.0)
     begun = False
     bench.after(0.2)
