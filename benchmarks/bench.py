@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from auv_lse_common.support.atomic_files import check_file
 from benchmarks.planning.planners.options import add_options
 from benchmarks.rows import KEYS, Row
 
@@ -55,7 +56,7 @@ def _table(group: str, rows: list[Row]) -> Table:
     return table
 
 
-ERRORS = (ValueError,)
+ERRORS = (OSError, ValueError)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -81,38 +82,46 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Checks groups and options before hours of measurements.
-
-    Raises:
-        ValueError: naming the option.
-    """
-    if PLANNERS in options.groups:
-        if len(options.groups) > 1:
-            raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
-        for option, value in (("--json", options.json), ("--smoke", options.smoke)):
-            if value:
-                raise ValueError(f"{option} is for other groups than {PLANNERS}; leave it out")
-    elif unknown := [group for group in options.groups if group not in GROUPS]:
-        raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
-    for option, group, value in (("--new-baseline", "mission", options.new_baseline), ("--lake", "gp", options.lake)):
-        if value and group not in (options.groups or GROUPS):
-            raise ValueError(f"{option} is for the group {group}: name that, too, or leave {option} out")
-    if options.json and not options.json.resolve().parent.is_dir():
-        raise ValueError(f"--json {options.json}: there is no folder {options.json.parent}")
-    if options.json and options.json.is_dir():
-        raise ValueError(f"--json {options.json}: this is a folder; name a file in it")
-    if options.lake and not options.lake.is_file():
-        raise ValueError(f"--lake {options.lake}: there is no such file")
+def _check_options(options: argparse.Namespace) -> None:
+    """Raises ValueError for an option, other than at its default, of a group that does not run."""
+    running = options.groups or GROUPS
+    of_planners = argparse.ArgumentParser()
+    add_options(of_planners)
+    owners = {**dict.fromkeys(vars(of_planners.parse_args([])), PLANNERS), "lake": "gp", "new_baseline": "mission"}
+    for name, value in vars(parser().parse_args([])).items():
+        owner, option = owners.get(name, ""), f"--{name.replace('_', '-')}"
+        if name == "groups" or getattr(options, name) == value:
+            continue
+        if owner and owner not in running:
+            raise ValueError(f"{option} is an option of bench {owner}, which does not run. Leave it out")
+        if not owner and PLANNERS in running:
+            raise ValueError(f"{option} is no option of bench {PLANNERS}. Leave it out")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs the groups asked for. Returns 0, or 1 if one could not be run or the mission exceeds its baseline."""
-    _check(options)
-    if PLANNERS in options.groups:
+    """Runs the groups asked for. Returns 0, or 1 if one could not be run or the mission exceeds its baseline.
+
+    Raises:
+        ValueError: for an unknown group, an option of a group that does not run, or an unusable file of --lake.
+        OSError: if that file cannot be read.
+    """
+    if options.groups == [PLANNERS]:
+        _check_options(options)
         from benchmarks.planning.planners import command  # loads the planners
 
         return command.run(options)
+    if PLANNERS in options.groups:
+        raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
+    _check_options(options)
+    unknown = [group for group in options.groups if group not in GROUPS]
+    if unknown:
+        raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
+    if options.json:
+        check_file(options.json, "--json")
+    if options.lake:
+        from auv_lse_gp.soundings import read_soundings  # loads NumPy
+
+        read_soundings(options.lake)
     console = Console(width=None if sys.stdout.isatty() else 160)
     figures: list[Row] = []
     failed = False

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import KERNELS
-from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_common.support.atomic_files import check_file, write_whole
 from auv_lse_common.support.option_types import whole_from
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
@@ -218,8 +218,8 @@ def run(options: argparse.Namespace) -> None:
     """
     if options.level is not None and not math.isfinite(options.level):
         raise ValueError(f"--level must be a depth in metres, not {options.level}")
-    if options.out is not None and not options.out.resolve().parent.is_dir():
-        raise ValueError(f"--out {options.out}: there is no folder {options.out.parent}")
+    if options.out is not None:
+        check_file(options.out, "--out")
     try:
         results, points_m, where = _fitted(options)
         result = max(results, key=lambda r: r.log_likelihood)

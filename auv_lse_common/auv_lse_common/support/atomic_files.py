@@ -102,6 +102,27 @@ def check_folder(folder: Path) -> None:
         raise PermissionError(errno.EACCES, "the folder cannot be written; choose another one with --out", str(found))
 
 
+def check_file(path: Path, option: str) -> None:
+    """Checks before a long computation that `write_whole` can write a file; changes nothing.
+
+    Args:
+        path: The file, device or pipe.
+        option: What named it, such as `--csv`.
+
+    Raises:
+        ValueError: naming both: a folder in place of the file, or a folder that is missing or cannot be written.
+    """
+    if path.is_dir():
+        raise ValueError(f"{option} {path}: this is a folder; name a file in it")
+    if path.exists() and not path.is_file():
+        return
+    folder = path.resolve().parent
+    if not folder.is_dir():
+        raise ValueError(f"{option} {path}: there is no folder {path.parent}. Create it, or choose another")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"{option} {path}: the folder {path.parent} cannot be written; choose another")
+
+
 def write_whole(path: Path, text: str) -> None:
     """Writes a text file, and replaces an existing one, whose permissions it keeps; into a device or pipe at once.
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from auv_lse_common.support import atomic_files
-from auv_lse_common.support.atomic_files import check_folder, write_whole, written_whole
+from auv_lse_common.support.atomic_files import check_file, check_folder, write_whole, written_whole
 
 
 def _begin_and_raise(path: Path, error: BaseException) -> None:
@@ -188,3 +188,21 @@ def test_folders_that_can_be_written_pass_and_are_not_made(
     monkeypatch.chdir(tmp_path)
     check_folder(Path(name))
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_file_that_cannot_be_written_is_named_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"--csv .*: this is a folder; name a file in it"):
+        check_file(tmp_path, "--csv")
+    with pytest.raises(ValueError, match=r"--csv .*: there is no folder .*/no\. Create it"):
+        check_file(tmp_path / "no" / "a.csv", "--csv")
+
+
+def test_new_and_existing_files_links_and_devices_can_be_written(tmp_path: Path) -> None:
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "old")
+    (tmp_path / "new link").symlink_to(tmp_path / "new")
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("new", "old", "link", "new link", "pipe"):
+        check_file(tmp_path / name, "--csv")
+    check_file(Path("/dev/stdout"), "--csv")
+    check_file(Path("/dev/null"), "--csv")

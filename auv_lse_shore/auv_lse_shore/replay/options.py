@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from auv_lse_common.support.atomic_files import check_file, check_folder
+
 #: What can be recomputed from a recording.
 PARTS = ("gp", "planner")
+#: Relative difference of recomputed values that is ignored: the rounding of other machines.
+TOLERANCE = 1e-9
 
 
 def parser() -> argparse.ArgumentParser:
@@ -76,7 +80,7 @@ def _add_recomputing(p: argparse.ArgumentParser) -> None:
     again.add_argument(
         "--tolerance",
         type=float,
-        default=1e-9,
+        default=TOLERANCE,
         metavar="X",
         help="relative difference of values that is ignored (default: 1e-9, the rounding of other machines)",
     )
@@ -89,21 +93,26 @@ def check(options: argparse.Namespace) -> None:
 
     Raises:
         ValueError: naming the option.
+        OSError: if the folder of --out cannot be written.
     """
     if options.recompute and options.report:
         raise ValueError("--recompute and --report exclude each other; choose one")
     for name, needed in (("set", "recompute"), ("csv", "recompute"), ("all", "recompute"), ("out", "report")):
         if getattr(options, name) and not getattr(options, needed):
             raise ValueError(f"--{name} requires --{needed}")
+    if options.tolerance != TOLERANCE and not options.recompute:
+        raise ValueError("--tolerance requires --recompute")
+    if options.mission is not None and not (options.recompute or options.report):
+        raise ValueError("--mission requires --recompute or --report; playing needs no mission file")
     playing = {"rate": 1.0, "start": 0.0, "duration": None, "topics": None, "loop": False, "paused": False,
                "commands": False, "domain": None}  # fmt: skip
     for name, default in playing.items():
         if getattr(options, name) != default and (options.recompute or options.report):
             raise ValueError(f"--{name} plays a recording, so it excludes --recompute and --report")
-    for name in ("csv", "out"):
-        path = getattr(options, name)
-        if path is not None and not path.parent.is_dir():
-            raise ValueError(f"--{name} {path}: the folder {path.parent} does not exist. Create it, or choose another")
+    if options.csv is not None:
+        check_file(options.csv, "--csv")
+    if options.out is not None:
+        check_folder(options.out)
     if not options.tolerance >= 0.0:
         raise ValueError(f"--tolerance must be at least 0, not {options.tolerance:g}")
 

@@ -108,7 +108,7 @@ class Player:
         return progress
 
     def _wait_for(self, stamp_ns: int, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
-        self._show(pace, progress, show)
+        self._show(stamp_ns, pace, progress, show)
         while (wait_s := pace.wait_s(stamp_ns, time.monotonic())) > 0.0:
             keys = self._keys.wait(min(wait_s, _PERIOD_S))
             wall_s = time.monotonic()
@@ -123,19 +123,22 @@ class Player:
             self._steps += keys.count("next")
             if not pace.paused:
                 self._steps = 0
-            self._show(pace, progress, show)
+            self._show(stamp_ns, pace, progress, show)
             if self._steps:  # in a pause, each press is one message, also of several with one stamp
                 self._steps -= 1
                 pace.step_to(stamp_ns, wall_s)
                 return
 
-    def _show(self, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
-        """At most every `_PERIOD_S`: publishes the clock if the recording has none, and shows the progress."""
+    def _show(self, next_ns: int, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
+        """At most every `_PERIOD_S`: publishes the clock if the recording has none, and shows the progress.
+
+        A rate that this machine cannot reach takes the time to the next message, at `next_ns`, but not beyond it.
+        """
         wall_s = time.monotonic()
         if wall_s - self._shown_s < _PERIOD_S:
             return
         self._shown_s = wall_s
-        now_ns = pace.now_ns(wall_s)
+        now_ns = min(pace.now_ns(wall_s), next_ns)
         progress.at_s = (now_ns - self._recording.start_ns) * 1e-9
         progress.rate, progress.paused = pace.rate, pace.paused
         if self._clock is not None:

@@ -8,7 +8,6 @@ import os
 import re
 import socket
 import sys
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +19,7 @@ from verb_main import verb_main
 
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
-from benchmarks import bench, comms, gp, mission_parts, vehicle
+from benchmarks import comms, gp, mission_parts, vehicle
 from benchmarks.command import end_with
 from benchmarks.planning import areas, peer_environment
 from benchmarks.rows import KEYS
@@ -248,15 +247,21 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
     ("words", "said"),
     [
         (["planners", "gp"], "planners flies for hours, and runs alone"),
-        (["planners", "--smoke"], "--smoke is for other groups than planners"),
-        (["planners", "--json", "figures.json"], "--json is for other groups than planners"),
-        (["gp", "--new-baseline", "faster"], "--new-baseline is for the group mission"),
-        (["mission", "--lake", "lake.npz"], "--lake is for the group gp"),
         (["gp", "--json", "."], "--json .: this is a folder"),
+        (["gp", "--vehicles", "3"], "--vehicles is an option of bench planners, which does not run"),
+        (["--seeds", "2"], "--seeds is an option of bench planners, which does not run"),
+        (["comms", "--lake", "lake.csv"], "--lake is an option of bench gp, which does not run"),
+        (["gp", "--new-baseline", "faster"], "--new-baseline is an option of bench mission, which does not run"),
+        (["planners", "--smoke"], "--smoke is no option of bench planners"),
+        (["planners", "--json", "a.json"], "--json is no option of bench planners"),
+        (["gp", "--lake", "."], ".: Is a directory"),
+        (["gp", "--lake", "/dev/null"], "/dev/null has 0 lines; write a header"),
+        (["planners", "--grounds", "/dev/null"], "/dev/null is no manifest of grounds: it lacks the list grounds"),
+        (["planners", "--grounds", "."], ".: cannot be read: Is a directory"),
+        (["planners", "--out", "."], "--out .: this is a folder; name a file in it"),
         (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
         (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),
-        (["planners", "--out", "."], "--out .: this is a folder; name a file in it"),
-        (["planners", "--page", "nosuch/page.md"], "--page nosuch/page.md: no file can be written there"),
+        (["planners", "--page", "nosuch/page.md"], "--page nosuch/page.md: there is no folder nosuch"),
     ],
 )
 def test_what_would_lose_hours_is_refused_at_once(words, said, capsys):
@@ -264,19 +269,13 @@ def test_what_would_lose_hours_is_refused_at_once(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["battery"], ["gp", "battery"], []])
-def test_options_of_one_group_are_taken_beside_others(words, monkeypatch, tmp_path):
-    called = {}
-    for name in {"gp", "battery", "mission"}:
-        run = partial(lambda name, **options: (called.update({name: options}), [])[1], name)
-        module = SimpleNamespace(run=run, complaints=lambda rows: ())
-        monkeypatch.setitem(sys.modules, f"benchmarks.{bench.MODULES.get(name, name)}", module)
-    monkeypatch.setattr(bench, "GROUPS", ("gp", "battery", "mission"))
-    (tmp_path / "lake.npz").touch()
-    own = ["--lake", str(tmp_path / "lake.npz")] if words != ["battery"] else []
-    own += ["--new-baseline", "faster"] if not words else []
-    assert main([*words, *own, "--smoke", "--json", str(tmp_path / "figures.json")]) == 0
-    assert [*called] == (words or ["gp", "battery", "mission"])
+def test_options_at_their_default_and_those_of_one_of_several_groups_are_accepted(monkeypatch, survey):
+    seen = []
+    for name in ("gp", "comms"):
+        module = SimpleNamespace(run=lambda name=name, **options: seen.append((name, options)) or [])
+        monkeypatch.setitem(sys.modules, f"benchmarks.{name}", module)
+    assert main(["comms", "gp", "--lake", str(survey), "--smoke", "--seeds", "1"]) == 0
+    assert seen == [("comms", {"smoke": True}), ("gp", {"smoke": True, "lake": survey})]
 
 
 def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):

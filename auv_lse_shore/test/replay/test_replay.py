@@ -120,7 +120,11 @@ def test_options_that_do_not_fit_the_recording_are_refused(
         (["--report", "--recompute", "gp"], "--recompute and --report exclude each other"),
         (["--rate", "2", "--report"], "--rate plays a recording, so it excludes --recompute and --report"),
         (["--paused", "--recompute", "gp"], "--paused plays a recording"),
-        (["--recompute", "gp", "--csv", "no folder/steps.csv"], "the folder no folder does not exist"),
+        (["--mission", "mission.yaml"], "--mission requires --recompute or --report"),
+        (["--tolerance", "1e-3"], "--tolerance requires --recompute"),
+        (["--recompute", "gp", "--csv", "no folder/steps.csv"], "there is no folder no folder"),
+        (["--recompute", "gp", "--csv", "/tmp"], "--csv /tmp: this is a folder; name a file in it"),
+        (["--report", "--out", __file__], "is not a folder; choose another name"),
         (["--recompute", "gp", "--tolerance", "-1"], "--tolerance must be at least 0, not -1"),
     ],
 )
@@ -172,6 +176,19 @@ def test_the_right_arrow_plays_one_message_of_several_with_one_stamp(tmp_path: P
         with Player(recording, tuple(recording.topics.values()), keys) as player, pytest.raises(KeyboardInterrupt):
             player.play(recording.start_ns, recording.end_ns, 1.0, True, lambda p: None)
         assert player.progress.messages == 3
+
+
+@pytest.mark.ros
+def test_a_rate_that_the_machine_cannot_reach_shows_no_time_beyond_the_messages(tmp_path: Path, synthetic_run) -> None:
+    needs_ros()
+    from auv_lse_shore.replay.player_node import Player
+
+    write_run(synthetic_run(steps=2), tmp_path)
+    with Recording(recording_in(tmp_path)) as recording:
+        length_s = (recording.end_ns - recording.start_ns) * 1e-9
+        with Player(recording, tuple(recording.topics.values()), Pressed()) as player:
+            progress = player.play(recording.start_ns, recording.end_ns + 1, 1e6, False, lambda p: None)
+    assert progress.at_s <= length_s + 1e-6
 
 
 @pytest.mark.ros

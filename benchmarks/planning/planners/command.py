@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.support.atomic_files import check_file
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read
@@ -36,10 +37,10 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--against {', '.join(unknown)}: no such planner; --planners names those that fly.")
     if options.data and not options.data.is_dir():
         raise ValueError(f"--data {options.data}: there is no such folder.")
+    if options.page:
+        check_file(options.page, "--page")
     if options.out.is_dir():
-        raise ValueError(f"--out {options.out}: this is a folder; name a file in it.")
-    if options.page and (options.page.is_dir() or not options.page.resolve().parent.is_dir()):
-        raise ValueError(f"--page {options.page}: no file can be written there; name one in a folder that exists.")
+        check_file(options.out, "--out")
     grounds = read(options.grounds, options.data, options.role, options.only or (), _say)
     if not grounds:
         raise ValueError(f"{options.grounds} has no {options.role} ground to fly; name another --role or --grounds.")

@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from benchmarks.planning.planners.options import ROLES
+from benchmarks.planning.planners.options import MANIFEST, ROLES
 
 #: Keys of a ground; those of `REAL` belong to grounds with a file.
 KEYS = {"name", "role", "mission", "file", "sha256", "source", "licence", "projection"}
@@ -100,11 +100,14 @@ def read(
 def _listed(manifest: Path) -> list[Mapping[str, Any]]:
     """The entries of a manifest, each with a name of its own: results are found by it."""
     try:
-        listed = yaml.safe_load(manifest.read_text())["grounds"]
+        body = yaml.safe_load(manifest.read_text())
     except OSError as error:
         raise ValueError(f"{manifest}: cannot be read: {error.strerror or error}.") from error
-    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise ValueError(f"{manifest} is no manifest of grounds ({error}).") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{manifest} is no manifest of grounds ({' '.join(str(error).split())}).") from error
+    if not isinstance(body, Mapping) or "grounds" not in body:
+        raise ValueError(f"{manifest} is no manifest of grounds: it lacks the list grounds, as {MANIFEST.name} has it.")
+    listed = body["grounds"]
     if not isinstance(listed, list) or not all(isinstance(entry, Mapping) for entry in listed):
         raise ValueError(f"{manifest}: grounds must be a list of mappings, not {repr(listed)[:60]}.")
     names = [str(entry.get("name")) for entry in listed]
