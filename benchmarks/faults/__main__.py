@@ -18,7 +18,8 @@ from auv_lse_common.support.option_types import whole_from
 from benchmarks.faults.report import Report, summary
 
 # The kinds of faults, a module of this package each, with `arguments(parser)`, which adds its options, and
-# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module
+# `run(options, folder, say)`, which injects the faults, leaves its files in `folder` and returns a Report. A module may
+# have `check(options)`, which raises ValueError for options that the parser cannot judge. One
 # with `SMALL`, the arguments of a run of a few minutes, is part of `auv_lse faults all`.
 KINDS = {
     "kills": "kills random nodes of two vehicles in one paced mission",
@@ -38,7 +39,7 @@ KINDS = {
 }
 
 
-ERRORS = (OSError,)  # of `check_folder`
+ERRORS = (OSError, ValueError)  # of what is checked before anything is broken
 
 
 def _kind(name: str) -> ModuleType:
@@ -106,6 +107,8 @@ def run(options: argparse.Namespace) -> int:
         if options.out.exists():
             print(f"error: --out {options.out} exists already; choose a new folder", file=sys.stderr)
             return 2
+    if check := getattr(_kind(options.kind), "check", None) if options.kind != "all" else None:
+        check(options)
     began_s = time.monotonic()
 
     def say(text: str) -> None:

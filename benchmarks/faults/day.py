@@ -25,6 +25,7 @@ from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.positions import PositionsConfig
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_shore.mission.options import check_option
 from benchmarks.faults.bed.dive_bed import NODES, DiveBed, Vehicle, dive_bed
 from benchmarks.faults.bed.ledger import journal_problem, lost_positions
 from benchmarks.faults.kills import LEG_S
@@ -279,6 +280,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     for name, number, what in (("--kills", 10, "kills of nodes"), ("--reboots", 2, "power losses")):
         text = f"{what} of each vehicle {default}"
         parser.add_argument(name, type=whole_from(0), default=number, metavar="N", help=text)
+
+
+def check(options: argparse.Namespace) -> None:
+    """Raises ParameterError, naming the option, for a team or a method that no mission can have."""
+    check_option(f"--vehicles {options.vehicles}", "mission.vehicles", options.vehicles)
+    check_option(f"--method {options.method}", "planner.method", options.method)
+    check_option(f"--hours {options.hours:g}", "mission.steps", max(1, round(options.hours * 3600.0 / LEG_S)))
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

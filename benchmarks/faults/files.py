@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_common.support.option_types import whole_from
+from benchmarks.command import existing_file
 from benchmarks.faults.bed.originals import small_files
 from benchmarks.faults.report import Report
 
@@ -33,8 +34,8 @@ _ENDS = ("content", "refused", "broke")
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of this kind."""
-    parser.add_argument("originals", nargs="*", type=Path, metavar="FILE", help="whole files to damage, of any format "
-                        "(default: small ones of 16 formats)")  # fmt: skip
+    parser.add_argument("originals", nargs="*", type=existing_file, metavar="FILE",
+                        help="whole files to damage, of any format (default: small ones of 16 formats)")  # fmt: skip
     parser.add_argument("--files", type=whole_from(1), default=2000, metavar="N",
                         help="how many files to damage (default: %(default)s)")  # fmt: skip
 

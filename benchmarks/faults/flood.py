@@ -11,10 +11,12 @@ import multiprocessing
 import random
 import secrets
 import select
+import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +110,15 @@ class Rates:
     load: float
 
 
+def _start(process: SpawnProcess) -> None:
+    """Starts a process that Ctrl-C does not reach; this one ends it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class _Link:
     """The link, driven as vehicle_link_node drives it, and its autopilot's process."""
 
@@ -122,7 +133,7 @@ class _Link:
         self._targets, recorded = context.Value("q", 0), context.Queue()
         arguments = (self.udp_port, key, self._targets, recorded)
         self._process = context.Process(target=_autopilot, args=arguments, daemon=True)
-        self._process.start()
+        _start(self._process)
         self.measure(1.0)
         until_s = time.monotonic() + 60.0
         while recorded.empty():
@@ -180,7 +191,7 @@ def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -
             attacker = context.Process(
                 target=_attacker, args=(link.udp_port, datagrams, options.datagrams, sent), daemon=True
             )
-            attacker.start()
+            _start(attacker)
             while not sent.value:
                 link.measure(0.1)
             first, began_s = sent.value, time.monotonic()

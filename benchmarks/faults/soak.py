@@ -21,6 +21,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
+from auv_lse_shore.mission.options import check_option
 from auv_lse_shore.mission.warm_up import main as warm_up
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
@@ -82,11 +83,17 @@ def _loaded(
     return dataclasses.replace(output, soundings=dataclasses.replace(repeated, depth_m=noisy_m), arrivals=arrivals)
 
 
+def _steps(minutes: float) -> int:
+    """Legs of each vehicle in some minutes."""
+    return max(4, int(minutes * 60.0 / 15.7))
+
+
 def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[Sample], Fleet]:
     """Runs the cores of vehicle 1 for some minutes of mission time; returns ten samples, and the fleet."""
     warm_up()  # its first decision is not to count what is loaded, or compiled, once
-    steps = max(4, int(minutes * 60.0 / 15.7))
-    settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed})
+    settings = Settings.load(
+        None, {"mission.vehicles": vehicles, "mission.steps": _steps(minutes), "mission.seed": seed}
+    )
     fleet = Fleet(settings, ground_of(settings))
     cores, rng = fleet.cores[0], np.random.default_rng(seed)
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
@@ -119,6 +126,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicles", type=whole_from(1), default=20, metavar="N", help="vehicles (default: %(default)s)"
     )
+
+
+def check(options: argparse.Namespace) -> None:
+    """Raises ParameterError, naming the option, for a team or a time that no mission can have."""
+    check_option(f"--vehicles {options.vehicles}", "mission.vehicles", options.vehicles)
+    check_option(f"--minutes {options.minutes:g}", "mission.steps", _steps(options.minutes))
 
 
 def run(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> Report:

@@ -25,6 +25,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
+from auv_lse_run.command.parsing import parsed
 from auv_lse_run.command.undisturbed import undisturbed
 from auv_lse_run.process.interrupt import first_signal, signals_raised
 
@@ -185,7 +186,7 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
     _check_needs(verb)
     try:
         module = importlib.import_module(verb.module)
-        return _call(module, module.parser().parse_args([*verb.words, *arguments]))
+        return _call(module, parsed(module.parser(), [*verb.words, *arguments]))
     except ModuleNotFoundError as error:
         name = (error.name or "").split(".")[0]
         if not name or is_installed(name) or name in PACKAGE_OF.values():  # a wrong import in the stack

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from auv_lse_common.support.option_types import positive, whole_from
 from auv_lse_run.inspect.domain_choice import add_commands, add_graph_options, run_command
 from auv_lse_run.inspect.message_text import TRUNCATE, csv_text, field_of, plain, yaml_text
 from auv_lse_run.inspect.rates import Bandwidth, Rate
@@ -49,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("--csv", action="store_true", help="one line of comma-separated values for each message")
     c.add_argument("--no-arr", action="store_true", help="print the length of arrays instead of their elements")
     c.add_argument(
-        "-l", "--truncate-length", type=int, default=TRUNCATE, metavar="N", help="elements shown of an array"
+        "-l", "--truncate-length", type=whole_from(0), default=TRUNCATE, metavar="N", help="elements shown of an array"
     )
     c.add_argument("-f", "--full-length", action="store_true", help="arrays and texts in full")
 
@@ -62,12 +63,14 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument(
             "-w",
             "--window",
-            type=int,
+            type=whole_from(1),
             default=window,
             metavar="N",
             help=f"averaging window ({window})",
         )
-        c.add_argument("--duration", type=float, metavar="S", help="exit after this many seconds (default: on Ctrl-C)")
+        c.add_argument(
+            "--duration", type=positive, metavar="S", help="exit after this many seconds (default: on Ctrl-C)"
+        )
 
     c = command("info", run_info, "type, publishers and subscribers of a topic, and incompatible pairs")
     c.add_argument("topic", metavar="TOPIC")

@@ -59,13 +59,11 @@ def parser() -> argparse.ArgumentParser:
         help="ROS domain of the mission (default: that of the newest; --control needs it if several run)",
     )
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if the recording has none")
-    p.add_argument(
-        "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1; 0: any free port (default: {DEFAULT_PORT})"
-    )
+    p.add_argument("--port", type=int, help=f"port on 127.0.0.1; 0: any free port (default: {DEFAULT_PORT})")
     p.add_argument(
         "--open",
         action=argparse.BooleanOptionalAction,
-        default=True,
+        default=None,
         help="open the page in this machine's browser (default: --open; never with --control)",
     )
     p.add_argument(
@@ -92,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
         if options.write is not None:
             return write_page(follower, timeline, options.write)
         work = follower.follow
-    return asyncio.run(serve(timeline, work, options.port, options.open, commands))
+    return asyncio.run(serve(timeline, work, options.port, options.open is not False, commands))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -101,6 +99,11 @@ def _check(options: argparse.Namespace) -> None:
     Raises:
         LiveError: naming the option.
     """
+    if options.write is not None and (options.port is not None or options.open):
+        name = "open" if options.open else "port"
+        raise LiveError(f"--{name} serves a page, but --write only writes one. Leave out one of them")
+    if options.port is None:
+        options.port = DEFAULT_PORT
     if not 0 <= options.port <= _LAST_PORT:
         raise LiveError(f"--port must be 0 to {_LAST_PORT}, not {options.port}. Use 0 for any free port")
     if options.control and options.run is not None:

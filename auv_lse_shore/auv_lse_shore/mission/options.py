@@ -130,17 +130,19 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         ("--packet-loss", "sim.channel.packet_loss", options.packet_loss),
     ):
         if value is not None:
-            _check(f"{flag} {value}", name, value)
+            check_option(f"{flag} {value}", name, value)
             wanted[name] = value
     if options.bathymetry is not None:
         wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
     if options.depths or options.elevations:
         wanted["sim.bathymetry.depth_sign"] = "down" if options.depths else "up"
     if options.water_level is not None:
-        _check(f"--water-level {options.water_level:g}", "sim.bathymetry.water_level_m", options.water_level)
+        check_option(f"--water-level {options.water_level:g}", "sim.bathymetry.water_level_m", options.water_level)
         wanted["sim.bathymetry.water_level_m"] = options.water_level
     if options.real_time_factor is not None:
-        _check(f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor)
+        check_option(
+            f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor
+        )
         if options.real_time_factor == 0.0:
             raise ParameterError(
                 "--real-time-factor must be more than 0; without it a mission runs as fast as possible"
@@ -203,12 +205,21 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
             wanted[name] = yaml_value(value)
         except ParameterError as error:
             raise ParameterError(f"--set {name}: {error}") from error
-        _check(f"--set {text}", name, wanted[name])
+        check_option(f"--set {text}", name, wanted[name])
     return wanted
 
 
-def _check(option: str, name: str, value: Any) -> None:
-    """Refuses unknown parameters and impossible values, naming the option."""
+def check_option(option: str, name: str, value: Any) -> None:
+    """Refuses an unknown parameter or an impossible value.
+
+    Args:
+        option: The option that sets it, with its value, for the message.
+        name: The parameter's dotted name.
+        value: Its value.
+
+    Raises:
+        ParameterError: naming the option.
+    """
     vehicle, _, rest = name.partition(".")
     nested = nest({rest if _VEHICLE.fullmatch(vehicle) else name: value})
     check_sections(nested, option)

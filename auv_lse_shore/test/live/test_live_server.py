@@ -290,6 +290,9 @@ def test_the_command_reports_errors(tmp_path, capsys):
         (["--domain", "3"], "--domain is for running missions, but"),
         (["--mission", "nosuch"], "--mission nosuch: there is no such file"),
         (["--mission", "."], ".: cannot be read: Is a directory"),
+        (["--write", "page.html", "--port", "8000"], "--port serves a page, but --write only writes one"),
+        (["--write", "page.html", "--port", "0"], "--port serves a page, but --write only writes one"),
+        (["--write", "page.html", "--open"], "--open serves a page, but --write only writes one"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )
@@ -335,7 +338,7 @@ def test_the_command_serves_until_a_signal_ends_it(tmp_path, synthetic_run, numb
 def test_a_recording_can_be_written_into_the_page(tmp_path, synthetic_run):
     folder, page = tmp_path / "run", Path(tmp_path / "page.html")
     write_run(synthetic_run(), folder)
-    assert main([str(folder), "--write", str(page)]) == 0
+    assert main([str(folder), "--write", str(page), "--no-open"]) == 0
     events = json.loads(page.read_text().split('type="application/json">', 1)[1].split("</script>", 1)[0])
     assert (events[0]["kind"], events[0]["name"]) == ("mission", "run")
 

@@ -258,6 +258,7 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
         (["gp", "--lake", "/dev/null"], "/dev/null has 0 lines; write a header"),
         (["planners", "--grounds", "/dev/null"], "/dev/null is no manifest of grounds: it lacks the list grounds"),
         (["planners", "--grounds", "."], ".: cannot be read: Is a directory"),
+        (["planners", "--vehicles", "99"], "--vehicles 99: mission.vehicles must be a whole number from 1 to 20"),
         (["planners", "--out", "."], "--out .: this is a folder; name a file in it"),
         (["planners", "--against", "nosuch"], "--against nosuch: no such planner"),
         (["planners", "--data", "nosuch"], "--data nosuch: there is no such folder"),

@@ -97,6 +97,46 @@ def test_an_output_folder_that_exists_is_a_wrong_command_line(kinds, capsys, tmp
     assert main(["disk", "--out", str(tmp_path / "new")]) == 0
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["soak", "--vehicles", "21"], "--vehicles 21: mission.vehicles must be a whole number from 1 to 20, not 21"),
+        (["soak", "--minutes", "1e9"], "--minutes 1e+09: mission.steps must be a whole number from 1 to"),
+        (["day", "--vehicles", "99"], "--vehicles 99: mission.vehicles must be"),
+        (["day", "--method", "nosuch"], "--method nosuch: planner.method must be one of"),
+        (["day", "--hours", "1e9"], "--hours 1e+09: mission.steps must be"),
+        (["field", "--loss", "2"], "argument --loss: '2' is not a number from 0 to below 1"),
+        (["field", "--loss", "nan"], "argument --loss: 'nan' is not a number"),
+        (["field", "--delay", "-1"], "argument --delay: '-1' is not a number of at least 0"),
+        (["files", "nosuch"], "nosuch: there is no such file"),
+    ],
+)
+def test_options_that_no_mission_can_have_are_wrong_command_lines(words, said, capsys):
+    try:
+        code = main(words)
+    except SystemExit as end:
+        code = end.code
+    assert code == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["soak", "--vehicles", "20", "--minutes", "0.1"],
+        ["day", "--vehicles", "1", "--hours", "0.001", "--method", "lawnmower"],
+        ["day"],
+        ["soak"],
+        ["field", "--loss", "0", "--delay", "0.5"],
+        ["field", "--loss", "0.99", "--orders", "0"],
+        ["files", __file__],
+    ],
+)
+def test_unusual_options_are_accepted(words):
+    options = faults.parser().parse_args(words)
+    getattr(faults._kind(options.kind), "check", lambda options: None)(options)
+
+
 def test_every_kind_accepts_its_small_size():
     small = faults._small()
     assert {"kills", "water"} <= set(small)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.atomic_files import check_file
+from auv_lse_shore.mission.options import check_option
 from benchmarks.planning.peer_environment import PEER, environment
 from benchmarks.planning.planners.flight import mission
 from benchmarks.planning.planners.grounds import Ground, read
@@ -32,6 +33,9 @@ def run(options: argparse.Namespace) -> int:
     for name in options.planners:
         if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT):
             loaded(name)
+    for vehicles in options.vehicles:
+        check_option(f"--vehicles {vehicles}", "mission.vehicles", vehicles)
+    check_option(f"--legs {options.legs}", "mission.steps", options.legs)
     unknown = [name for name in options.against if name not in (*OURS, *RIVAL_NAMES, HINDSIGHT, *options.planners)]
     if unknown:
         raise ValueError(f"--against {', '.join(unknown)}: no such planner; --planners names those that fly.")

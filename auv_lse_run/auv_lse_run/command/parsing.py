@@ -1,0 +1,61 @@
+"""Parses the arguments of a verb; errors name the verb that was called, in words that need no Python."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+
+
+def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line.
+
+    Args:
+        parser: The verb's.
+        words: Its arguments.
+
+    Raises:
+        SystemExit: with 2 after a printed error, with 0 after help.
+    """
+    for each in _parsers(parser):  # argparse's own texts name the types: "invalid int value"
+        each.register("type", int, _whole)
+        each.register("type", float, _number)
+    options, unknown = parser.parse_known_args(words)
+    if unknown:  # argparse would print the usage of the outermost parser
+        _called(parser, words).error(f"unrecognized arguments: {' '.join(unknown)}")
+    return options
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def _verbs(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The parsers of a parser's own verbs, by name."""
+    found: dict[str, argparse.ArgumentParser] = {}
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found.update(action.choices)
+    return found
+
+
+def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield parser
+    for below in _verbs(parser).values():
+        yield from _parsers(below)
+
+
+def _called(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of the innermost verb that the words name."""
+    for word in words:
+        parser = _verbs(parser).get(word, parser)
+    return parser
