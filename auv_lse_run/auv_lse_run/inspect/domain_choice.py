@@ -15,8 +15,10 @@ from auv_lse_run.inspect.message_text import FieldError
 from auv_lse_run.process.domain import (
     DomainError,
     busy_domains,
+    check_own,
     domain_number,
     run_on,
+    user_of,
 )
 
 
@@ -41,11 +43,16 @@ def add_commands(p: argparse.ArgumentParser) -> argparse._SubParsersAction[argpa
     return p.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=of_command)
 
 
-def join(wanted: str | None) -> int:
+def join(wanted: str | None, commands: bool = False) -> int:
     """Sets this process's environment for the chosen domain; returns the domain.
 
+    Args:
+        wanted: The domain that the command line names.
+        commands: Whether vehicles are commanded there, and not only watched.
+
     Raises:
-        DomainError: if it is invalid, or several missions run on this machine and no domain is given.
+        DomainError: if it is invalid, if several missions run on this machine and no domain is given, or if the only
+            one is a simulation of another user, to whose vehicles a command would go.
     """
     text = wanted or os.environ.get("ROS_DOMAIN_ID")
     busy = busy_domains()
@@ -56,7 +63,9 @@ def join(wanted: str | None) -> int:
         raise DomainError(f"Several missions are running (domains {', '.join(named)}); choose one with --domain")
     elif busy:
         domain = busy[0]
-        print(f"ROS domain {domain}, in use on this machine", file=sys.stderr)
+        if commands:
+            check_own(domain)
+        print(f"ROS domain {domain}, in use on this machine by {user_of(domain)}", file=sys.stderr)
     else:
         domain = 0
         print("ROS domain 0: no mission of auv_lse mission runs on this machine", file=sys.stderr)
@@ -76,11 +85,12 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     Raises:
         DomainError: if the domain is invalid, or must be chosen.
     """
-    join(options.domain)
+    at_once = getattr(options, "at_once", False)
+    join(options.domain, commands=at_once)
     from auv_lse_run.inspect.graph_node import Graph, GraphError  # after the environment is set
 
     try:
-        with Graph(options.spin_time, _wanted(options), getattr(options, "at_once", False)) as graph:
+        with Graph(options.spin_time, _wanted(options), at_once) as graph:
             if graph.missing:
                 print(f"warning: still waiting for {graph.missing}; --spin-time 10 waits longer", file=sys.stderr)
             return command(options, graph)

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import pwd
 import re
 import socket
 import tempfile
@@ -118,7 +119,7 @@ def simulator_domain(wanted: str | None) -> Iterator[int]:
         )
     with _locked(lock_file(domain)) as mine:
         if not mine:
-            raise DomainError(f"ROS domain {domain} is in use by {_user(domain)}. {_CHOOSE}")
+            raise DomainError(f"ROS domain {domain} is in use by {user_of(domain)}. {_CHOOSE}")
         if has_participants(domain):
             raise DomainError(
                 f"ROS domain {domain} has other nodes of this machine. End them (list them with: auv_lse nodes "
@@ -157,7 +158,7 @@ def vehicle_domain(domain: int, vehicle: int, simulated: bool) -> Iterator[int]:
     with _locked(lock_file(domain, vehicle)) as mine:
         if not mine:
             raise DomainError(
-                f"ROS domain {domain} already has the nodes of auv{vehicle} ({_user(domain, vehicle)}). End "
+                f"ROS domain {domain} already has the nodes of auv{vehicle} ({user_of(domain, vehicle)}). End "
                 "them, or use another domain"
             )
         yield domain
@@ -175,10 +176,39 @@ def _shown(domains: range) -> str:
     return f"{domains[0]} to {domains[-1]}"
 
 
-def _user(domain: int, vehicle: int = 0) -> str:
-    """What uses a domain, as far as it is noted."""
+def user_of(domain: int, vehicle: int = 0) -> str:
+    """What uses a domain, as far as it is noted: its dive and its folder."""
     run, dive = _notes(domain, vehicle)
+    if not dive and not vehicle:  # vehicles without a simulation
+        name = lock_file(domain, 1).name.replace("_auv1.", "_auv*.")
+        found = (re.search(r"_auv(\d+)\.lock$", path.name) for path in sorted(lock_file(domain).parent.glob(name)))
+        if users := [user_of(domain, int(match[1])) for match in found if match is not None]:
+            return ", ".join(users)
     return " ".join(filter(None, (dive, f"in {run}" if run else ""))) or "another mission"
+
+
+def check_own(domain: int) -> None:
+    """Checks that commands to a domain that nobody named reach no simulation of another user.
+
+    Vehicles' domains pass: on a vehicle's computer, a service may fly and an operator command.
+
+    Raises:
+        DomainError: naming the user and the simulation.
+    """
+    try:
+        uid = lock_file(domain).stat().st_uid
+    except OSError:
+        return
+    if uid == os.geteuid():
+        return
+    try:
+        owner = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        owner = f"user {uid}"
+    raise DomainError(
+        f"The only mission on this machine is {user_of(domain)}, started by {owner} (ROS domain {domain}). To command "
+        f"it: --domain {domain}"
+    )
 
 
 def has_participants(domain: int) -> bool:

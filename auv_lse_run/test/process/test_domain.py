@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import socket
 import subprocess
 import sys
@@ -11,11 +12,14 @@ from typing import Any
 import pytest
 
 from auv_lse_common.support.confinement import is_confined
+from auv_lse_run.inspect import domain_choice
+from auv_lse_run.inspect.domain_choice import join
 from auv_lse_run.process import domain
 from auv_lse_run.process.domain import (
     SIMULATOR_DOMAINS,
     DomainError,
     busy_domains,
+    check_own,
     dive_on,
     domain_number,
     domains_with_participants,
@@ -171,3 +175,36 @@ def test_the_environment_of_a_node(monkeypatch: pytest.MonkeyPatch) -> None:
     of_node = node_environment(5)
     assert (of_node["ROS_DOMAIN_ID"], of_node["OMP_NUM_THREADS"]) == ("5", "1")
     assert is_confined(of_node)
+
+
+def test_commands_without_a_domain_reach_no_simulation_of_another_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.setattr(domain_choice, "confine", lambda number: None)  # it sets this process's environment
+    with simulator_domain(None) as number:
+        note_run(number, tmp_path / "a run", "sim-1123-184534-3f2a")
+        assert join(None, commands=True) == number
+        used = f"ROS domain {number}, in use on this machine by sim-1123-184534-3f2a in {tmp_path}/a run\n"
+        assert capsys.readouterr().err == used
+        monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)
+        refused = rf"sim-1123-184534-3f2a in .*, started by {getpass.getuser()} \(ROS domain {number}\)\. To command it"
+        with pytest.raises(DomainError, match=refused):
+            join(None, commands=True)
+        assert join(None) == number, "to watch it is harmless"
+        assert join(str(number), commands=True) == number
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        assert join(None, commands=True) == number
+
+
+def test_commands_on_a_vehicle_reach_the_nodes_that_a_service_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.setattr(domain_choice, "confine", lambda number: None)  # it sets this process's environment
+    with vehicle_domain(90, 2, simulated=False):
+        note_run(90, tmp_path, "auv2-1123-184534-3f2a", vehicle=2)
+        monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)
+        assert join(None, commands=True) == 90
+        assert "by auv2-1123-184534-3f2a in" in capsys.readouterr().err
+    check_own(90)

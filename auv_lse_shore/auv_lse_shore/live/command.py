@@ -16,7 +16,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine
 from auv_lse_record.recording import RecordingError, recording_in
-from auv_lse_run.process.domain import DomainError, busy_domains, domain_number
+from auv_lse_run.process.domain import DomainError, busy_domains, check_own, domain_number
 from auv_lse_run.process.interrupt import accepted_signals, note_signal
 from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -118,14 +118,17 @@ def _only_domain() -> int | None:
     """The domain of the one mission on this machine, so that its buttons never reach another; None without one.
 
     Raises:
-        DomainError: if several missions run.
+        DomainError: if several missions run, or only a simulation of another user.
     """
     busy = busy_domains()
     if len(busy) > 1:
         raise DomainError(
             f"Several missions are running (domains {', '.join(map(str, busy))}); choose one with --domain"
         )
-    return busy[0] if busy else None
+    if not busy:
+        return None
+    check_own(busy[0])
+    return busy[0]
 
 
 def listen_to_missions(timeline: Timeline, options: argparse.Namespace, commands: CommandQueue | None) -> Work:
