@@ -60,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
+    if arguments is None and isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr = _Complaints(sys.stderr)
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         with signals_raised(), _interrupts_as_such():
@@ -133,6 +135,27 @@ def _output_problem(error: OSError) -> str:
     return ""
 
 
+class _Complaints(io.TextIOWrapper):
+    """Standard error, whose full disk must change neither what a verb does nor its exit code."""
+
+    def __init__(self, original: io.TextIOWrapper) -> None:
+        original.flush()
+        file = io.FileIO(original.fileno(), "w", closefd=False)
+        super().__init__(file, encoding=original.encoding, errors=original.errors, line_buffering=True)
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            super().flush()
+
+
 def _complain(text: str) -> None:
     with contextlib.suppress(OSError):
         print(text, file=sys.stderr)
@@ -184,6 +207,8 @@ def run_verb(verb: Verb, arguments: Sequence[str]) -> int:
     """
     _check_arguments(verb, arguments)
     _check_needs(verb)
+    from auv_lse_run.command.parsing import parsed  # loads argparse
+
     try:
         module = importlib.import_module(verb.module)
         return _call(module, parsed(module.parser(), [*verb.words, *arguments]))
@@ -231,8 +256,8 @@ def _call(module: ModuleType, options: argparse.Namespace) -> int:
         if isinstance(error, OSError) and _output_problem(error):
             raise
         raise CommandError(error_text(error)) from error
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(getattr(module, "INTERRUPTED", "")) from None
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt(str(interrupt) or getattr(module, "INTERRUPTED", "")) from None
 
 
 def _check_needs(verb: Verb) -> None:

@@ -68,11 +68,15 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             failed.append(name)
 
     calls = CommandCalls(graph, valid, options.what, getattr(options, "team", False), report)
-    if valid == []:  # none to be commanded, but those that run are shown
-        graph.discover(options.spin_time)
-    else:
-        graph.discover(options.spin_time, calls.step)
-    calls.finish()
+    try:
+        if valid == []:  # none to be commanded, but those that run are shown
+            graph.discover(options.spin_time)
+        else:
+            graph.discover(options.spin_time, calls.step)
+        calls.finish()
+    except KeyboardInterrupt:
+        unsure = f"interrupted. No answer yet from {', '.join(calls.silent)}, which may act on it: see auv_lse state"
+        raise KeyboardInterrupt(unsure if calls.silent else "") from None
     answered, there = calls.acknowledged, vehicles(graph.nodes())
     for name in sorted({*(there if names is None else names), *calls.silent} - {*answered}):
         failed.append(name)

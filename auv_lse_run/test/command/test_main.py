@@ -168,3 +168,17 @@ def test_a_closed_pipe_is_no_error() -> None:
 def test_an_empty_argument_is_named(words: tuple[str, ...], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(words) == 2
     assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "code"), [(["check", "nosuch"], 2), (["nosuch"], 2), (["--version"], 0)])
+def test_a_full_disk_behind_standard_error_changes_no_exit_code(words: list[str], code: int) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-m", "auv_lse_run", *words], stderr=full, stdout=-1, check=False)
+    assert done.returncode == code
+    assert done.stdout.strip() or code
+
+
+def test_errors_reach_standard_error() -> None:
+    done = subprocess.run([sys.executable, "-m", "auv_lse_run", "nosuch"], capture_output=True, text=True, check=False)
+    assert done.stderr.startswith("error: auv_lse has no verb nosuch")
+    assert done.stderr.endswith("\n")

@@ -118,3 +118,17 @@ def test_a_vehicle_may_be_named_as_for_auv_lse_vehicle_and_in_capitals(
 def test_without_a_vehicle_the_command_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(graph_node.GraphError, match="no vehicle found"):
         _Graph(monkeypatch, {}).run("all")
+
+
+def test_ctrl_c_names_the_vehicles_that_may_act_on_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = _Graph(monkeypatch, {"auv1": (0.1, 0), "auv2": (0.1, 9)})
+    spin = graph.spin
+
+    def interrupted(seconds: float) -> None:
+        spin(seconds)
+        if graph.now_s > 2.0:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(graph, "spin", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="No answer yet from auv2, which may act on it"):
+        graph.run("auv1", "auv2")
