@@ -6,7 +6,6 @@ The parsers of the verbs are argparse's, which imports in a third of the time of
 from __future__ import annotations
 
 import contextlib
-import errno
 import importlib
 import io
 import os
@@ -25,8 +24,7 @@ from auv_lse_common.support.user_error import error_text
 from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
-from auv_lse_run.command.parsing import parsed
-from auv_lse_run.command.undisturbed import undisturbed
+from auv_lse_run.command.undisturbed import FULL, outlet, undisturbed
 from auv_lse_run.process.interrupt import first_signal, signals_raised
 
 if TYPE_CHECKING:
@@ -43,10 +41,6 @@ PACKAGES = tuple(
 _INTERRUPTED = 130
 
 
-#: Errors of a write: full disk, full quota, largest file, defective disk.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-
-
 class CommandError(ValueError):
     """A verb cannot be run."""
 
@@ -60,8 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks is no error
-    if arguments is None and isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr = _Complaints(sys.stderr)
+    if arguments is None:
+        sys.stderr = outlet(sys.stderr, drops_if_full=True)  # what it lacks changes no exit code
     report_dropped, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         with signals_raised(), _interrupts_as_such():
@@ -126,34 +120,13 @@ def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
 
 def _output_problem(error: OSError) -> str:
     """Why text cannot be written to standard output, such as a full disk; "" if `error` has another cause."""
-    if error.filename is not None or error.errno not in _FULL or sys.stdout is None:
+    if error.filename is not None or error.errno not in FULL or sys.stdout is None:
         return ""
     try:
         print(flush=True)  # fails again
     except OSError as problem:
         return problem.strerror or str(problem)
     return ""
-
-
-class _Complaints(io.TextIOWrapper):
-    """Standard error, whose full disk must change neither what a verb does nor its exit code."""
-
-    def __init__(self, original: io.TextIOWrapper) -> None:
-        original.flush()
-        file = io.FileIO(original.fileno(), "w", closefd=False)
-        super().__init__(file, encoding=original.encoding, errors=original.errors, line_buffering=True)
-
-    def write(self, text: str) -> int:
-        try:
-            return super().write(text)
-        except OSError as error:
-            if error.errno not in _FULL:
-                raise
-            return len(text)
-
-    def flush(self) -> None:
-        with contextlib.suppress(OSError):
-            super().flush()
 
 
 def _complain(text: str) -> None:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import sys
 from collections.abc import Iterator
 from typing import Any, TextIO
 
+#: Errors of a write: full disk, full quota, largest file, defective disk.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
 
 class _Outlet(io.FileIO):
-    """A descriptor whose text goes nowhere once its reader has ended."""
+    """A descriptor whose text goes nowhere once its reader has ended and, if wanted, while its disk is full."""
+
+    def __init__(self, descriptor: int, *, drops_if_full: bool) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._drops_if_full = drops_if_full
 
     def write(self, data: Any, /) -> int:
         try:
@@ -21,30 +29,37 @@ class _Outlet(io.FileIO):
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
             return super().write(data)
+        except OSError as error:
+            if not self._drops_if_full or error.errno not in FULL:
+                raise
+            return len(data)
 
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
-    """A context in which no write to standard output or error raises BrokenPipeError."""
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = map(_same, before)
+    """A context in which no write to standard output raises BrokenPipeError."""
+    before, sys.stdout = sys.stdout, outlet(sys.stdout)
     try:
         yield
     finally:
-        streams, (sys.stdout, sys.stderr) = (sys.stdout, sys.stderr), before
-        for stream in streams:
-            if stream not in before:
-                stream.flush()
+        stream, sys.stdout = sys.stdout, before
+        if stream is not before:
+            stream.flush()
 
 
-def _same(stream: TextIO) -> TextIO:
-    """The same as a stream of this process, with an `_Outlet`; other streams, such as those of tests, unchanged."""
+def outlet(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
+    """The same as a stream of this process, without BrokenPipeError; other streams, such as those of tests, unchanged.
+
+    Args:
+        stream: Standard output or error.
+        drops_if_full: Whether a full disk behind it is no error either.
+    """
     if type(stream) is not io.TextIOWrapper:  # None: it was closed before the start
         return stream
     stream.flush()
-    outlet = _Outlet(stream.fileno(), "w", closefd=False)
+    raw = _Outlet(stream.fileno(), drops_if_full=drops_if_full)
     return io.TextIOWrapper(
-        outlet if stream.write_through else io.BufferedWriter(outlet),  # as Python's own
+        raw if stream.write_through else io.BufferedWriter(raw),  # as Python's own
         encoding=stream.encoding,
         errors=stream.errors,
         line_buffering=stream.line_buffering,
