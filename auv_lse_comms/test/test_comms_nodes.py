@@ -125,7 +125,7 @@ def test_hardware_takes_nothing_that_a_simulation_or_another_dive_has_sent(
         s.until(lambda: any(OTHER in status.message for report in reports for status in report.status))
         status = reports[-1].status[0]
         assert (status.name, int.from_bytes(status.level, "little")) == ("/auv2/micromodem_node", 1)
-        assert f"{SIM} publishes in this ROS domain, too: 1 messages ignored (modem/tx)" in status.message
+        assert f"{SIM} publishes in this ROS domain, too: 1 message ignored (modem/tx)" in status.message
 
 
 def test_a_node_names_its_dive_in_what_it_publishes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.positions.position_corrector import PositionCorrector
@@ -81,9 +82,12 @@ def _verdict(
         return Level.WARN, f"samples of {who} do not fit this vehicle's map: wrong position, bad sensor, or forged?"
     counts, most = depth_map.counts, depth_map.gp.config.max_centers
     if recent.get("full"):
-        return Level.WARN, f"{counts.full} soundings discarded: the map is full (gp.max_centers = {most})"
+        return Level.WARN, f"{counted(counts.full, 'sounding')} discarded: the map is full (gp.max_centers = {most})"
     if new := recent.get("refused"):
-        return Level.WARN, f"{new} soundings refused recently, {counts.refused} in total: {depth_map.last_problem}"
+        return (
+            Level.WARN,
+            f"{counted(new, 'sounding')} refused recently, {counts.refused} in total: {depth_map.last_problem}",
+        )
     kinds = [
         f"{new} {kind} ({total} in total)"
         for kind, total in sorted(gated.items())

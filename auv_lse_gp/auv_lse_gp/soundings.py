@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES, MAX_SOUNDINGS, MAX_TEXT_BYTES, over_size
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic, unwrapped_deg
 from auv_lse_gp.no_data import fill_values, is_no_data
 
@@ -261,7 +262,8 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
     rows = [(i, s) for i, s in enumerate(text.splitlines(), 1) if s.strip() and not s.lstrip().startswith("#")]
     if len(rows) < 2:
         raise SoundingsError(
-            f"{path} has {len(rows)} lines; write a header such as east_m,north_m,depth_m, then the soundings"
+            f"{path} has {counted(len(rows), 'line')}; write a header such as east_m,north_m,depth_m, then the "
+            "soundings"
         )
     if len(rows) - 1 > MAX_SOUNDINGS:
         raise SoundingsError(
@@ -278,7 +280,8 @@ def _parse_table(path: Path, text: str) -> SoundingsTable:
         fields = _fields(line, separator, f"{path}:{number}")
         if len(fields) != len(header):
             raise SoundingsError(
-                f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}, but the header has {len(header)}"
+                f"{path}:{number}: {counted(len(fields), 'field')} {line.strip()[:60]!r}, but the header "
+                f"has {len(header)}"
             )
         for key, index in indices.items():
             values[key].append(
@@ -320,8 +323,8 @@ def _check_marks(values: Array, lines: NDArray[np.int64], where: str, name: str)
     marks = np.flatnonzero(is_marked | np.isin(values, fill_values(values[~is_marked])))
     if len(marks):
         raise SoundingsError(
-            f"{where}{lines[marks[0]]}: {name} is {values[marks[0]]:g}, as on {len(marks)} of {len(lines)} lines: a "
-            "common mark for missing data. Remove these lines"
+            f"{where}{lines[marks[0]]}: {name} is {values[marks[0]]:g}, as on {len(marks):,} of "
+            f"{counted(len(lines), 'line')}: a common mark for missing data. Remove these lines"
         )
 
 

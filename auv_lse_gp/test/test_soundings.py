@@ -99,7 +99,8 @@ def test_grid_survey(tmp_path):
         ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'. Write a finite number"),
         ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2', but the header has 3"),
         ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'. Write a finite number"),
-        ("north_m,east_m,depth_m\n", "has 1 lines; write a header"),
+        ("north_m,east_m,depth_m\n", "has 1 line; write a header"),
+        ("north_m,east_m,depth_m\n1\n", r":2: 1 field '1', but the header has 3"),
         ("", "has 0 lines; write a header"),
     ],
 )

@@ -19,6 +19,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import check_file, write_whole
 from auv_lse_common.support.option_types import whole_from
+from auv_lse_common.support.plurals import counted
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.covariance.prior_mean import MAX_LEVEL_SIGMAS, excluded_level
 from auv_lse_gp.soundings import read_soundings_and_origin
@@ -66,8 +67,8 @@ def report(result: Fit) -> str:
     """The parameters with their standard errors, one a line, the levels that suit them, and the warnings."""
     reach = MAX_LEVEL_SIGMAS * result.config.signal_std_m
     lines = [
-        f"log marginal likelihood {result.log_likelihood:.3f} of {result.soundings} soundings "
-        f"({result.evaluations} evaluations; the {len(result.restarts)} starts led to "
+        f"log marginal likelihood {result.log_likelihood:.3f} of {counted(result.soundings, 'sounding')} "
+        f"({counted(result.evaluations, 'evaluation')}; {counted(len(result.restarts), 'start')} led to "
         + ", ".join(f"{value:.3f}" for value in result.restarts)
         + ")",
         f"  kernel            {result.config.kernel}",
@@ -133,7 +134,7 @@ def parameter_file(result: Fit, source: str, origin: str = "") -> str:
         if field.name in learned or getattr(result.config, field.name) != getattr(defaults, field.name)
     }
     lines = [
-        f"# Learned by auv_lse fit from {result.soundings} soundings of {source};",
+        f"# Learned by auv_lse fit from {counted(result.soundings, 'sounding')} of {source};",
         f"# log marginal likelihood {result.log_likelihood:.3f}.",
         *([f"# {origin}"] if origin else []),
         *(f"# Warning: {warning}" for warning in result.warnings),

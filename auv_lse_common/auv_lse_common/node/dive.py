@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.topics.table import Topic
 
 #: The environment variable that carries the id to a mission's nodes.
@@ -131,8 +132,8 @@ class ForeignMessages:
             now_s: A monotonic clock.
         """
         return {
-            sender: f"{sender or 'a sender without an id'} publishes in this ROS domain, too: {sum(counts.values())} "
-            f"messages ignored ({', '.join(counts)}). End it, or use another domain"
+            sender: f"{sender or 'a sender without an id'} publishes in this ROS domain, too: "
+            f"{counted(sum(counts.values()), 'message')} ignored ({', '.join(counts)}). End it, or use another domain"
             for sender, counts in self._counts.items()
             if now_s - self._heard_s[sender] <= _PRESENT_S
         }

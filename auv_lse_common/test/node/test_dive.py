@@ -97,7 +97,7 @@ def test_foreign_messages_are_counted_and_forgotten_after_a_minute():
     assert found[OTHER].startswith(f"{OTHER} publishes in this ROS domain, too: 3 messages ignored (odometry).")
     assert foreign.problems(70.0) == {}
     assert foreign.ignores(odometry, OTHER, 100.0)
-    assert ": 1 messages" in foreign.problems(100.0)[OTHER]
+    assert ": 1 message ignored" in foreign.problems(100.0)[OTHER]
 
 
 def test_a_flood_of_ids_is_counted_together():

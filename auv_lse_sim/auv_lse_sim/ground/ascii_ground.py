@@ -9,6 +9,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_TEXT_BYTES, over_size
+from auv_lse_common.support.plurals import counted
 from auv_lse_sim.ground.grid_ground import GridGround, check_nodes
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.raster_ground import raster_ground
@@ -41,7 +42,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
                 raise GroundError(f"{path}:{number}: {bad[:40]!r} is not a number.") from None
             columns = int(header.get("ncols", 0))
             if columns and len(row) != columns:
-                raise GroundError(f"{path}:{number}: the row has {len(row)} values, and ncols is {columns}.")
+                raise GroundError(f"{path}:{number}: the row has {counted(len(row), 'value')}, and ncols is {columns}.")
             values.extend(row)
             rows += 1
     corner = "xllcorner" in header
@@ -55,7 +56,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
             raise GroundError(f"{path}: its header has {given or 'nothing'}, but no {missing}. Add it")
     columns, expected = int(header["ncols"]), int(header["nrows"])
     if rows != expected:
-        raise GroundError(f"{path}: it has {rows} rows of values, and nrows is {expected}.")
+        raise GroundError(f"{path}: it has {counted(rows, 'row')} of values, and nrows is {expected}.")
     grid = np.array(values).reshape(rows, columns)[::-1]  # rows run from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     dx, dy = header["dx"], header["dy"]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.plurals import counted
 from auv_lse_gp.no_data import OFTEN_NO_DATA, fill_values, is_no_data
 from auv_lse_sim.ground.grid_ground import DEEPEST_M
 from auv_lse_sim.ground.ground import GroundError
@@ -84,7 +85,7 @@ def grid_depths(
     notes = []
     if marks.any():
         found = ", ".join(f"{v:g}" for v in np.unique(values[marks]))
-        notes = [f"{int(marks.sum())} nodes of {found} taken as unknown"]
+        notes = [f"{counted(int(marks.sum()), 'node')} of {found} taken as unknown"]
         values = np.where(marks, np.nan, values)
     depth, note = depths_of(values, path, what, up, config)
     with np.errstate(invalid="ignore"):
@@ -92,7 +93,7 @@ def grid_depths(
     if absurd.any() and 2 * absurd.sum() < np.isfinite(depth).sum():
         extremes = np.unique(values[absurd])
         shown = f"{extremes[0]:g}" if len(extremes) == 1 else f"{extremes[0]:g} to {extremes[-1]:g}"
-        notes.append(f"{int(absurd.sum())} nodes of {shown} left out: deeper or higher than {DEEPEST_M:g} m")
+        notes.append(f"{counted(int(absurd.sum()), 'node')} of {shown} left out: deeper or higher than {DEEPEST_M:g} m")
         depth = np.where(absurd, np.nan, depth)
     return depth, [note, *notes]
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.support.user_error import brief
 from auv_lse_common.vocabulary.frames import unwrapped_deg
 from auv_lse_sim.ground.band_meaning import Meaning, is_bare, is_other, length_m, meaning, text_says_up
@@ -220,7 +221,7 @@ def _valid(values: Array, tags: Mapping[str, str], scale: float, offset: float) 
     limits = " or ".join(f"{word} {limit:g}" for word, limit in pairs if np.isfinite(limit))
     if outside.sum() == known:
         return values, [f"the file's valid range is ignored: all its values are {limits}"]
-    note = f"{int(outside.sum())} nodes {limits} (the file's valid range) taken as unknown"
+    note = f"{counted(int(outside.sum()), 'node')} {limits} (the file's valid range) taken as unknown"
     return np.where(outside, np.nan, values), [note]
 
 

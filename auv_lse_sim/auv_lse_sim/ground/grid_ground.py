@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
+from auv_lse_common.support.plurals import counted
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.ground import GroundError
 
@@ -121,7 +122,7 @@ class GridGround:
         """Its source, size and depths, and how it was read."""
         e = self._extent
         where = f", origin {self._origin[0]:.5f}, {self._origin[1]:.5f} deg" if self._origin else ", no origin on Earth"
-        land = f"; {self._land} nodes are land" if self._land else ""
+        land = f"; {counted(self._land, 'node')} {'is' if self._land == 1 else 'are'} land" if self._land else ""
         notes = "".join(f"; {note}" for note in self._notes)
         return (
             f"{self._name}: {e.height_m:.0f} m x {e.width_m:.0f} m (north x east), {100.0 * self.known_share:.0f} % "

@@ -15,6 +15,7 @@ from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.support.input_bounds import MAX_GRID_NODES
+from auv_lse_common.support.plurals import counted
 from auv_lse_gp.soundings import FAR_M, is_far, local_positions, read_table
 from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
 from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
@@ -49,7 +50,7 @@ def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[fl
             f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m is deeper than {DEEPEST_M:g} m; depths must be in "
             "metres"
         )
-    notes_on_depth = f"{len(depth)} soundings, {sign_note}"
+    notes_on_depth = f"{counted(len(depth), 'sounding')}, {sign_note}"
     locations = local_positions(table, origin)
     north, east = locations.north_m, locations.east_m
     if locations.from_degrees:
@@ -80,7 +81,7 @@ def check_together(path: Path, north: Array, east: Array, lines: Sequence[int] |
     if len(far):
         raise GroundError(
             f"{path}:{lines[far[0]]}: the position {north[far[0]]:g} m north, {east[far[0]]:g} m east lies more than "
-            f"{_APART_M / 1000:g} km from the others, as on {len(far)} lines. Correct or remove them"
+            f"{_APART_M / 1000:g} km from the others, as on {counted(len(far), 'line')}. Correct or remove them"
         )
 
 
@@ -113,7 +114,9 @@ def grid_soundings(
     low, high = order[first + (count - 1) // 2], order[first + count // 2]
     locations, values = np.stack([north[low], east[low]], axis=1), 0.5 * (depth[low] + depth[high])
     if len(locations) < 10:
-        raise GroundError(f"{name}: soundings at {len(locations)} different locations are too few; give at least 10")
+        raise GroundError(
+            f"{name}: soundings at {counted(len(locations), 'different location')} are too few; give at least 10"
+        )
     step = config.resolution_m
     axes = []
     for column in (0, 1):

@@ -119,7 +119,7 @@ def test_a_block_of_one_value_far_from_all_others_is_unknown_and_reported(tmp_pa
     ground = load_ground(written(tmp_path / f"depth.{ending}", axis, depth))
     assert np.isnan(ground.depth_m(200.0, 395.0))
     assert ground.depth_m(200.0, 60.0) == pytest.approx(bottom(200.0, 60.0), abs=0.3)
-    assert f"{41 * columns} nodes of {np.float32(mark):g} taken as unknown" in ground.describe().replace(
+    assert f"{41 * columns:,} nodes of {np.float32(mark):g} taken as unknown" in ground.describe().replace(
         "points", "nodes"
     )
 

@@ -130,5 +130,5 @@ def test_soundings_that_repeat_one_value_far_from_all_others_are_refused(tmp_pat
     north, east, depth = soundings()
     depth = np.where(np.arange(len(depth)) % 5 == 0, mark, depth)
     path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "depth_m"], north, east, depth)
-    with pytest.raises(GroundError, match=r"s\.csv:2: depth_m is .*, as on 600 of 3000 lines: .* missing data"):
+    with pytest.raises(GroundError, match=r"s\.csv:2: depth_m is .*, as on 600 of 3,000 lines: .* missing data"):
         load_ground(path)
