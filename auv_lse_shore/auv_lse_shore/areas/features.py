@@ -33,6 +33,7 @@ class Feature:
         rings: Those of a polygon, the outer one first, then its holes.
         point: Latitude, longitude.
         closes: Whether a line that is open may be closed to an outline: "" (no), "route" or "track".
+        assumed: What was assumed of its coordinates; "" if nothing.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Feature:
     line: Array | None = None
     point: tuple[float, float] | None = None
     closes: str = ""
+    assumed: str = ""
 
 
 def is_resource_fork(name: str) -> bool:

@@ -6,6 +6,7 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,18 +68,21 @@ def _layer(path: Path, layer: str, where: str) -> Iterator[Feature]:
         raise ParameterError(f"{where}: the layer {layer!r} has more than {_MAX_FEATURES:,} features. Remove some")
     if not len(geometries):
         yield Feature(f"{layer} (an empty layer)")
+    prj = f" ({path.stem}.prj is missing)" if path.suffix.lower() == ".shp" else ""
     if known["crs"] is None and _are_metres(geometries):
-        prj = f" ({path.stem}.prj is missing)" if path.suffix.lower() == ".shp" else ""
         raise ParameterError(
             f"{where}: the layer {layer!r} has no coordinate reference system{prj}, and its coordinates are no "
             "degrees. Set it in QGIS, and save the layer as EPSG:4326"
         )
+    missing = f"the layer {layer!r} has no coordinate reference system{prj}; its degrees are taken as WGS84"
+    assumed = missing if known["crs"] is None else ""
     convert = to_degrees(known["crs"], where)
     for number, geometry in enumerate(geometries):
         properties = {str(key): _plain(values[number]) for key, values in zip(known["fields"], columns, strict=True)}
         named = named_feature(properties, layer)
         if not named.name:
             named = named_feature({**properties, "name": f"{layer} {number + 1}"}, layer)
+        named = replace(named, assumed=assumed)
         empty = geometry is None or geometry.is_empty
         yield from map(convert, with_geometry(named, None if empty else mapping(geometry), where))
 

@@ -40,6 +40,8 @@ def geojson_features(data: Mapping[str, Any], where: str) -> Iterator[Feature]:
     """
     if "type" not in data:
         raise ParameterError(f"{where} has no type, so it is not GeoJSON. Export it as GeoJSON or KML")
+    if data["type"] == "Topology":
+        raise ParameterError(f"{where} is TopoJSON. Convert it to GeoJSON: ogr2ogr -t_srs EPSG:4326 area.geojson FILE")
     layer = str(data.get("name") or "")
     convert = to_degrees(_crs(data.get("crs")), where)
     for number, feature in enumerate(data["features"] if data["type"] == "FeatureCollection" else [data], 1):

@@ -46,6 +46,7 @@ def content_of(features: Sequence[Feature], where: str) -> AreaContent:
         ParameterError: if something in it is impossible, or could be more than one thing.
     """
     content = AreaContent()
+    content.notes += dict.fromkeys(feature.assumed for feature in features if feature.assumed)
     areas: list[Feature] = []
     lines: list[Feature] = []
     if (polygons := sum(len(feature.rings) for feature in features)) > MAX_RINGS:

@@ -203,7 +203,19 @@ def test_parts_of_a_shapefile_that_are_missing_are_named(tmp_path):
         read_area(tmp_path / "a.shp")
     gdal_file(tmp_path, "b.shp", b={"Bay": LAKE})
     (tmp_path / "b.prj").unlink()
-    assert len(read_area(tmp_path / "b.shp").area) == 4
+    content = read_area(tmp_path / "b.shp")
+    assert len(content.area) == 4
+    assert content.notes == [
+        "the layer 'b' has no coordinate reference system (b.prj is missing); its degrees are taken as WGS84"
+    ]
+    gdal_file(tmp_path, "c.shp", c={"Bay": LAKE})
+    assert read_area(tmp_path / "c.shp").notes == []
+
+
+def test_topojson_is_named_with_a_way_to_convert_it(tmp_path):
+    (tmp_path / "a.json").write_text('{"type": "Topology", "objects": {"bay": {"type": "Polygon"}}, "arcs": []}')
+    with pytest.raises(ParameterError, match=r"a\.json is TopoJSON\. Convert it to GeoJSON: ogr2ogr"):
+        read_area(tmp_path / "a.json")
 
 
 def test_a_zipped_shapefile_beside_a_file_with_kml_in_its_name_is_no_kmz(tmp_path):

@@ -28,6 +28,8 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 Array = NDArray[np.float64]
 
 _CLASSIC_NETCDF = (b"CDF\1", b"CDF\2")
+#: Variables of a grid of GMT 3, whose nodes are one row.
+_GMT_3 = {"x_range", "y_range", "z_range", "spacing", "dimension", "z"}
 #: Drivers of GDAL that may open a file, by its first bytes; others, as VRT, name further files.
 _DRIVERS = {
     **dict.fromkeys((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), ("GTiff",)),
@@ -132,16 +134,22 @@ def _check_header(path: Path) -> None:
     """Checks the header of a classic netCDF file: for a damaged one, GDAL asks for memory without limit and crashes.
 
     Raises:
-        GroundError: if it is damaged.
+        GroundError: if it is damaged, or a grid of GMT 3.
     """
     from scipy.io import netcdf_file
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            netcdf_file(path, mmap=True).close()
+            with netcdf_file(path, mmap=True) as file:
+                variables = {*file.variables}
     except (ValueError, LookupError, TypeError, OverflowError, MemoryError, ArithmeticError) as error:
         raise GroundError(f"{path} is a damaged netCDF file ({brief(error)}). Copy it again") from error
+    if variables >= _GMT_3:
+        raise GroundError(
+            f"{path} is a netCDF grid of GMT 3, which is not read. Convert it: gmt grdconvert {path.name} "
+            f"{path.stem}-new.nc"
+        )
 
 
 def _variable(names: list[str], path: Path) -> tuple[str, list[str]]:

@@ -313,3 +313,19 @@ def test_a_netcdf_header_that_asks_for_endless_memory_is_refused_and_not_crashed
         finally:
             os._exit(2)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_a_grid_of_gmt_3_is_named_with_a_way_to_convert_it(tmp_path):
+    from scipy.io import netcdf_file
+
+    with netcdf_file(tmp_path / "old.grd", "w") as file:
+        file.createDimension("side", 2)
+        file.createDimension("xysize", 12)
+        for name in ("x_range", "y_range", "z_range", "spacing"):
+            file.createVariable(name, "f8", ("side",))[:] = (0.0, 1.0)
+        file.createVariable("dimension", "i4", ("side",))[:] = (4, 3)
+        file.createVariable("z", "f4", ("xysize",))[:] = np.arange(12.0)
+    with pytest.raises(
+        GroundError, match=r"old\.grd is a netCDF grid of GMT 3, .*: gmt grdconvert old\.grd old-new\.nc"
+    ):
+        load_ground(tmp_path / "old.grd")
