@@ -126,7 +126,9 @@ class Survey:
         if self.water_level is None and self.sound_speed is None:
             return run
         vehicles = [self._reduced(v, vehicle_depth_m(run, v)) for v in run.vehicles]
-        return dataclasses.replace(run, vehicles=vehicles, notes=[*run.notes, *self._notes_above(vehicles)])
+        stamps_s = np.concatenate([vehicle.soundings.stamp_s for vehicle in run.vehicles])
+        notes = [*self._notes_above(vehicles), *self._notes_between(stamps_s)]
+        return dataclasses.replace(run, vehicles=vehicles, notes=[*run.notes, *notes])
 
     def _notes_above(self, vehicles: Sequence[VehicleRun]) -> list[str]:
         """A note on soundings above the datum, which no map takes.
@@ -145,6 +147,15 @@ class Survey:
             f"--water-level of {levels} puts all {count} above {self.datum}, by {-depth.max():.1f} to "
             f"{-depth.min():.1f} m. Give the height of the water surface above a datum near it, in metres"
         )
+
+    def _notes_between(self, stamps_s: Array) -> list[str]:
+        """A note on levels so far apart around soundings that a tide could pass between them unseen."""
+        if self.water_level is None or len(self.water_level) < 2 or not len(stamps_s):
+            return []
+        apart_s = float(_step_around(self.water_level[:, 0], stamps_s)[1].max())
+        if apart_s <= _LONGEST_GAP_S:
+            return []
+        return [f"water levels are interpolated over {apart_s / 3600.0:.3g} h; a tide between them would be missed"]
 
     def _reduced(self, vehicle: VehicleRun, vehicle_depth: Array) -> VehicleRun:
         soundings, depth = vehicle.soundings, vehicle.soundings.depth_m
@@ -182,8 +193,7 @@ def _check_gaps(times_s: Array, stamp_s: Array) -> None:
     if len(steps) < 2 or not len(stamp_s):
         return
     usual_s = float(np.median(steps))
-    before = (np.searchsorted(times_s, stamp_s) - 1).clip(0)  # a sounding at the time of a level has its own
-    around = np.where(times_s[before + 1] == stamp_s, 0.0, steps[before])
+    before, around = _step_around(times_s, stamp_s)
     if around.max() > max(_LONGEST_GAP * usual_s, _LONGEST_GAP_S):
         first = before[around.argmax()]
         raise SurveyError(
@@ -191,6 +201,12 @@ def _check_gaps(times_s: Array, stamp_s: Array) -> None:
             f"where levels are usually {usual_s:g} s apart, and {counted(int((before == first).sum()), 'sounding')} "
             "are within. Add the levels of this time, measured or predicted"
         )
+
+
+def _step_around(times_s: Array, stamp_s: Array) -> tuple[NDArray[np.int64], Array]:
+    """The level before each sounding (n,), and the time from it to the next (s); 0 for one at the time of a level."""
+    before = (np.searchsorted(times_s, stamp_s) - 1).clip(0)
+    return before, np.where(times_s[before + 1] == stamp_s, 0.0, np.diff(times_s)[before])
 
 
 def _moment(stamp_s: float) -> str:

@@ -359,6 +359,16 @@ def test_the_published_schema_accepts_it(for_b12):
     assert valid, result
 
 
+@pytest.mark.parametrize(("hours", "noted"), [(24, True), (1, False)])
+def test_levels_between_which_a_tide_could_pass_are_noted(lake, tmp_path, capsys, hours, noted):
+    table = tmp_path / "levels.csv"
+    table.write_text("time_s,level_m\n" + "".join(f"{3600 * hours * (day - 1)},0.{day}\n" for day in range(4)))
+    options = ["--datum", "D", "--out", str(tmp_path / "out"), "--water-level", str(table)]
+    assert main([str(lake[0].parent), *options]) == 0
+    note = "water levels are interpolated over 24 h; a tide between them would be missed"
+    assert (note in capsys.readouterr().out) == noted
+
+
 def test_a_water_level_needs_a_datum():
     with pytest.raises(SurveyError, match="needs --datum"):
         Survey(water_level=np.array([[0.0, 1.0]]))
