@@ -19,6 +19,7 @@ from packaging.utils import canonicalize_name
 
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_run.command import parsing
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.main import main as auv_lse
 from auv_lse_shore.reference_pages.__main__ import BLOCKS
@@ -264,13 +265,14 @@ class Parsed(Exception):
 def test_the_commands_of_the_evidence_are_accepted(command, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     words = [{"FILE": str(tmp_path / "file"), "FOLDER": str(tmp_path)}.get(word, word) for word in shlex.split(command)]
-    parse = argparse.ArgumentParser.parse_args
+    for where, name in ((argparse.ArgumentParser, "parse_args"), (parsing, "parsed")):
+        parse = getattr(where, name)
 
-    def parsed(parser, *given):
-        parse(parser, *given)
-        raise Parsed
+        def accepted(*given, parse=parse):
+            parse(*given)
+            raise Parsed
 
-    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parsed)
+        monkeypatch.setattr(where, name, accepted)
     if words[0] == "python":
         module, arguments = words[2], words[3:]
     else:

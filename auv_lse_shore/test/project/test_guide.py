@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # pytest's importlib mode does n
 from guide_pages import GUIDE, PAGES, ROOT, Block, blocks
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_run.command import parsing
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.campaign.spec import CampaignSpec
 
@@ -76,13 +78,14 @@ def call_of(words: list[str]) -> tuple[str, list[str]] | None:
 
 def accept(module: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets a module parse its command line, and nothing more."""
-    parse = argparse.ArgumentParser.parse_args
+    for where, name in ((argparse.ArgumentParser, "parse_args"), (parsing, "parsed")):
+        parse = getattr(where, name)
 
-    def parse_only(self: argparse.ArgumentParser, *given: object) -> None:
-        parse(self, *given)  # type: ignore[call-overload]
-        raise ParsedError
+        def parse_only(*given: object, parse: Callable[..., object] = parse) -> None:
+            parse(*given)
+            raise ParsedError
 
-    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+        monkeypatch.setattr(where, name, parse_only)
     monkeypatch.setattr(sys, "argv", [module, *arguments])
     found = importlib.import_module(module)
     main = found if hasattr(found, "main") else importlib.import_module(f"{module}.__main__")
