@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
-import re
 import shutil
 import signal
 import sys
@@ -18,8 +16,6 @@ from typing import TextIO
 
 #: Signals that ask a process to end.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-#: Names of temporary folders, and the age (s) from which one without a lock is left over.
-_PART, _YOUNG_S = re.compile(r"\.part-[a-z0-9_]{8}"), 10.0
 
 
 @contextlib.contextmanager
@@ -38,7 +34,8 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
     new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with _part_folder(folder) as part:
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder) as name:
+            part = Path(name)
             yield part
             _move(sorted(part.iterdir()), folder, obsolete)
     except BaseException as error:
@@ -51,42 +48,6 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
         raise
 
 
-@contextlib.contextmanager
-def _part_folder(folder: Path) -> Iterator[Path]:
-    """A locked temporary folder in `folder`, from which those of killed processes are removed."""
-    with tempfile.TemporaryDirectory(prefix=".part-", dir=folder) as name, _locked(Path(name)):
-        made_s = Path(name).stat().st_mtime  # the file system's clock
-        for old in folder.glob(".part-*"):
-            with contextlib.suppress(OSError):
-                if _PART.fullmatch(old.name) and made_s - old.lstat().st_mtime > _YOUNG_S:
-                    _remove_unlocked(old)
-        yield Path(name)
-
-
-def _remove_unlocked(old: Path) -> None:
-    """Removes a folder that no process has locked.
-
-    Raises:
-        OSError: if one has, or it is no folder.
-    """
-    with _locked(old, fcntl.LOCK_NB, strict=True):
-        shutil.rmtree(old)
-
-
-@contextlib.contextmanager
-def _locked(folder: Path, flag: int = 0, strict: bool = False) -> Iterator[None]:
-    """Locks a folder; where the file system has no locks, or it cannot be opened, only `strict` raises OSError."""
-    with contextlib.ExitStack() as stack:
-        try:
-            opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            stack.callback(os.close, opened)
-            fcntl.flock(opened, fcntl.LOCK_EX | flag)
-        except OSError:
-            if strict:
-                raise
-        yield
-
-
 def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> None:
     """Moves files into a folder, and removes others that match a pattern of `obsolete`."""
     names = {path.name for path in paths}
@@ -94,7 +55,7 @@ def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> Non
         target = folder / path.name
         if target.is_dir() and not target.is_symlink() and not path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder in place of a file; remove it", str(target))
-    with _locked(folder), _signals_answered_later():  # another process replaces all files after these, or before
+    with _signals_answered_later():
         for path in paths:
             path.replace(folder / path.name)
         for old in {path for pattern in obsolete for path in folder.glob(pattern)}:
@@ -180,8 +141,8 @@ def write_whole(path: Path, text: str) -> None:
             path.write_text(text, newline="")
             return
         target = path.resolve()  # a link stays
-        with _part_folder(target.parent) as folder:
-            part = folder / "text"
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=target.parent) as name:
+            part = Path(name) / "text"
             part.write_text(text, newline="")
             if target.exists():
                 shutil.copymode(target, part)

@@ -206,19 +206,3 @@ def test_new_and_existing_files_links_and_devices_can_be_written(tmp_path: Path)
         check_file(tmp_path / name, "--csv")
     check_file(Path("/dev/stdout"), "--csv")
     check_file(Path("/dev/null"), "--csv")
-
-
-def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
-    for name in (".part-abcd_123", ".part-young123", ".part-mine"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "file").write_text("old")
-    (tmp_path / ".part-afile_12").write_text("a file")
-    for name in (".part-abcd_123", ".part-mine", ".part-afile_12"):
-        os.utime(tmp_path / name, (1e9, 1e9))
-    with written_whole(tmp_path) as working:
-        os.utime(working, (1e9, 1e9))
-        write_whole(tmp_path / "text", "new")
-        assert working.is_dir(), "it is in use"
-        (working / "a").write_text("new")
-    kept = {path.name for path in tmp_path.iterdir()}
-    assert kept == {".part-young123", ".part-mine", ".part-afile_12", "text", "a"}
