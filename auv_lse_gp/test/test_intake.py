@@ -47,7 +47,7 @@ def test_diagnostics_warn_of_rejected_soundings() -> None:
     own.step(1.0)
     found = health(1.0)
     assert found.level is Level.WARN
-    assert found.text.startswith("1 soundings refused recently, 1 in total: sounding: north_m=0.0")
+    assert found.text.startswith("1 sounding refused recently, 1 in total: sounding: north_m=0.0")
     assert found.values["update_ms"] == "1.50"
     assert found.values["last_refused"]
     own.add_soundings([(100.0, 0.0, 0.0, 10.0), (101.0, 1.0, 0.0, 30.0)])
