@@ -39,7 +39,7 @@ KINDS = {
 }
 
 
-ERRORS = (OSError, ValueError)  # of what is checked before anything is broken
+ERRORS = (OSError, ValueError)  # raised by checks, before anything is broken
 
 
 def _kind(name: str) -> ModuleType:
