@@ -103,8 +103,10 @@ def test_every_executable_started_bare(tmp_path: Path, vehicles_file: Path) -> N
             arguments = ["--ros-args", "-r", "__ns:=/auv1", "--params-file", str(vehicles_file)]
             if executable == "micromodem_node":
                 arguments += ["-p", "modem.kind:=micromodem", "-p", "modem.port:=/dev/ttyMISSING"]
-            if executable == "sim_node":  # it refuses hardware
-                arguments += ["-p", "link.kind:=direct", "-p", "modem.kind:=direct"]
+            if executable == "sim_node":  # its autopilots have addresses of another kind
+                without_link = tmp_path / "simulated.yaml"
+                without_link.write_text(vehicles_file.read_text().partition("    link:")[0])
+                arguments[-1] = str(without_link)
             running[executable] = stack.enter_context(started([str(path), *arguments], log, environment)), log
         for executable, (process, log) in running.items():
             assert beyond(sockets_of(process, 1, log)) == [], executable
