@@ -8,31 +8,52 @@ import io
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any, TextIO
+from typing import TextIO
 
 #: Errors of a write: full disk, full quota, largest file, defective disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
-class _Outlet(io.FileIO):
-    """A descriptor whose text goes nowhere once its reader has ended and, if wanted, while its disk is full."""
+class _Outlet(io.TextIOWrapper):
+    """A stream whose text goes nowhere once its reader has ended and, if wanted, while its disk is full.
 
-    def __init__(self, descriptor: int, *, drops_if_full: bool) -> None:
-        super().__init__(descriptor, "w", closefd=False)
+    What writes to the descriptor is Python's own: a signal answered within a raw stream of ours, between the write and
+    its return, would make the buffer write the same again.
+    """
+
+    def __init__(self, stream: io.TextIOWrapper, *, drops_if_full: bool) -> None:
+        stream.flush()
+        raw = io.FileIO(stream.fileno(), "w", closefd=False)
+        super().__init__(
+            raw if stream.write_through or drops_if_full else io.BufferedWriter(raw),
+            encoding=stream.encoding,
+            errors=stream.errors,
+            line_buffering=stream.line_buffering,
+            write_through=stream.write_through,
+        )
         self._drops_if_full = drops_if_full
 
-    def write(self, data: Any, /) -> int:
+    def write(self, text: str, /) -> int:
         try:
-            return super().write(data)
-        except BrokenPipeError:
+            return super().write(text)
+        except OSError as error:
+            self._lose(error)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except OSError as error:
+            self._lose(error)
+
+    def _lose(self, error: OSError) -> None:
+        """Accepts that text is lost; raises the error if it must be known."""
+        if isinstance(error, BrokenPipeError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
-            return super().write(data)
-        except OSError as error:
-            if not self._drops_if_full or error.errno not in FULL:
-                raise
-            return len(data)
+        elif not self._drops_if_full or error.errno not in FULL:
+            raise error
 
 
 @contextlib.contextmanager
@@ -56,12 +77,4 @@ def outlet(stream: TextIO, *, drops_if_full: bool = False) -> TextIO:
     """
     if type(stream) is not io.TextIOWrapper:  # None: it was closed before the start
         return stream
-    stream.flush()
-    raw = _Outlet(stream.fileno(), drops_if_full=drops_if_full)
-    return io.TextIOWrapper(
-        raw if stream.write_through else io.BufferedWriter(raw),  # as Python's own
-        encoding=stream.encoding,
-        errors=stream.errors,
-        line_buffering=stream.line_buffering,
-        write_through=stream.write_through,
-    )
+    return _Outlet(stream, drops_if_full=drops_if_full)

@@ -317,3 +317,26 @@ def test_a_reader_that_ends_early_ends_no_work(
         process.stdout.close()
         assert process.wait(timeout=30) == 3
     assert (tmp_path / "done").exists()
+
+
+INTERRUPTED_WRITE = """\
+import sys
+from auv_lse_run.command.undisturbed import undisturbed
+def interrupt(frame, event, called):
+    if event == "c_return" and frame.f_code.co_filename.endswith("undisturbed.py") and frame.f_code.co_name == "write":
+        sys.setprofile(None)
+        raise KeyboardInterrupt
+try:
+    with undisturbed():
+        sys.setprofile(interrupt)
+        print("a line", flush=True)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_a_signal_between_a_write_and_its_return_prints_nothing_twice() -> None:
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-c", INTERRUPTED_WRITE]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=buffered)
+    assert done.stdout.replace("\n", "") == "a lineinterrupted"
