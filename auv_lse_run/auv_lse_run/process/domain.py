@@ -181,7 +181,8 @@ def user_of(domain: int, vehicle: int = 0) -> str:
     run, dive = _notes(domain, vehicle)
     if not dive and not vehicle:  # vehicles without a simulation
         name = lock_file(domain, 1).name.replace("_auv1.", "_auv*.")
-        found = (re.search(r"_auv(\d+)\.lock$", path.name) for path in sorted(lock_file(domain).parent.glob(name)))
+        held = filter(_is_held, sorted(lock_file(domain).parent.glob(name)))
+        found = (re.search(r"_auv(\d+)\.lock$", path.name) for path in held)
         if users := [user_of(domain, int(match[1])) for match in found if match is not None]:
             return ", ".join(users)
     return " ".join(filter(None, (dive, f"in {run}" if run else ""))) or "another mission"
@@ -273,6 +274,8 @@ def _locked(path: Path) -> Iterator[bool]:
         if not _is_still(path, file):  # the last owner has removed the file; another mission may have a new one
             yield False
             return
+        with contextlib.suppress(OSError):
+            file.truncate(0)  # a killed owner's note
         try:
             yield True
         finally:

@@ -33,6 +33,7 @@ from auv_lse_run.process.domain import (
     simulation_domain,
     simulator_domain,
     simulator_of,
+    user_of,
     vehicle_domain,
     wanted_domain,
 )
@@ -208,3 +209,18 @@ def test_commands_on_a_vehicle_reach_the_nodes_that_a_service_runs(
         assert join(None, commands=True) == 90
         assert "by auv2-1123-184534-3f2a in" in capsys.readouterr().err
     check_own(90)
+
+
+def test_notes_of_a_killed_mission_name_no_later_user_of_its_domain(tmp_path: Path) -> None:
+    """As a replay, which notes nothing, after a simulation that was killed."""
+    with own_domain() as number:
+        pass
+    for vehicle in (0, 1):
+        note_run(number, tmp_path, "sim-1123-184534-3f2a", vehicle)
+    try:
+        with simulator_domain(str(number)):
+            assert (dive_on(number), run_on(number), user_of(number)) == ("", None, "another mission")
+            with vehicle_domain(number, 1, simulated=True):
+                assert user_of(number, 1) == "another mission"
+    finally:
+        lock_file(number, 1).unlink(missing_ok=True)
