@@ -11,12 +11,13 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
+from auv_lse_common.support.ending_signals import accepted_signals
+
 
 def handle_signals(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
     """Sets the handler of SIGINT, SIGTERM and, unless it is ignored as under nohup, SIGHUP (a closed terminal)."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, handler)
+    for number in accepted_signals():
+        signal.signal(number, handler)
 
 
 #: Whether `ros2 run` or `ros2 launch` has started this process: it is not a test, a command or the fork server.

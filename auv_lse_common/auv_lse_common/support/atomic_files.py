@@ -14,8 +14,7 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
-#: Signals that ask a process to end.
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from auv_lse_common.support.ending_signals import SIGNALS
 
 
 @contextlib.contextmanager
@@ -65,13 +64,13 @@ def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> Non
 
 @contextlib.contextmanager
 def _signals_answered_later() -> Iterator[None]:
-    """A context at whose end `_SIGNALS` are answered that came meanwhile.
+    """A context at whose end `SIGNALS` are answered that came meanwhile.
 
     Blocking them does not suffice: Linux then gives them to another thread, such as one of linear algebra, and Python
     answers in the main thread all the same.
     """
     came: list[int] = []
-    taken = {n: h for n in _SIGNALS if (h := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
+    taken = {n: h for n in SIGNALS if (h := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     if threading.current_thread() is not threading.main_thread():
         taken = {}  # no signal is answered here
     for number in taken:

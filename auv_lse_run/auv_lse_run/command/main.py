@@ -14,10 +14,11 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING
 
 from auv_lse_common.support.confinement import ConfinementError
+from auv_lse_common.support.ending_signals import SIGNALS
 from auv_lse_common.support.installed_copy import copy_of, mixed_versions
 from auv_lse_common.support.missing_packages import MissingPackageError, install_command, is_installed
 from auv_lse_common.support.user_error import error_text
@@ -25,7 +26,7 @@ from auv_lse_common.support.verb import NODES, Verb
 from auv_lse_run.command.find_verbs import PACKAGE_OF, find_verbs
 from auv_lse_run.command.help_text import help_text, version_text
 from auv_lse_run.command.undisturbed import FULL, outlet, undisturbed
-from auv_lse_run.process.interrupt import first_signal, signals_raised
+from auv_lse_run.process.interrupt import first_signal, note_signal, signals_raised
 
 if TYPE_CHECKING:
     import argparse
@@ -65,7 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()
         return 128 + first_signal() if code == _INTERRUPTED else code
     except KeyboardInterrupt as interrupt:
-        _end_quietly()
+        if arguments is None:
+            _end_quietly()
         _complain(str(interrupt) or "interrupted")
         return 128 + first_signal()
     except (CommandError, MissingPackageError) as error:
@@ -102,10 +104,20 @@ def _interrupts_as_such() -> Iterator[None]:
 
 
 def _end_quietly() -> None:
-    """Does nothing on Ctrl-C while Python ends: it would print a traceback."""
+    """Sets what signals do while this process ends: Ctrl-C, which would print a traceback, does nothing.
+
+    Others end it at once, also if it hangs, with the exit code of the first one.
+    """
     with contextlib.suppress(ValueError):  # not in the main thread
-        if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-            signal.signal(signal.SIGINT, lambda number, frame: None)  # processes that end inherit no SIG_IGN of ours
+        for number in SIGNALS:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, _leave)  # processes that end inherit no SIG_IGN of ours
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    if number != signal.SIGINT:
+        note_signal(number)
+        os._exit(128 + first_signal())
 
 
 def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:

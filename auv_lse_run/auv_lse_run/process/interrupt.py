@@ -8,8 +8,7 @@ import signal
 from collections.abc import Iterator
 from types import FrameType
 
-#: Ctrl-C; SIGTERM, as of `timeout` and `systemctl stop`; SIGHUP, as of a closed terminal or SSH session.
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from auv_lse_common.support.ending_signals import SIGNALS, accepted_signals
 
 _first: signal.Signals | None = None
 
@@ -65,11 +64,6 @@ class Interrupt:
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = self.signal or signal.Signals(number)
         note_signal(number)
-
-
-def accepted_signals() -> list[signal.Signals]:
-    """`SIGNALS` for a command that ends processes in order; without SIGHUP if it is ignored, as under nohup."""
-    return [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
 
 
 def note_signal(number: int) -> None:

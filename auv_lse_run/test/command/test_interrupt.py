@@ -97,6 +97,24 @@ def test_the_code_is_the_signals_also_if_the_verb_reports_it(tmp_path: Path, num
 
 
 @pytest.mark.parametrize("number", ENDS)
+@pytest.mark.parametrize(("first", "code"), ENDS.items())
+def test_a_second_signal_while_python_ends_leaves_the_code_of_the_first(
+    tmp_path: Path, first: signal.Signals, code: int, number: signal.Signals
+) -> None:
+    """As a batch system sends them: SIGTERM to the process, then to its group."""
+    again = f"import atexit, os\natexit.register(os.kill, os.getpid(), {int(number)})\n"
+    assert answer(start(tmp_path, run_of(again + SLOW.format(""))), first) == (code, "", "interrupted\n")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 3), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_first_signal_while_python_ends_prints_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    text = f"import atexit, os\natexit.register(os.kill, os.getpid(), {int(number)})\nprint('done')\nreturn 3"
+    with start(tmp_path, run_of(text)) as process:
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (code, "done\n", "")
+
+
+@pytest.mark.parametrize("number", ENDS)
 def test_a_signal_that_the_parent_ignores_stays_ignored(tmp_path: Path, number: signal.Signals) -> None:
     """As nohup ignores SIGHUP."""
     text = f"import signal\nsignal.raise_signal({int(number)})\nprint('a line')"

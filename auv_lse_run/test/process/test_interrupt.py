@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from auv_lse_run.process.interrupt import SIGNALS, Interrupt, first_signal, signals_raised
+from auv_lse_common.support.ending_signals import SIGNALS
+from auv_lse_run.process.interrupt import Interrupt, first_signal, signals_raised
 
 
 @pytest.fixture(autouse=True)

@@ -15,9 +15,10 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_common.support.confinement import confine
+from auv_lse_common.support.ending_signals import accepted_signals
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_run.process.domain import DomainError, busy_domains, check_own, domain_number
-from auv_lse_run.process.interrupt import accepted_signals, note_signal
+from auv_lse_run.process.interrupt import note_signal
 from auv_lse_shore.live.sources.command_queue import CommandQueue
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline

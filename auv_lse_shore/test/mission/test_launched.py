@@ -15,8 +15,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.ending_signals import SIGNALS
 from auv_lse_run.mission import conductor
-from auv_lse_run.process.interrupt import SIGNALS
 from auv_lse_shore.mission import launched
 
 pytestmark = pytest.mark.ros
