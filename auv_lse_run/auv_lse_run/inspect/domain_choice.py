@@ -48,7 +48,7 @@ def join(wanted: str | None, commands: bool = False) -> int:
 
     Args:
         wanted: The domain that the command line names.
-        commands: Whether vehicles are commanded there, and not only watched.
+        commands: Whether nodes are commanded or changed there, and not only watched.
 
     Raises:
         DomainError: if it is invalid, if several missions run on this machine and no domain is given, or if the only
@@ -85,12 +85,11 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     Raises:
         DomainError: if the domain is invalid, or must be chosen.
     """
-    at_once = getattr(options, "at_once", False)
-    join(options.domain, commands=at_once)
+    join(options.domain, commands=getattr(options, "changes", False))
     from auv_lse_run.inspect.graph_node import Graph, GraphError  # after the environment is set
 
     try:
-        with Graph(options.spin_time, _wanted(options), at_once) as graph:
+        with Graph(options.spin_time, _wanted(options), getattr(options, "at_once", False)) as graph:
             if graph.missing:
                 print(f"warning: still waiting for {graph.missing}; --spin-time 10 waits longer", file=sys.stderr)
             return command(options, graph)

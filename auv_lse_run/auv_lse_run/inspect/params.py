@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
             c.add_argument("--hide-type", action="store_true", help="only the value")
         if name == "set":
             c.add_argument("value", metavar="VALUE", help="as YAML: 4000, 0.5, true, [240, 241], text")
-        c.set_defaults(call=run)
+        c.set_defaults(call=run, changes=name == "set")
     c = commands.add_parser("dump", help="all parameters of a node, as a parameter file")
     add_graph_options(c)
     c.add_argument("node", metavar="NODE")

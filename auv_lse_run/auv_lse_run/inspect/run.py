@@ -41,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, such as auv2, or `all`")
         if command is Command.ABORT:
             c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
-        c.set_defaults(call=run_tell, what=command, at_once=True)
+        c.set_defaults(call=run_tell, what=command, at_once=True, changes=True)
     c = commands.add_parser("state", help="show the state of each vehicle's mission",
                             description="Show the state of each vehicle's mission.")  # fmt: skip
     c.epilog = "Exit codes: 0 every vehicle has reported its state; 1 a vehicle has not, or none is found; 2 wrong "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import pytest
 
 from auv_lse_run.command.main import main
 from auv_lse_run.command.parsing import parsed
-from auv_lse_run.inspect import run
+from auv_lse_run.inspect import domain_choice, run
+from auv_lse_run.process import domain
 
 
 @pytest.mark.parametrize("given", ["-1", "0", "nan", "soon"])
@@ -74,3 +76,35 @@ def test_numbers_that_python_reads_stay_numbers() -> None:
     parser.add_argument("--number", type=float)
     assert vars(parsed(parser, ["--number", "-0.001"])) == {"whole": 7, "number": -0.001}
     assert parsed(parser, ["--whole", "-2"]).whole == -2
+
+
+@pytest.mark.parametrize(
+    ("words", "changes"),
+    [
+        ("params set /auv1/planner_node planner.iterations 40", True),
+        ("params get /auv1/planner_node planner.iterations", False),
+        ("params list", False),
+        ("params dump /auv1/planner_node", False),
+        ("abort all", True),
+        ("reset auv1", True),
+        ("state", False),
+        ("nodes list", False),
+        ("topics list", False),
+    ],
+)
+def test_only_what_changes_running_nodes_refuses_another_users_simulation(
+    words: str, changes: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To look is harmless: it goes on to the ROS domain, which ends this test."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.setattr(domain.tempfile, "gettempdir", lambda: str(tmp_path))
+
+    def stop(number: int) -> None:
+        raise domain.DomainError(f"joins {number}")
+
+    monkeypatch.setattr(domain_choice, "confine", stop)
+    with domain.simulator_domain(None) as number:
+        monkeypatch.setattr(domain.os, "geteuid", lambda: 54321)
+        assert main(words.split()) == 2
+    expected = f"To command it: --domain {number}" if changes else f"joins {number}"
+    assert expected in capsys.readouterr().err
