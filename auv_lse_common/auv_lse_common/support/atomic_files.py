@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import shutil
 import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
 from auv_lse_common.support.ending_signals import SIGNALS
+
+#: How the names of temporary folders begin.
+_PART = ".auv_lse.part-"
+#: Age (s) from which a temporary folder that nobody has locked is left over.
+_YOUNG_S = 60.0
+#: How long (s) to wait while another process moves files into the same folder, which takes milliseconds.
+_WAIT_S = 10.0
 
 
 @contextlib.contextmanager
@@ -33,18 +42,56 @@ def written_whole(folder: Path, obsolete: Collection[str] = ()) -> Iterator[Path
     new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder) as name:
-            part = Path(name)
-            yield part
-            _move(sorted(part.iterdir()), folder, obsolete)
+        with _part_folder(folder) as part:
+            files = part / "files"  # not `part`, whose lock is held: files may be written whole into it
+            files.mkdir()
+            yield files
+            _move(sorted(files.iterdir()), folder, obsolete)
     except BaseException as error:
         for path in new:
             with contextlib.suppress(OSError):  # not made, or somebody else has files there
                 path.rmdir()
-        if isinstance(error, OSError) and (error.filename is None or ".part-" in str(error.filename)):
+        if isinstance(error, OSError) and (error.filename is None or _PART in str(error.filename)):
             text = os.strerror(error.errno) if error.errno else str(error)  # HDF5's own names a hidden folder
             raise OSError(error.errno, text, str(folder)) from error
         raise
+
+
+@contextlib.contextmanager
+def _part_folder(folder: Path) -> Iterator[Path]:
+    """A new temporary folder in `folder`, from which those of killed processes are removed."""
+    with tempfile.TemporaryDirectory(prefix=_PART, dir=folder) as name, _locked(Path(name)):
+        made_s = Path(name).stat().st_mtime  # the file system's clock
+        for old in folder.glob(f"{_PART}*"):
+            with contextlib.suppress(OSError):
+                if made_s - old.stat().st_mtime > _YOUNG_S:
+                    _remove_unlocked(old)
+        yield Path(name)
+
+
+def _remove_unlocked(folder: Path) -> None:
+    with _locked(folder) as locked:
+        if locked:
+            shutil.rmtree(folder)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, wait_s: float = 0.0) -> Iterator[bool]:
+    """Tries for `wait_s` to lock a folder until the context ends; the value is whether that succeeded."""
+    with contextlib.ExitStack() as stack:
+        locked, until_s = False, time.monotonic() + wait_s
+        with contextlib.suppress(OSError):  # not a folder, or a file system without locks
+            opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+            stack.callback(os.close, opened)
+            while not locked:
+                try:
+                    fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    locked = True
+                except BlockingIOError:
+                    if time.monotonic() >= until_s:
+                        break
+                    time.sleep(0.02)
+        yield locked
 
 
 def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> None:
@@ -54,7 +101,7 @@ def _move(paths: Sequence[Path], folder: Path, obsolete: Collection[str]) -> Non
         target = folder / path.name
         if target.is_dir() and not target.is_symlink() and not path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder in place of a file; remove it", str(target))
-    with _signals_answered_later():
+    with _locked(folder, _WAIT_S), _signals_answered_later():
         for path in paths:
             path.replace(folder / path.name)
         for old in {path for pattern in obsolete for path in folder.glob(pattern)}:
@@ -140,8 +187,8 @@ def write_whole(path: Path, text: str) -> None:
             path.write_text(text, newline="")
             return
         target = path.resolve()  # a link stays
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=target.parent) as name:
-            part = Path(name) / "text"
+        with _part_folder(target.parent) as folder:
+            part = folder / "text"
             part.write_text(text, newline="")
             if target.exists():
                 shutil.copymode(target, part)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Collection
 from pathlib import Path
 
@@ -206,3 +207,105 @@ def test_new_and_existing_files_links_and_devices_can_be_written(tmp_path: Path)
         check_file(tmp_path / name, "--csv")
     check_file(Path("/dev/stdout"), "--csv")
     check_file(Path("/dev/null"), "--csv")
+
+
+WRITER = """\
+import sys, time
+from pathlib import Path
+from auv_lse_common.support.atomic_files import written_whole
+with written_whole(Path(sys.argv[1])) as part:
+    (part / "mine").write_text("new")
+    print("there", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_what_a_killed_command_left_is_removed_and_what_a_running_one_writes_is_not(tmp_path: Path) -> None:
+    def age() -> list[Path]:
+        found = [path for path in tmp_path.iterdir() if "part" in path.name]
+        for path in found:
+            os.utime(path, (1e9, 1e9))
+        return found
+
+    (tmp_path / ".part-download").mkdir()
+    (tmp_path / ".auv_lse.part-aabbccdd").write_text("a file of the user")
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        running.stdout.readline()
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as killed:
+            assert killed.stdout is not None
+            killed.stdout.readline()
+            assert len(age()) == 4
+            killed.kill()
+        age()
+        write_whole(tmp_path / "text", "text")
+        assert len(age()) == 3
+        running.communicate()
+    assert running.returncode == 0
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".auv_lse.part-aabbccdd", ".part-download", "mine", "text"]
+
+
+def test_a_folder_is_written_whole_within_another_one_and_twice_in_one_process(tmp_path: Path) -> None:
+    began_s = time.monotonic()
+    with written_whole(tmp_path) as outer, written_whole(outer / "inner") as inner, written_whole(tmp_path) as twice:
+        _write_all(outer, "e")
+        (inner / "a").touch()
+        (twice / "b").touch()
+        write_whole(outer / "c", "text")
+        write_whole(tmp_path / "d", "text")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c", "d", "e", "inner"]
+    assert [path.name for path in (tmp_path / "inner").iterdir()] == ["a"]
+    assert time.monotonic() - began_s < 5.0, "a process does not wait for its own locks"
+
+
+def test_a_folder_that_something_else_keeps_locked_is_written_after_a_while(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `flock DIR auv_lse export RUN --out DIR` does."""
+    monkeypatch.setattr(atomic_files, "_WAIT_S", 0.1)
+    with subprocess.Popen(["flock", str(tmp_path), "cat"], stdin=subprocess.PIPE) as other:
+        time.sleep(0.2)
+        _write_all(tmp_path, "ab")
+        other.communicate()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_two_processes_do_not_move_files_into_a_folder_at_the_same_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each has all its files there in the end, or none: another one moves its own after these, or before."""
+    replace, waits = Path.replace, []
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdin is not None
+        assert other.stdout is not None
+        other.stdout.readline()
+
+        def slow(path: Path, target: Path) -> Path:
+            if not waits:
+                other.stdin.close()  # type: ignore[union-attr]
+            with pytest.raises(subprocess.TimeoutExpired):
+                other.wait(timeout=0.5)
+            waits.append(path.name)
+            return replace(path, target)
+
+        monkeypatch.setattr(Path, "replace", slow)
+        _write_all(tmp_path, "ab")
+        assert other.wait(timeout=30) == 0
+    assert waits == ["a", "b"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "mine"]
+
+
+def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lacking(file: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", lacking)
+    (tmp_path / ".auv_lse.part-aabbccdd").mkdir()
+    os.utime(tmp_path / ".auv_lse.part-aabbccdd", (1e9, 1e9))
+    _write_all(tmp_path, "ab")
+    write_whole(tmp_path / "c", "text")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".auv_lse.part-aabbccdd", "a", "b", "c"]
