@@ -15,7 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from auv_lse_common.support.atomic_files import check_file
+from auv_lse_common.support.atomic_files import check_file, write_whole
 from benchmarks.planning.planners.options import add_options
 from benchmarks.rows import KEYS, Row
 
@@ -105,6 +105,9 @@ def run(options: argparse.Namespace) -> int:
         ValueError: for an unknown group, an option of a group that does not run, or an unusable file of --lake.
         OSError: if that file cannot be read.
     """
+    unknown = [group for group in options.groups if group not in (PLANNERS, *GROUPS)]
+    if unknown:
+        raise ValueError(f"there is no group {', '.join(unknown)}; choose from {', '.join((PLANNERS, *GROUPS))}")
     if options.groups == [PLANNERS]:
         _check_options(options)
         from benchmarks.planning.planners import command  # loads the planners
@@ -113,9 +116,6 @@ def run(options: argparse.Namespace) -> int:
     if PLANNERS in options.groups:
         raise ValueError(f"{PLANNERS} flies for hours, and runs alone: name no group beside it")
     _check_options(options)
-    unknown = [group for group in options.groups if group not in GROUPS]
-    if unknown:
-        raise ValueError(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
     if options.json:
         check_file(options.json, "--json")
     if options.lake:
@@ -141,5 +141,5 @@ def run(options: argparse.Namespace) -> int:
             console.print(f"bench {group}: {text}", style="red")
             failed = True
     if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+        write_whole(options.json, json.dumps(figures, indent=1) + "\n")
     return int(failed)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from auv_lse_run.command.parsing import name_numbers
+
 
 def existing_file(text: str) -> Path:
     """The file of an option that must name one, as argparse's `type`."""
@@ -21,7 +23,9 @@ def existing_file(text: str) -> Path:
 def parser_of(module: str, about: str | None) -> argparse.ArgumentParser:
     """The command line of `python -m MODULE`; `about` is its docstring, whose lines stay as they are."""
     formatter = argparse.RawDescriptionHelpFormatter
-    return argparse.ArgumentParser(prog=f"python -m {module}", description=about, formatter_class=formatter)
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=about, formatter_class=formatter)
+    name_numbers(parser)
+    return parser
 
 
 def end_with(main: Callable[[], int | None]) -> NoReturn:

@@ -16,13 +16,18 @@ def parsed(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Na
     Raises:
         SystemExit: with 2 after a printed error, with 0 after help.
     """
-    for each in _parsers(parser):  # argparse's own texts name the types: "invalid int value"
-        each.register("type", int, _whole)
-        each.register("type", float, _number)
+    for each in _parsers(parser):
+        name_numbers(each)
     options, unknown = parser.parse_known_args(words)
     if unknown:  # argparse would print the usage of the outermost parser
         _called(parser, words).error(f"unrecognized arguments: {' '.join(unknown)}")
     return options
+
+
+def name_numbers(parser: argparse.ArgumentParser) -> None:
+    """Makes a parser refuse wrong numbers in plain words; argparse names Python's types ("invalid int value")."""
+    parser.register("type", int, _whole)
+    parser.register("type", float, _number)
 
 
 def _whole(text: str) -> int:

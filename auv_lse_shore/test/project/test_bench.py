@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import shutil
 import socket
 import sys
 from pathlib import Path
@@ -20,7 +21,7 @@ from verb_main import verb_main
 from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks import comms, gp, mission_parts, vehicle
-from benchmarks.command import end_with
+from benchmarks.command import end_with, parser_of
 from benchmarks.planning import areas, peer_environment
 from benchmarks.rows import KEYS
 
@@ -254,6 +255,8 @@ def test_each_command_describes_itself_and_refuses_unknown_options(name, capsys)
         (["gp", "--new-baseline", "faster"], "--new-baseline is an option of bench mission, which does not run"),
         (["planners", "--smoke"], "--smoke is no option of bench planners"),
         (["planners", "--json", "a.json"], "--json is no option of bench planners"),
+        (["planer", "--legs", "4"], "there is no group planer; choose from planners, mission, vehicle"),
+        (["planners", "planer"], "there is no group planer"),
         (["gp", "--lake", "."], ".: Is a directory"),
         (["gp", "--lake", "/dev/null"], "/dev/null has 0 lines; write a header"),
         (["planners", "--grounds", "/dev/null"], "/dev/null is no manifest of grounds: it lacks the list grounds"),
@@ -277,6 +280,30 @@ def test_options_at_their_default_and_those_of_one_of_several_groups_are_accepte
         monkeypatch.setitem(sys.modules, f"benchmarks.{name}", module)
     assert main(["comms", "gp", "--lake", str(survey), "--smoke", "--seeds", "1"]) == 0
     assert seen == [("comms", {"smoke": True}), ("gp", {"smoke": True, "lake": survey})]
+
+
+def test_figures_replace_a_file_whole_also_through_a_link(monkeypatch, tmp_path):
+    module = SimpleNamespace(run=lambda **options: [])
+    monkeypatch.setitem(sys.modules, "benchmarks.comms", module)
+    (tmp_path / "old.json").write_text("old")
+    (tmp_path / "link.json").symlink_to("old.json")
+    assert main(["comms", "--json", str(tmp_path / "link.json")]) == 0
+    assert (tmp_path / "old.json").read_text() == "[]\n"
+    monkeypatch.setattr(shutil, "copymode", lambda old, new: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["comms", "--json", str(tmp_path / "old.json")])
+    assert (tmp_path / "old.json").read_text() == "[]\n"
+
+
+def test_numbers_of_benchmarks_by_themselves_are_named_in_plain_words(capsys):
+    p = parser_of("benchmarks.some", None)
+    p.add_argument("--whole", type=int)
+    p.add_argument("--number", type=float)
+    assert p.parse_args(["--whole", "-3", "--number", "1e-3"]).number == 1e-3
+    for option, given, wanted in (("--whole", "1.5", "whole number"), ("--number", "x", "number")):
+        with pytest.raises(SystemExit, match="2"):
+            p.parse_args([option, given])
+        assert f"{option}: '{given}' is not a {wanted}" in capsys.readouterr().err
 
 
 def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
