@@ -47,7 +47,7 @@ setup(
     description="The command auv_lse, processes, ROS domains, dives, and what shows running nodes",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["auv_lse = auv_lse_run.command.main:main"],
+        "console_scripts": ["auv_lse = auv_lse_run.__main__:main"],
         "auv_lse.verbs": ["auv_lse_run = auv_lse_run.verbs:VERBS"],
     },
 )

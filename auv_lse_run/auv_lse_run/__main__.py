@@ -1,8 +1,17 @@
-"""`python -m auv_lse_run` is the command auv_lse."""
+"""The start of the command auv_lse, as `python -m auv_lse_run` and as installed."""
 
 import sys
 
-from auv_lse_run.command.main import main
+
+def main() -> int:
+    """Runs the command line of this process; returns the exit code. Ctrl-C while its modules load gives one word."""
+    try:
+        from auv_lse_run.command.main import main as run
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return run()
+
 
 if __name__ == "__main__":
     sys.exit(main())

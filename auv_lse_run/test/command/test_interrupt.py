@@ -84,6 +84,24 @@ def test_a_signal_to_end_prints_one_word_and_returns_its_code(
     assert answer(start(tmp_path, text), number) == (code, "", "interrupted\n")
 
 
+INTERRUPTED_START = """\
+import runpy, signal, sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "auv_lse_run.command.help_text":
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+runpy.run_module("auv_lse_run", run_name="__main__")
+"""
+
+
+def test_ctrl_c_while_the_command_loads_prints_one_word() -> None:
+    """As of an installed auv_lse, which no script holds interrupts for."""
+    command = [sys.executable, "-c", INTERRUPTED_START]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=default_interrupt)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
 @pytest.mark.parametrize(("number", "code"), ENDS.items())
 def test_a_verb_cleans_up_after_any_of_the_signals(tmp_path: Path, number: signal.Signals, code: int) -> None:
     text = "try:\n    print('there', flush=True)\n    time.sleep(60)\nfinally:\n    print('cleaned up')"
