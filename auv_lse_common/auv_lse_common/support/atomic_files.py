@@ -120,9 +120,9 @@ def _signals_answered_later() -> Iterator[None]:
     taken = {n: h for n in SIGNALS if (h := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     if threading.current_thread() is not threading.main_thread():
         taken = {}  # no signal is answered here
-    for number in taken:
-        signal.signal(number, lambda number, frame: came.append(number))
     try:
+        for number in taken:
+            signal.signal(number, lambda number, frame: came.append(number))
         yield
     finally:
         for number, handler in taken.items():
@@ -162,11 +162,11 @@ def check_file(path: Path, option: str) -> None:
         raise ValueError(f"{option} {path}: this is a folder; name a file in it")
     if path.exists() and not path.is_file():
         return
-    folder = path.resolve().parent
+    folder = (path.resolve() if path.is_symlink() else path).parent
     if not folder.is_dir():
-        raise ValueError(f"{option} {path}: there is no folder {path.parent}. Create it, or choose another")
+        raise ValueError(f"{option} {path}: there is no folder {folder}. Create it, or choose another")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ValueError(f"{option} {path}: the folder {path.parent} cannot be written; choose another")
+        raise ValueError(f"{option} {path}: the folder {folder} cannot be written; choose another")
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from auv_lse_common.support import atomic_files
 from auv_lse_common.support.atomic_files import check_file, check_folder, write_whole, written_whole
+from auv_lse_common.support.ending_signals import SIGNALS
 
 
 def _begin_and_raise(path: Path, error: BaseException) -> None:
@@ -92,6 +93,23 @@ def test_a_signal_while_files_are_moved_waits_until_all_are_there(
         over.set()
         other.join()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "c"]
+
+
+def test_a_signal_before_all_are_put_off_loses_no_later_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, put_off = {number: signal.getsignal(number) for number in SIGNALS}, signal.signal
+
+    def interrupted(number: int, handler: signal.Handlers) -> None:
+        put_off(number, handler)
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(signal, "signal", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _write_all(tmp_path, "a")
+    after = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, handler in before.items():
+        put_off(number, handler)
+    assert after == before
 
 
 def test_a_signal_that_is_ignored_stays_ignored_and_other_threads_may_write(tmp_path: Path) -> None:
@@ -196,6 +214,9 @@ def test_a_file_that_cannot_be_written_is_named_before_the_work(tmp_path: Path) 
         check_file(tmp_path, "--csv")
     with pytest.raises(ValueError, match=r"--csv .*: there is no folder .*/no\. Create it"):
         check_file(tmp_path / "no" / "a.csv", "--csv")
+    (tmp_path / "link").symlink_to("/nosuch/a.csv")
+    with pytest.raises(ValueError, match=r"--csv .*/link: there is no folder /nosuch\. Create it"):
+        check_file(tmp_path / "link", "--csv")
 
 
 def test_new_and_existing_files_links_and_devices_can_be_written(tmp_path: Path) -> None:
