@@ -18,6 +18,7 @@ derivatives. Tests compare it with contours of draws from the posterior.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
@@ -41,6 +42,8 @@ NODES, POINTS = 16, 3
 LEAST_SLOPE_STD = 0.02
 #: Least standard deviation (m) of a depth at which R's derivative by the variance is computed.
 LEAST_STD_M = 1e-3
+#: Least variance (m^2) of the mean depth inside a cell.
+LEAST_INSIDE_M2 = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +106,22 @@ class LineLoss:
 
     def __init__(self, level_m: float, cell_m: float) -> None:
         """For an isobath at `level_m` and cells of side `cell_m` on the fine grid."""
-        self._level_m, self._cell_m = level_m, cell_m
+        self._level_m, self._cell_m, self._estimated = level_m, cell_m, False
         self._slopes: WeakKeyDictionary[CachedPoints, CachedSlopes] = WeakKeyDictionary()
+
+    def of_estimate(self) -> LineLoss:
+        """The same for the mean's isobath; see the module's text. Both share what they cache."""
+        other = copy.copy(self)
+        other._estimated = True
+        return other
 
     def of(self, points: CachedPoints, scale: float = 1.0, inflation: float = 1.0) -> LineLosses:
         """The losses per cell of the fine grid; each of `points` stands for `scale` of them."""
         if points not in self._slopes:
             self._slopes[points] = CachedSlopes(points)
         now = points.current()
-        density, mean_slope, slope_std = self._slopes[points].on_level(now, self._level_m, self._cell_m**2 * scale)
+        cell_m2 = self._cell_m**2 * scale
+        density, mean_slope, slope_std = self._slopes[points].on_level(now, self._level_m, cell_m2, self._estimated)
         after_m2 = np.minimum(now.planned_var_m2, now.data_var_m2)
         step_m = np.maximum(np.sqrt(after_m2), LEAST_STD_M) / NODES
         losses = _tabulated(self._cell_m**2 * density, mean_slope, slope_std, step_m)
@@ -128,12 +138,15 @@ class CachedSlopes:
         self._rows = self._posterior.rows[:0]
         self._prior = prior_slopes(self._posterior.prior_mean, points.locations_m)
 
-    def on_level(self, now: PointPosteriors, level_m: float, cell_m2: float) -> tuple[Array, Array, Array]:
+    def on_level(
+        self, now: PointPosteriors, level_m: float, cell_m2: float, estimated: bool = False
+    ) -> tuple[Array, Array, Array]:
         """For cells of `cell_m2`: density of the depth at the level (M,), and given that it is there, the length of the
         mean slope (M,) and its common standard deviation (M,).
 
         Args:
             now: The current posterior at the locations.
+            estimated: Whether both are those of the mean, times the share of the variance that the data removed.
         """
         posterior, n = self._posterior, self._posterior.data_rows
         self._update(n)
@@ -147,10 +160,14 @@ class CachedSlopes:
         inside_m2 = np.einsum("pi,pi->p", slope, slope) * cell_m2 / 12.0
         variance = np.maximum(now.data_var_m2 + inside_m2, 1e-12)
         off = level_m - now.mean_m
+        if estimated:
+            removed = 1.0 - now.data_var_m2 / posterior.kernel.signal_variance_m2
+            inside = np.maximum(inside_m2, LEAST_INSIDE_M2)
+            density = np.clip(removed, 0.0, 1.0) * _density(off, inside)
+            return density, np.hypot(*slope.T), np.full(len(off), LEAST_SLOPE_STD)
         slope = slope + covariance * (off / variance)[:, None]
         total = total - np.einsum("pi,pi->p", covariance, covariance) / variance
-        density = np.exp(-0.5 * off * off / variance) / np.sqrt(2.0 * math.pi * variance)
-        return density, np.hypot(*slope.T), np.sqrt(np.maximum(0.5 * total, LEAST_SLOPE_STD**2))
+        return _density(off, variance), np.hypot(*slope.T), np.sqrt(np.maximum(0.5 * total, LEAST_SLOPE_STD**2))
 
     def _update(self, end: int) -> None:
         """Recomputes the rows from the first changed one to `end` - 1, as `CachedPoints` does."""
@@ -166,6 +183,11 @@ class CachedSlopes:
             right = slope.T - lower[begin:end, :begin] @ store.rows[:begin]
             store.rows[begin:] = solve_triangular(lower[begin:end, begin:end], right, lower=True, check_finite=False)
         self._rows = posterior.rows[:end]
+
+
+def _density(off_m: Array, variance_m2: Array) -> Array:
+    """Density (M,) of a normal distribution at distances (M,) from its mean."""
+    return np.asarray(np.exp(-0.5 * off_m * off_m / variance_m2) / np.sqrt(2.0 * math.pi * variance_m2))
 
 
 def _tabulated(weight: Array, mean: Array, std: Array, step_m: Array) -> tuple[Array, Array]:

@@ -9,7 +9,12 @@ import pytest
 from planner_helpers import settings
 
 from auv_lse_gp.inference.centers import Centers
+from auv_lse_planner.methods.line import LOCATED
 from auv_lse_planner.methods.line_routes import route_along
+from auv_lse_planner.methods.method import Situation
+from auv_lse_planner.methods.tour_candidates import NO_FLOOR, TourProblem
+from auv_lse_planner.paths.rollout import PlannedPath
+from auv_lse_planner.reward.line import LineLoss
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 LINE_NORTH_M = 70.0
@@ -61,7 +66,6 @@ def test_the_first_plan_is_expected_to_locate_no_less_than_the_best_naive_path()
     assert record.budget >= 0.0
     context = planner._context
     from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS
-    from auv_lse_planner.methods.method import Situation
 
     situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=np.zeros(3))
     reward = planner._methods["line"].map_reward(situation)
@@ -71,22 +75,54 @@ def test_the_first_plan_is_expected_to_locate_no_less_than_the_best_naive_path()
     assert record.lower_bound == pytest.approx(max(ends), rel=1e-6)
 
 
-def test_of_the_plans_that_the_budget_allows_the_one_with_the_largest_path_reward_wins() -> None:
+def score_of(planner: VehiclePlanner, situation: Situation, path: PlannedPath) -> tuple[float, float]:
+    """Share of the largest benefit, and isobath of the mean located per length, from the posterior after the path."""
+    context, legs = planner._context, path.leg_locations_m[: situation.planner.horizon]
+    at = legs.reshape(-1, 2)
+    reward = context.path_reward(situation, np.empty((0, 2)))
+    benefit = reward.value(context.posterior.at(at)) / (reward.level_set.largest_risk * len(at))
+    cells = context.window.fine
+    losses = LineLoss(15.0, context.map_grid.resolution_m).of_estimate().of(cells)
+    measured = context.map_locations(path)[: len(legs)].reshape(-1, 2)
+    left_m2 = context.posterior.with_planned(measured).moments(cells.locations_m)[1]
+    located_m = float(losses.before.sum() - losses.sums(left_m2[None])[0])
+    return benefit, located_m / (len(legs) * planner.space.motion.leg_length_m)
+
+
+def test_of_the_plans_that_the_budget_allows_the_one_whose_next_legs_score_most_wins() -> None:
     planner, decided = planner_of(24), []
     method = planner._method_of("line")
     best = method._best
 
     def observed(situation, candidates, path_reward):
         chosen = best(situation, candidates, path_reward)
-        reward, horizon = path_reward(), planner.planner.horizon
-        at = [reward.posterior.at(c.path.leg_locations_m[:horizon].reshape(-1, 2)) for c in candidates]
-        decided.append((len(candidates), reward.value(at[candidates.index(chosen)]), max(map(reward.value, at))))
+        scores = [float(np.dot((1.0, LOCATED), score_of(planner, situation, c.path))) for c in candidates]
+        decided.append((len(candidates), scores[candidates.index(chosen)], max(scores)))
         return chosen
 
     method._best = observed
     travelled(planner, 12)
     assert max(number for number, _, _ in decided) > 5, "routes and heads are candidates between two searches, too"
-    assert all(own == most for _, own, most in decided)
+    assert all(own == pytest.approx(most, rel=1e-6) for _, own, most in decided)
+
+
+def test_on_flat_ground_where_all_plans_have_nearly_the_same_benefit_the_line_decides() -> None:
+    planner = planner_of(24)
+    east = np.arange(0.0, 160.0, 12.0)
+    sounded = np.concatenate([np.column_stack([np.full_like(east, north), east]) for north in (58.0, 82.0)])
+    flat = 15.0 + 0.02 * (sounded[:, 0] - LINE_NORTH_M)
+    state = np.array([0.5 * np.pi, LINE_NORTH_M, 140.0])
+    situation = Situation(planner=planner.planner, now_s=0.0, step=0, state=state)
+    method, context = planner._method_of("line"), planner._context
+    context.window.set_centers(Centers(sounded, flat, np.full(len(sounded), 0.3)))
+    reward = context.path_reward(situation, np.empty((0, 2)))
+    problem = TourProblem(situation, method.map_reward(situation), NO_FLOOR, lambda: reward, None)
+    lines = [[[LINE_NORTH_M, 140.0], [north, 360.0]] for north in (LINE_NORTH_M, LINE_NORTH_M + 60.0)]
+    ahead, away = (method._candidates.along(problem, np.array(line)).path for line in lines)
+    benefits = [score_of(planner, situation, path)[0] for path in (ahead, away)]
+    assert benefits[0] == pytest.approx(benefits[1], abs=0.05)
+    scores = [method._next_legs(situation, path, lambda: reward) for path in (ahead, away)]
+    assert scores[0] > scores[1] + 0.2
 
 
 def test_a_route_follows_near_stretches_first_and_is_no_longer_than_it_may_be() -> None:

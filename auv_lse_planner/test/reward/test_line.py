@@ -13,7 +13,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.crossings import crossing_intensity
 from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
-from auv_lse_planner.reward.line import LineLoss
+from auv_lse_planner.reward.line import CachedSlopes, LineLoss
 
 LEVEL_M, CELL_M, SIDE_M, DRAWS = 15.0, 6.0, 150.0, 700
 
@@ -98,3 +98,27 @@ def test_it_telescopes() -> None:
         more.extend(Centers(at, mean + std * z, np.full(1, noise)))
         left.append(LineLoss(LEVEL_M, 20.0).of(CachedPoints(more, points.locations_m)).before.sum())
     assert weights @ left / weights.sum() == pytest.approx(expected, rel=0.01)
+
+
+def test_the_estimated_isobath_is_the_mean_s_contour_where_the_ground_was_sounded() -> None:
+    """A plane whose slope is known well: the cells have the contour's length, times the share of variance removed."""
+    north, east = np.meshgrid([45.0, 75.0, 105.0], np.arange(0.0, SIDE_M + 1.0, 30.0))
+    at = np.column_stack([north.ravel(), east.ravel()])
+    known = Posterior(GpConfig())
+    known.extend(Centers(at, LEVEL_M + (at - 75.0) @ [0.11, 0.04], np.full(len(at), 0.3)))
+    axis = np.arange(0.5 * CELL_M, SIDE_M, CELL_M)
+    nodes = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = CachedPoints(known, nodes)
+    density, slope, _ = CachedSlopes(points).on_level(points.current(), LEVEL_M, CELL_M**2, estimated=True)
+    mean, variance = known.moments(nodes)
+    (line,) = contourpy.contour_generator(axis, axis, mean.reshape(len(axis), -1)).lines(LEVEL_M)
+    near = np.abs(mean - LEVEL_M) < 0.12 * CELL_M
+    removed = 1.0 - float(variance[near].mean()) / known.kernel.signal_variance_m2
+    length_m = np.hypot(*np.diff(line, axis=0).T).sum() + CELL_M  # half a cell beyond each end
+    assert CELL_M**2 * float(density @ slope) == pytest.approx(length_m * removed, rel=0.03)
+
+
+def test_no_isobath_is_estimated_where_nothing_was_sounded() -> None:
+    points = CachedPoints(posterior(0), area().grid(20.0).locations_m)
+    assert LineLoss(LEVEL_M, 20.0).of_estimate().of(points).before.sum() == 0.0
+    assert LineLoss(LEVEL_M, 20.0).of(points).before.sum() > 100.0
