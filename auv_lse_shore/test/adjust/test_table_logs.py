@@ -8,40 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from adjust.survey_logs import START_S, depth_m, survey
+from adjust.tables import ROWS, checked, gathered, lines, utc
 
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_shore.survey_import.command import parser, user_facts
 from auv_lse_shore.survey_import.gather import UserFacts, gather
 from auv_lse_shore.survey_import.parsing import dialect
-from auv_lse_shore.survey_import.parsing.table_values import _angle
+from auv_lse_shore.survey_import.parsing.angles import angle
 from auv_lse_shore.survey_import.survey_log import LogError
-
-ROWS = survey()[:120]
-
-
-def gathered(tmp_path, data, *arguments):
-    path = tmp_path / "table.txt"
-    path.write_bytes(data if isinstance(data, bytes) else data.encode())
-    options = parser().parse_args([str(path), "--origin", "46.5", "6.6", *arguments])
-    return gather(options.logs, user_facts(options))
-
-
-def checked(found, count=120, starts=START_S):
-    """Whether all soundings have the known depths; draughts are not in these tables."""
-    rows = np.concatenate([log.soundings for log in found.placed])
-    assert len(rows) == count
-    assert rows[:, 3] == pytest.approx(depth_m(rows[:, 1], rows[:, 2]) - 0.3, abs=0.02)
-    if starts is not None:
-        assert rows[0, 0] == pytest.approx(starts, abs=0.01)
-
-
-def utc(stamp_s, form="%Y-%m-%dT%H:%M:%S"):
-    return str(np.datetime64(int(stamp_s), "s").astype("O").strftime(form))
-
-
-def lines(header, row):
-    return "\n".join([*([header] if header else []), *(row(*r) for r in ROWS)]) + "\n"
-
 
 TABLES = {
     "plain": lines("time_utc,lat,lon,depth", lambda t, a, o, d: f"{utc(t)}Z,{a:.8f},{o:.8f},{d:.3f}"),
@@ -175,7 +149,7 @@ def test_projected_positions_in_feet_are_those_of_any_system(tmp_path, crs, unit
     ],
 )  # fmt: skip
 def test_the_s_behind_seconds_is_south_and_that_of_33d51m12s_is_a_unit(text, sign):
-    assert _angle(text, Path("a.csv")) == pytest.approx(sign * 33.853333, abs=1e-6)
+    assert angle(text, Path("a.csv")) == pytest.approx(sign * 33.853333, abs=1e-6)
 
 
 def test_angles_in_radians_are_converted(tmp_path):

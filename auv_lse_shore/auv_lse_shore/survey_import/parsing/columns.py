@@ -59,6 +59,11 @@ ROLES: dict[str, tuple[str, ...]] = {
         "longitudedirection", "lonhemisphere", "longhemisphere", "longitudehemisphere", "lonhem", "lonsign", "eastwest",
         "ewindicator", "ewhemisphere", "hemisphereew",
     ),
+    "lat_min": ("latmin", "latmins", "latminutes", "latitudemin", "latitudemins", "latitudeminutes"),
+    "lon_min": (
+        "lonmin", "lonmins", "lonminutes", "longmin", "longminutes", "longitudemin", "longitudemins",
+        "longitudeminutes",
+    ),
     "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
     "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
     "depth": (
@@ -68,6 +73,7 @@ ROLES: dict[str, tuple[str, ...]] = {
         "profondeur", "profundidad", "profondita", "profundidade", "diepte", "dybde", "djup", "glebokosc", "hloubka",
         "depthbelowkeel", "dbk", "depth1", "glubina",
     ),
+    "depth_unit": ("depthunit", "depthunits", "depthuom", "unit", "units", "uom"),
     "elevation": (
         "elevation", "elev", "bedelevation", "bottomelevation", "lakebedelevation", "bedlevel", "bottomlevel",
         "seafloorelevation", "sohlhoehe", "sohlhöhe",
@@ -97,6 +103,9 @@ ROLES: dict[str, tuple[str, ...]] = {
     "z": ("z", "zcoord", "value", "zvalue"),
 }  # fmt: skip
 _BY_NAME = {name: role for role, names in ROLES.items() for name in names}
+#: Hemispheres, and minutes, where the unit of a latitude or longitude stands.
+_SIDES = {"lat": ("n", "s", "north", "south"), "lon": ("e", "w", "east", "west")}
+_MINUTES = ("min", "mins", "minutes", "'")
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -117,8 +126,13 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
         known = (*UNITS, *TIME_UNITS, *ANGLE_UNITS, *OTHER_UNITS)
         cut = next((k for k in known if key.endswith(k) and _suits(k, key[: -len(k)])), "")
         key, unit = key.removesuffix(cut), unit or cut
-    role = _BY_NAME.get(key)
-    return None if role is None else Column(number, role, unit.lower().strip(), name.strip(), ROLES[role].index(key))
+    if key not in _BY_NAME and words[-1:] and words[-1] in _SIDES.get(_BY_NAME.get("".join(words[:-1]), ""), ()):
+        key, unit = "".join(words[:-1]), words[-1]  # as in "lon W"
+    role, unit = _BY_NAME.get(key), unit.lower().strip()
+    if role is None:
+        return None
+    rank = ROLES[role].index(key)
+    return Column(number, f"{role}_min" if role in _SIDES and unit in _MINUTES else role, unit, name.strip(), rank)
 
 
 def _suits(unit: str, key: str) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
+from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
 from auv_lse_shore.survey_import.parsing.columns import Column, depth_role
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.text import text_of
@@ -28,7 +29,7 @@ from auv_lse_shore.survey_import.parsing.times import (
     seconds,
     zoned_of,
 )
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, TIME_UNITS, UNITS, factor_of
+from auv_lse_shore.survey_import.parsing.units import TIME_UNITS, UNITS, StatedUnits, factor_of
 from auv_lse_shore.survey_import.survey_log import JUMP_M, MAX_SPEED_MPS, LogError
 
 Array = NDArray[np.float64]
@@ -39,12 +40,9 @@ SAMPLE_LETTERS = 100_000
 #: Number of times, spread over a table, by which their notation is recognized.
 _SAMPLED = 1000
 #: Beginnings of the roles whose cells stay text.
-TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side")
+TEXT_ROLES = ("datetime", "date", "vehicle", "sounder", "order", "lat_side", "lon_side", "depth_unit")
 #: Values that commonly mark missing data, with either sign.
 _NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0, 999.0, 999.9, 999.99, 65535.0, 655.35)
-_ANGLE = re.compile(r"\s*([NSEWO])?\s*([+-]?\d+(?:\.\d*)?)[°º d:]*\s*(?:(\d+(?:\.\d*)?)['′ m:]*)?\s*"
-                    r"(?:(\d+(?:\.\d*)?)((?:[\"″'′ ]|s(?=\s*[NSEWO]\s*$))*))?\s*([NSEWO])?\s*$",
-                    re.IGNORECASE)  # fmt: skip
 #: More names than these in a column of vehicles, or of sounders, number something else.
 _MOST_VEHICLES, _MOST_SOUNDERS = 20, 50
 #: Units that differ by less than this share are the same.
@@ -127,7 +125,7 @@ def values_of(path: Path, role: str, cells: Sequence[str], decimal_comma: bool) 
     if role not in ("lat", "lon", "x", "y"):
         return numbers
     for i in np.flatnonzero(~np.isfinite(numbers)).tolist():
-        numbers[i] = _angle(cells[i].replace(",", ".") if decimal_comma else cells[i], path)
+        numbers[i] = angle(cells[i].replace(",", ".") if decimal_comma else cells[i], path)
     return numbers
 
 
@@ -145,46 +143,6 @@ def refuse_units(path: Path, cells: Sequence[str]) -> None:
         )
 
 
-def _angle(text: str, path: Path) -> float:
-    match = _ANGLE.match(text)
-    if not match:
-        return float("nan")
-    before, degrees, minutes, rest, mark, after = match.groups()
-    if rest and "s" not in mark.lower() and ("m" if after == "s" else "M" if after == "S" else "?") in text:
-        after = None  # of seconds, as in 33d51m12s
-    value = abs(float(degrees)) + float(minutes or 0.0) / 60.0 + float(rest or 0.0) / 3600.0
-    return -value if degrees.startswith("-") else value * _side(before or after or "", repr(text.strip()), path)
-
-
-def _side(letter: str, where: str, path: Path) -> float:
-    """-1 for S and W, 1 for others.
-
-    Raises:
-        LogError: for an O, which has two meanings; names the file and where the O is.
-    """
-    if letter.upper() == "O":
-        raise LogError(f"{path}: the O in {where} is east in German and west in French and Spanish. Write E or W.")
-    return -1.0 if letter.upper() in ("S", "W") else 1.0
-
-
-def _hemispheres(table: Table, positions: Array) -> Array:
-    """Degrees with the signs that columns of hemispheres give them.
-
-    Raises:
-        LogError: if a hemisphere is not clear.
-    """
-    for number, role in enumerate(("lat_side", "lon_side")):
-        sides = table.values.get(role)
-        if sides is None:
-            continue
-        letters = np.char.upper(np.char.strip(sides).astype("U1"))
-        for letter in np.unique(letters[np.isin(letters, ("N", "S", "E", "W", "O"))]).tolist():
-            rows = letters == letter
-            sign = _side(letter, f"column {table.columns[role].name}", table.path)
-            positions[rows, number] = sign * np.abs(positions[rows, number])
-    return positions
-
-
 def _in_units_of(table: Table, names: Sequence[str], positions: Array, unit_m: float) -> Array:
     """Positions (n, 2) in some unit from columns with units of their own; a column without one is in it already."""
     factors = [factor_of(table.columns[name].unit, UNITS) / unit_m or 1.0 for name in names]
@@ -198,7 +156,7 @@ def rows_of(table: Table, options: ReadOptions, content: LogContent) -> Rows:
     Raises:
         LogError: if elevations lack the water surface, or metres their coordinate system.
     """
-    positions, is_geodetic = _positions(table, options)
+    positions, is_geodetic = _positions(table, options, content)
     missing = ~np.isfinite(positions).all(axis=1)
     zero = (positions == 0.0).all(axis=1) & is_geodetic
     wrong = is_geodetic & ((np.abs(positions[:, 0]) > 90.0) | (np.abs(positions[:, 1]) > 360.0))
@@ -283,12 +241,11 @@ def spread_times(time_s: Array, positions: Array, is_geodetic: bool) -> tuple[Ar
     return time_s + np.repeat(spans / counts, counts) * order, np.repeat(stood, counts)
 
 
-def _positions(table: Table, options: ReadOptions) -> tuple[Array, bool]:
+def _positions(table: Table, options: ReadOptions, content: LogContent) -> tuple[Array, bool]:
     """Latitude and longitude, or metres north and east; and whether they are degrees."""
     values = table.values
     if "lat" in values and "lon" in values:
-        degrees = [factor_of(table.columns[name].unit, ANGLE_UNITS) or 1.0 for name in ("lat", "lon")]
-        return _hemispheres(table, np.column_stack([values["lat"], values["lon"]]) * degrees), True
+        return degrees_of(table.columns, values, table.path, content.notes), True
     north, east = ("north", "east") if "north" in values and "east" in values else ("y", "x")
     positions = np.column_stack([values[north], values[east]])
     known = positions[np.isfinite(positions).all(axis=1)]
@@ -329,8 +286,10 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     marked = np.isin(np.abs(values), _NO_DATA) & np.isfinite(values)
     content.left_out["depths with a value that marks missing data"] += int(marked.sum())
     values = np.where(marked, np.nan, values) * (factor or 1.0)
-    content.notes.append(f"column {column.name}{_unit_note(column, factor)}")
     content.left_out["depths that are no numbers"] += int((~np.isfinite(values) & ~marked).sum())
+    stated = None if factor or column.unit.strip("- ") else _stated_units(table, column, content)
+    content.notes.append(f"column {column.name}{_unit_note(column, factor) if stated is None else ''}")
+    values = values if stated is None else values * stated
     known = values[np.isfinite(values)]
     if role == "depth" and len(known) and (known < 0.0).mean() > 0.9:
         values, role = -values, "depth"
@@ -341,6 +300,28 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
     content.left_out[f"depths beyond {_DEEPEST_M:,.0f} m"] += int(absurd.sum())
     word = next((word for word in _BELOW if word in column.name.lower()), "")
     return np.where(absurd, np.nan, values), _BELOW.get(word, Reference.SURFACE)
+
+
+def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:
+    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths."""
+    roles = [role for role in table.columns if role.startswith("depth_unit")]
+    named = [role for role in roles if "depth" in table.columns[role].name.lower()]
+    beside = [role for role in roles if table.columns[role].number == depth.number + 1]
+    role = next(iter(named or beside or (roles if len(roles) == 1 else [])), "")
+    if not role:
+        return None
+    cells, rows = np.unique(np.char.strip(table.values[role]), return_inverse=True)
+    units = StatedUnits()
+    factors = np.array([units.factor({"unit": cell}) for cell in cells.tolist()])
+    other = cells[np.isnan(factors)]
+    if not any(cells) or (len(other) and not named):
+        shown = f"{other[0][:20]!r} is no unit of depths" if len(other) else "it is empty"
+        content.notes.append(f"column {table.columns[role].name} is ignored: {shown}")
+        return None
+    stated: Array = factors[rows]
+    units.unclear = int(np.isnan(stated).sum())
+    units.report(content)
+    return stated
 
 
 def _unit_note(column: Column, factor: float) -> str:
@@ -382,8 +363,8 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
             best = found
     if best is None:
         for role in candidates:
-            text = next((text for text in table.values[role].tolist() if text.strip()), "")
-            why = f"{text[:20]!r} is not a time" if text else "it is empty"
+            text = _first(table, role)
+            why = f"{text!r} is not a time" if text else "it is empty"
             content.notes.append(f"column {table.columns[role].name} is ignored: {why}")
         content.clock = Clock.NONE
         return np.arange(table.count, dtype=float)
@@ -392,6 +373,11 @@ def _times(table: Table, options: ReadOptions, content: LogContent) -> Array:
     is_whole = bool(len(known)) and bool((known % 1.0 == 0.0).all())
     content.lag_std_s = 1.0 / np.sqrt(12.0) if is_whole else 0.1
     return times
+
+
+def _first(table: Table, role: str) -> str:
+    """The first text of a column, shortened to be shown; "" if it is empty."""
+    return next((text[:20] for text in table.values[role].tolist() if text.strip()), "")
 
 
 def _time(table: Table, role: str, options: ReadOptions, content: LogContent) -> tuple[Clock, Array] | None:
@@ -410,10 +396,12 @@ def _time(table: Table, role: str, options: ReadOptions, content: LogContent) ->
     if np.isfinite(of_day_s(sample)).mean() > 0.5:
         clock = of_day_s(texts)
         _check_zones(texts, zoned_of(texts), column, date_of or column, table.path)
-        if date_of is None:
+        day, assumed = days(table.values["date"].tolist() if date_of else [], options.day_first)
+        if date_of is None or not np.isfinite(day).any():
+            if date_of is not None:
+                content.notes.append(f"column {date_of.name} is ignored: {_first(table, 'date')!r} is not a date")
             clock -= header_zone_s(column.name)
             return Clock.DAY, clock + 86_400.0 * np.append(0.0, np.cumsum(np.diff(np.nan_to_num(clock)) < -60.0))
-        day, assumed = days(table.values["date"].tolist(), options.day_first)
         is_utc = is_utc or "utc" in date_of.name.lower()
         has_zone, stamps = False, day + clock - header_zone_s(f"{column.name} {date_of.name}")
     else:

@@ -25,6 +25,11 @@ _OF_DAY = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d*)?))?\s*([AaPp]\.?[M
 _SIX_DIGITS = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d*)?)")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})$|(\d{4})(\d{2})(\d{2})$")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})$")
+#: Dates whose month has its English name: 14-Jun-2025, 14 June 2025, 14Jun2025; Jun 14, 2025.
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_NAME = f"({'|'.join(_MONTHS)})[a-z]*"
+_DAY_NAME_YEAR = re.compile(rf"^\s*(\d{{1,2}})[-/. ]*{_NAME}[-/., ]*(\d{{4}}|\d{{2}})(?!\d)", re.IGNORECASE)
+_NAME_DAY_YEAR = re.compile(rf"^\s*{_NAME}[-/. ]*(\d{{1,2}})[-/., ]+(\d{{4}})(?!\d)", re.IGNORECASE)
 _ZONE = re.compile(r"(?<=[\d:. ]{3})\s*(Z|UTC|GMT|(?:UTC|GMT)?[+-]\d{2}(?::?\d{2})?)$")
 #: A zone in the header of a column, such as "UTC+2".
 HEADER_ZONE = re.compile(r"(?<![a-z])(?:utc|gmt)\s*([+-])\s*(0?\d|1[0-4])(?::?(\d{2}))?(?!\d)", re.IGNORECASE)
@@ -72,7 +77,8 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
     Args:
         day_first: Whether 3/4/2026 is in April; None: as the dates show, else as they follow each other most closely.
     """
-    unique = sorted(set(texts))
+    plain = {text: _with_numbers(text) for text in set(texts)}
+    unique, texts = sorted(set(plain.values())), [plain[text] for text in texts]
     assumed = False
     if day_first is None:
         options = {order: _days(unique, order) for order in (False, True)}
@@ -83,6 +89,22 @@ def days(texts: Sequence[str], day_first: bool | None) -> tuple[Array, bool]:
         assumed = bad[True] == bad[False] and differ
     known = _days(unique, day_first)
     return np.array([known[text] for text in texts]), assumed
+
+
+def _with_numbers(text: str) -> str:
+    """A text whose date has a month's name with year, month and day as numbers instead; others as they are."""
+    if match := _DAY_NAME_YEAR.match(text):
+        day, name, year = match.groups()
+    elif match := _NAME_DAY_YEAR.match(text):
+        name, day, year = match.groups()
+    else:
+        return text
+    return f"{_year(int(year))}-{_MONTHS.index(name.lower()) + 1}-{day}{text[match.end() :]}"
+
+
+def _year(number: int) -> int:
+    """A year of two digits in full: 1980 to 2079."""
+    return number + (0 if number > 99 else 1900 if number >= 80 else 2000)
 
 
 def _span(found: dict[str, float]) -> float:
@@ -99,8 +121,7 @@ def _date(text: str, day_first: bool) -> float:
         parts = [int(part) for part in match.groups() if part]
     elif match := _YEAR_LAST.match(text):
         first, second, year = (int(part) for part in match.groups())
-        year += 0 if year > 99 else 1900 if year >= 80 else 2000
-        parts = [year, second, first] if day_first else [year, first, second]
+        parts = [_year(year), second, first] if day_first else [_year(year), first, second]
     else:
         return float("nan")
     try:
@@ -122,7 +143,7 @@ def datetimes(texts: Sequence[str], day_first: bool | None) -> tuple[Array, Sequ
     zones = [_ZONE.search(text) if ":" in text else None for text in texts]
     zoned = [text for text, zone in zip(texts, zones, strict=True) if zone]
     bare = [text[: zone.start()] if zone else text for text, zone in zip(texts, zones, strict=True)]
-    parts = [re.split(r"[T ,]+", text.strip(), maxsplit=1) for text in bare]
+    parts = [re.split(r"[T ,]+", _with_numbers(text.strip()), maxsplit=1) for text in bare]
     day, assumed = days([part[0] for part in parts], day_first)
     clock = of_day_s([part[1] if len(part) > 1 else "0:00" for part in parts])
     shift = np.array([_zone_s(zone[1]) if zone else 0.0 for zone in zones])

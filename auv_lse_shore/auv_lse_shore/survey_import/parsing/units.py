@@ -12,8 +12,8 @@ from auv_lse_shore.survey_import.log_content import LogContent
 #: Metres per unit of length.
 UNITS = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
-    "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01, "mm": 0.001,
-    "dm": 0.1, "km": 1000.0, "in": 0.0254,
+    "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fms": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01,
+    "mm": 0.001, "dm": 0.1, "km": 1000.0, "in": 0.0254, "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
 }  # fmt: skip
 #: Seconds per unit of time.
 TIME_UNITS = {
@@ -25,7 +25,8 @@ ANGLE_UNITS = {"rad": 57.29577951308232, "radians": 57.29577951308232}
 #: Names of a property or attribute that states the unit of the depth beside it.
 _UNIT_KEYS = ("unit", "units", "uom", "depth_unit", "depth_units", "depthunit", "depthunits")
 #: What else stands where a unit is expected.
-OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84")
+OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z", "local", "%", "percent", "wgs84",
+               "e7", "dege7", "ddmm", "dddmm")  # fmt: skip
 #: Metres of a foot of the United States' land survey.
 _SURVEY_FOOT_M = 1200.0 / 3937.0
 #: A number that is no part of a name, such as that of "ft/10".

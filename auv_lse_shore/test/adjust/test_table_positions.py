@@ -1,0 +1,155 @@
+"""Positions, units and dates of tables in notations of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from adjust.survey_logs import START_S
+from adjust.tables import ROWS, checked, gathered, lines, utc
+
+from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_shore.survey_import.survey_log import LogError
+
+
+def packed(degrees, digits=6):
+    """Degrees and minutes as NMEA writes them: 4630.0000."""
+    return f"{100 * int(degrees) + 60 * (degrees % 1.0):.{digits}f}"
+
+
+@pytest.mark.parametrize("header", ["depth,unit", "depth,depth_unit", "depth,UOM", "unit,depth", "depth,temp,Units"])
+def test_a_column_of_units_counts(tmp_path, header):
+    cells = {"depth": "{}", "temp": "17.5"}
+    row = ",".join(cells.get(name, "ft") for name in header.split(","))
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(d / 0.3048)},{utc(t)}")
+    found = gathered(tmp_path, data)
+    checked(found)
+    assert "depths in ft, 0.3048 m" in found.lines[0]
+
+
+def test_each_row_has_its_own_unit(tmp_path):
+    units = {0: (1.0, "m"), 1: (0.3048, "ft"), 2: (1.8288, "Fathoms")}
+
+    def row(t, a, o, d):
+        unit_m, name = units[int(t) % 3]
+        return f"{a:.8f},{o:.8f},{d / unit_m:.4f},{name},{utc(t)}"
+
+    checked(gathered(tmp_path, lines("lat,lon,depth,depth_unit,utc", row)))
+
+
+def test_depths_in_a_unit_that_is_not_understood_are_left_out(tmp_path):
+    data = lines(
+        "lat,lon,depth,depth_unit,utc",
+        lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{'dbar' if t > START_S + 99 else 'm'},{utc(t)}",
+    )
+    found = gathered(tmp_path, data)
+    assert found.placed[0].left_out["depths in a unit that is not understood"] == 20
+    checked(found, count=100)
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("depth,temp,unit", "{},17.5,C"),  # of the temperature
+        ("depth,unit", "{},alpha"),  # a ship's
+        ("depth (m),unit", "{},ft"),  # the header is plainer
+        ("depth,unit,temp,unit", "{},m,17.5,C"),
+        ("depth,unit", "{},"),
+    ],
+)
+def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(round(d, 3))},{utc(t)}")
+    checked(gathered(tmp_path, data))
+
+
+def test_the_unit_that_the_user_gives_counts(tmp_path):
+    data = lines("lat,lon,depth,unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},ft,{utc(t)}")
+    checked(gathered(tmp_path, data, "--depth-unit", "m"))
+
+
+@pytest.mark.parametrize(
+    "names",
+    ["Latitude (S),Longitude (W)", "lat S,lon W", "Lat_South,Lon_West", "Latitude [°S],Longitude [deg W]"],
+)
+def test_the_hemisphere_in_a_header_counts(tmp_path, names):
+    data = lines(f"{names},Depth,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, data, "--origin", "-46.5", "-6.6")
+    north, east = local_from_geodetic(-ROWS[:, 1], -ROWS[:, 2], -46.5, -6.6)
+    assert found.placed[0].soundings[:, 1:3] == pytest.approx(np.column_stack([north, east]), abs=0.01)
+    assert all(f"column {name} negated" in found.lines[0] for name in names.split(","))
+
+
+@pytest.mark.parametrize(
+    ("names", "sign"),
+    [
+        ("Latitude (N),Longitude (E)", 1.0),
+        ("lat N,lon E", 1.0),
+        ("Latitude (N/S),Longitude (E/W)", 1.0),
+        ("Latitude (-S),Longitude (-W)", 1.0),
+        ("Latitude (S),Longitude (W)", -1.0),  # signed, too
+        ("Latitudes,Longitudes", 1.0),
+    ],
+)
+def test_degrees_that_have_their_sign_keep_it(tmp_path, names, sign):
+    first = ["--columns", "lat,lon,depth,utc"] if names.startswith("Latitudes") else []
+    data = lines(f"{names},Depth,utc", lambda t, a, o, d: f"{sign * a:.8f},{sign * o:.8f},{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, data, *first, "--origin", str(sign * 46.5), str(sign * 6.6))
+    north, east = local_from_geodetic(sign * ROWS[:, 1], sign * ROWS[:, 2], sign * 46.5, sign * 6.6)
+    assert found.placed[0].soundings[:, 1:3] == pytest.approx(np.column_stack([north, east]), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "names",
+    ["Lat (deg),Lat (min),Lon (deg),Lon (min)", "lat_deg,lat_min,lon_deg,lon_min", "Lat,LatMinutes,Lon,LonMinutes"],
+)
+def test_minutes_in_columns_of_their_own_count(tmp_path, names):
+    data = lines(
+        f"{names},depth,utc",
+        lambda t, a, o, d: f"{int(a)},{60 * (a % 1):.6f},{int(o)},{60 * (o % 1):.6f},{d:.3f},{utc(t)}",
+    )
+    checked(gathered(tmp_path, data))
+
+
+def test_minutes_beside_whole_positions_do_not_count_twice(tmp_path):
+    data = lines("lat,lat_min,lon,lon_min,depth,utc", lambda t, a, o, d: f"{a:.8f},30.1,{o:.8f},36.1,{d:.3f},{utc(t)}")
+    checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("names", ["lat,lon", "Latitude (ddmm.mmmm),Longitude (dddmm.mmmm)", "lat_ddmm,lon_ddmm"])
+def test_degrees_and_minutes_in_one_number(tmp_path, names):
+    found = gathered(
+        tmp_path, lines(f"{names},depth,utc", lambda t, a, o, d: f"{packed(a)},{packed(o)},{d:.3f},{utc(t)}")
+    )
+    checked(found)
+    assert "positions as degrees and minutes (4630.0000)" in found.lines[0]
+
+
+def test_degrees_and_minutes_in_one_number_with_hemispheres(tmp_path):
+    sides = lines("lat,ns,lon,ew,depth,utc", lambda t, a, o, d: f"{packed(a)},N,{packed(o)},E,{d:.3f},{utc(t)}")
+    checked(gathered(tmp_path, sides))
+    checked(gathered(tmp_path, sides.replace(",N,", "N,").replace(",E,", "E,").replace("ns,", "").replace("ew,", "")))
+
+
+def test_positions_as_whole_numbers_need_their_unit(tmp_path):
+    def data(names):
+        return lines(f"{names},depth,utc", lambda t, a, o, d: f"{1e7 * a:.0f},{1e7 * o:.0f},{d:.3f},{utc(t)}")
+
+    checked(gathered(tmp_path, data("lat_e7,lon_e7")))
+    checked(gathered(tmp_path, data("latitude (degE7),longitude (degE7)")))
+    with pytest.raises(LogError, match=r"latitudes such as 46\d+ are no degrees.*--columns.*lat_e7,lon_e7"):
+        gathered(tmp_path, data("lat,lon"))
+
+
+@pytest.mark.parametrize("form", ["%d-%b-%Y", "%d %b %Y", "%d %B %Y", "%b %d, %Y", "%d-%b-%y", "%d%b%Y"])
+def test_months_may_have_names(tmp_path, form):
+    day = utc(START_S, form)
+    apart = lines("date;time;lat;lon;depth", lambda t, a, o, d: f"{day};{utc(t, '%H:%M:%S')};{a:.8f};{o:.8f};{d:.3f}")
+    checked(gathered(tmp_path, apart))
+    both = lines("utc;lat;lon;depth", lambda t, a, o, d: f"{day} {utc(t, '%H:%M:%S')};{a:.8f};{o:.8f};{d:.3f}")
+    checked(gathered(tmp_path, both))
+
+
+def test_a_date_that_is_not_understood_is_named_as_ignored(tmp_path):
+    data = lines("date,time,lat,lon,depth", lambda t, a, o, d: f"day 3,{utc(t, '%H:%M:%S')},{a:.8f},{o:.8f},{d:.3f}")
+    found = gathered(tmp_path, data)
+    checked(found, starts=None)
+    assert "column date is ignored: 'day 3' is not a date" in found.lines[0]
