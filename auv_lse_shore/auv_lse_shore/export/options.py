@@ -219,6 +219,11 @@ def _table(path: Path, option: str, firsts: tuple[str, ...], second: str) -> Arr
         raise SurveyError(f"{option} {path} has no rows; {needed}")
     table = np.array([(value, level) for value, (level, _) in sorted(rows.items())])
     marks = np.isin(np.abs(table[:, 1]), OFTEN_NO_DATA)
+    if (marks & (table[:, 1] < 0.0) & (table[:, 1] == table[0, 1])).all():
+        raise SurveyError(
+            f"{option} {path} has only levels of {table[0, 1]:g}, a common mark for missing data. Correct the table, "
+            f"or give a level that does not change as a number: --water-level {table[0, 1]:g}"
+        )
     marks &= np.abs(table[:, 1] - np.median(table[~marks | marks.all(), 1])) > _APART
     if marks.any():
         value, level = table[marks][0]

@@ -13,7 +13,7 @@ from rich.console import Console
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_shore.remote import checking, fetching, ordering, sending, watching
-from auv_lse_shore.remote.fleet_file import FleetFileError, fleet_text, read_fleet
+from auv_lse_shore.remote.fleet_file import FleetFileError, fleet_text, read_fleet, refuse_folder
 from auv_lse_shore.remote.ledger import LedgerError
 from auv_lse_shore.remote.ledger_file import LedgerFile
 
@@ -29,11 +29,23 @@ _ORDERS = {
     "reset": "clear tripped limits and an abort; the missions then hold until go",
     "stop": "end the vehicles' nodes, the recorder last",
 }
+_VERBS = (*_ORDERS, "init", "check", "send", "pending", "watch", "fetch")
+_FILE = "fleet.yaml"
+
+
+class _Parser(argparse.ArgumentParser):
+    """A command line whose first word may be left out: argparse would take the verb before a vehicle for it."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        words = list(args or ())
+        if words[:1] and words[0] in _VERBS and words[1:2] and words[1] not in _VERBS:
+            words = [_FILE, *words]
+        return super().parse_known_args(words, namespace)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of auv_lse fleet."""
-    p = argparse.ArgumentParser(
+    p = _Parser(
         prog="auv_lse fleet",
         description="Checks, loads, commands and watches several vehicles from one laptop, and fetches their "
         "recordings, over their SSH. An order acts exactly once, however often the link drops. See "
@@ -42,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
         "line; 130 Ctrl-C.",
     )
     p.add_argument(
-        "file", nargs="?", type=Path, default=Path("fleet.yaml"), metavar="FILE", help="the fleet file (fleet.yaml)"
+        "file", nargs="?", type=Path, default=Path(_FILE), metavar="FILE", help="the fleet file (fleet.yaml)"
     )
     of_verb: Any = functools.partial(argparse.ArgumentParser, epilog=p.epilog)
     verbs = p.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=of_verb)
@@ -109,6 +121,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _init(options: argparse.Namespace) -> int:
+    refuse_folder(options.file)
     if options.file.exists():
         raise FleetFileError(f"{options.file} exists already. Edit it, or name another file.")
     write_whole(options.file, fleet_text(options.hosts))

@@ -100,12 +100,23 @@ class FleetFile:
         return [known[name] for name in wanted]
 
 
+def refuse_folder(path: Path) -> None:
+    """Checks that a path is no folder.
+
+    Raises:
+        FleetFileError: with the cure.
+    """
+    if path.is_dir():
+        raise FleetFileError(f"{path} is a folder. Name the fleet file in it, such as {path / 'fleet.yaml'}.")
+
+
 def read_fleet(path: Path) -> FleetFile:
     """Reads a fleet file.
 
     Raises:
         FleetFileError: naming the wrong key and value.
     """
+    refuse_folder(path)
     if not path.is_file():
         raise FleetFileError(f"{path}: there is no such file. Write one: auv_lse fleet {path} init USER@HOST ...")
     try:

@@ -243,6 +243,12 @@ def test_corrections_that_cannot_be_used_are_named(lake, tmp_path, capsys, optio
             "time_s,level_m\n0,-99\n500,-99\n900,0.2\n",
             r": line 2: level_m is -99, far from the others and a common mark .* Remove this line",
         ),
+        (
+            "--water-level",
+            "time_s,level_m\n0,-99\n500,-99\n",
+            r"table.csv has only levels of -99, a common mark .* as a number: --water-level -99",
+        ),
+        ("--water-level", "time_s,level_m\n0,-999.9\n", r"only levels of -999.9, a common mark"),
         ("--water-level", "time_s,level_m\n", r"has no rows; needed is a CSV file with columns time_s or time_utc"),
         (
             "--sound-speed",
@@ -275,8 +281,11 @@ def test_tables_of_gauges_and_spreadsheets_are_read(tmp_path, text):
     np.testing.assert_array_equal(_water_level(str(tmp_path / "level.csv")), [(0.0, 0.1), (5.0, 0.4), (9.0, 0.2)])
 
 
-def test_a_lake_whose_level_is_99_m_above_the_datum_is_no_missing_data(tmp_path):
-    (tmp_path / "level.csv").write_text("time_s,level_m\n0,98.9\n5,99.0\n9,99.9\n")
+@pytest.mark.parametrize(
+    "levels", [(98.9, 99.0, 99.9), (99.0, 99.0, 99.0), (-98.0, -99.0, -99.0), (-98.5, -98.5, -98.5)]
+)
+def test_a_lake_whose_level_is_99_m_from_the_datum_is_no_missing_data(tmp_path, levels):
+    (tmp_path / "level.csv").write_text("time_s,level_m\n" + "".join(f"{5 * i},{x}\n" for i, x in enumerate(levels)))
     assert len(_water_level(str(tmp_path / "level.csv"))) == 3
 
 
