@@ -17,6 +17,8 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
+from auv_lse_gp.map.certainty import classify, length_of
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_record.growing_file import RecordingFile
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_record.run_writer import write_run
@@ -309,6 +311,56 @@ def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
     follower.follow(stop)
     assert followed == [running.RunningMission(7, tmp_path)]
     assert timeline.state == {"growing": False, "control": False, "problem": "", "waiting": "waiting for a mission"}
+
+
+def sounded(number, north_m, east_m):
+    """A sounding on ground that reaches the level of 15 m at 120 m north; one every 2 s."""
+    depth_m = 15.0 - 0.1 * (120.0 - north_m)
+    return ns(header=header(2.0 * number), north_m=float(north_m), east_m=float(east_m), depth_m=float(depth_m))
+
+
+@pytest.mark.parametrize("is_published", [True, False])
+def test_a_line_that_soundings_only_lead_to_is_not_found_on_the_page_either(settings, is_published):
+    events, planner = MissionEvents(settings, maps_on_request=True), settings.planner_settings(1)
+    depth_map = DepthMap(planner.gp, planner.level_set, OperatingArea(settings.area))
+    rows = [(north_m, east_m, 0.0) for east_m in range(0, 161, 10) for north_m in range(40, 97, 3)]
+    for number, (north_m, east_m, _) in enumerate(rows):
+        message = sounded(number, north_m, east_m)
+        depth_map.add_soundings([(2.0 * number, north_m, east_m, message.depth_m)])
+        if number < len(rows) // 2:
+            events.take("/auv1/sounding", message)
+        else:
+            sample = ns(**{name: [getattr(message, name)] for name in ("north_m", "east_m", "depth_m")})
+            events.take("/auv1/team/samples", ns(header=message.header, source=2, **vars(sample)))
+    field, signal_std_m = depth_map.field(), planner.gp.signal_std_m
+    if is_published:
+        layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
+        shown = events._map_event(1, 999.0, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)
+    else:
+        events.last_s["/auv1/odometry"] = 999.0
+        shown = events.newest_map(1)[0]
+    lines = depth_map.isobath().lines
+    report, blind = (classify(lines, field, signal_std_m, np.array(rows)[:known]) for known in (len(rows), 0))
+    assert length_of(report, "found") < length_of(blind, "found") - 50.0, "the case tells them apart"
+    found_m = sum(
+        float(np.hypot(*np.diff(np.reshape(line, (-1, 2)) / 10.0, axis=0).T).sum()) for line in shown["found"]
+    )
+    assert found_m == pytest.approx(length_of(report, "found"), abs=20.0)
+
+
+def test_soundings_of_a_vehicle_that_publishes_its_map_are_decoded_now_and_then(settings):
+    """Each is needed where the map is computed here; else their locations are, every 2 s."""
+    events = MissionEvents(settings)
+    events._map_of(1).stop()
+
+    def wanted(stamp_s):
+        data = b"\0\1\0\0" + int(stamp_s).to_bytes(4, "little") + round(1e9 * (stamp_s % 1.0)).to_bytes(4, "little")
+        return events.wants("/auv1/sounding", data)
+
+    assert wanted(0.0)
+    events.take("/auv1/sounding", sounded(0, 40.0, 0.0))
+    assert [wanted(stamp_s) for stamp_s in (0.5, 1.9, 2.0)] == [False, False, True]
+    assert events.wants("/auv2/sounding", b"\0\1\0\0" + bytes(8)), "its map is computed here"
 
 
 def test_a_large_map_is_recomputed_as_seldom_as_a_vehicle_publishes_it(settings, monkeypatch):

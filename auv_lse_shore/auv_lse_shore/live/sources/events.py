@@ -6,6 +6,7 @@ A message is any object with the fields of its ROS type, from a recording or fro
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -81,6 +82,7 @@ class MissionEvents:
         self._lines: dict[int, PlanLines] = {}
         self._coders: dict[int, LayerCoder] = {}
         self._own_maps: dict[int, OwnMap] = {}
+        self._sounded: dict[int, list[tuple[float, float]]] = defaultdict(list)  # what each vehicle knows: north, east
         self._plans: dict[int, Plan] = {}
         self._health: dict[str, tuple[str, str, float]] = {}
         self._event_s: dict[str, float] = {}
@@ -105,9 +107,8 @@ class MissionEvents:
             return True
         if found.topic.name != TRUTH_TOPIC.name and not self._map_of(found.vehicle).stopped:
             return True
-        key = "truth" if found.topic is TRUTH_TOPIC else "pose"
-        stamp_s = round(stamp_of(data), 3)
-        return found.topic.name != "sounding" and self._is_due(f"{key} {found.vehicle}", stamp_s, _TRACK_S)
+        key = {TRUTH_TOPIC.name: "truth", "odometry": "pose", "sounding": "sounding"}[found.topic.name]
+        return self._is_due(f"{key} {found.vehicle}", round(stamp_of(data), 3), _TRACK_S)
 
     def _is_due(self, key: str, stamp_s: float, period_s: float) -> bool:
         """Whether the last event of `key` is at least `period_s` of mission time away."""
@@ -145,6 +146,9 @@ class MissionEvents:
 
     def _sounding(self, vehicle: int, stamp_s: float, sounding: Sounding) -> list[Event]:
         self._map_of(vehicle).add_soundings([(stamp_s, *sounding[1:4])])
+        if self._is_due(f"sounding {vehicle}", stamp_s, _TRACK_S):
+            self._event_s[f"sounding {vehicle}"] = stamp_s
+            self._sounded[vehicle].append((sounding.north_m, sounding.east_m))
         return []
 
     def _map_of(self, vehicle: int) -> OwnMap:
@@ -182,8 +186,10 @@ class MissionEvents:
         field, signal_std_m = _field_of(north_m, east_m, layers, scale), self._settings.vehicle(vehicle).gp.signal_std_m
         informed = field.informed(signal_std_m)
         estimate = contours(north_m, east_m, layers["depth"], level_m, informed)
-        # as the report's pieces, but without soundings: neither their errors nor whether they only lead to the line
-        pieces = classify(estimate, field, signal_std_m, np.empty((0, 3)))
+        # as the report's pieces, with the soundings that the vehicle knows; their position errors are not known here
+        sounded = np.reshape(self._sounded[vehicle], (-1, 2))
+        sounded = sounded[np.isfinite(sounded).all(axis=1)]
+        pieces = classify(estimate, field, signal_std_m, np.column_stack([sounded, np.full(len(sounded), np.nan)]))
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
             "shallow_edge": contours(*axes, shown["depth"] + half_m, level_m, informed[::apart, ::apart]),
@@ -258,6 +264,7 @@ class MissionEvents:
             return []
         source = int(samples.vehicle[0])
         self._map_of(vehicle).add_samples(samples.points_m, source)
+        self._sounded[vehicle] += map(tuple, samples.locations_m.tolist())
         positions = decimetres(samples.locations_m)
         return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "positions": positions}]
 
