@@ -7,7 +7,7 @@ Under way, a vehicle has only its mates' packets. Here their own recordings repl
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 
 #: Steps of terrain matching: more than under way, where time is short.
 TERRAIN_STEPS = 8
+#: Positions that are corrected at once: their derivatives take some kilobytes each.
+_AT_ONCE = 10_000
 #: A received sample is a mate's sounding within this distance (m): a packet rounds numbers to 32 bits.
 SAME_POSITION_M = 0.05
 #: Two recordings with more than this share of common soundings count as one.
@@ -184,14 +186,20 @@ def _check(runs: Sequence[RunData], recordings: Sequence[Recording], usable: Seq
 
 def _adjusted(vehicle: VehicleRun, correction: Correction, key: int) -> VehicleRun:
     """A vehicle with its soundings at their estimated positions."""
-    positions = correction.positions(key, vehicle.soundings.stamp_s, raw_positions(vehicle))
+    positions = _in_pieces(correction.positions, key, vehicle.soundings.stamp_s, raw_positions(vehicle))
     stamps = vehicle.odometry[:, 0]
     track = correction.model.vehicles[key].track
     return dataclasses.replace(
         vehicle,
         soundings=dataclasses.replace(vehicle.soundings, north_m=positions[:, 0], east_m=positions[:, 1]),
-        position_std_m=correction.position_std_m(key, stamps, track.at(stamps).raw_m),
+        position_std_m=_in_pieces(correction.position_std_m, key, stamps, track.at(stamps).raw_m),
     )
+
+
+def _in_pieces(computed: Callable[[int, Array, Array], Array], key: int, stamps_s: Array, raw_m: Array) -> Array:
+    """Values (n, 2) of a vehicle's positions (n, 2) at times (n,), computed piece by piece."""
+    starts = range(0, max(len(stamps_s), 1), _AT_ONCE)
+    return np.concatenate([computed(key, stamps_s[i : i + _AT_ONCE], raw_m[i : i + _AT_ONCE]) for i in starts])
 
 
 def _summary(

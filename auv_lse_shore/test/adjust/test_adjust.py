@@ -17,12 +17,14 @@ from auv_lse_common.mission_file.degrees import in_metres
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import local_from_geodetic
 from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_gp.positions.correction import Correction
 from auv_lse_record.run_reader import read_run
 from auv_lse_record.run_writer import write_mission_file, write_run
 from auv_lse_shore.areas.area_file import read_area
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
+from auv_lse_shore.positions import adjustment
 from auv_lse_shore.positions.adjustment import AdjustError, adjust, corrects_positions
 from auv_lse_shore.positions.merging import merged, on_one_clock
 from auv_lse_shore.positions.recordings import missing_in
@@ -133,6 +135,26 @@ def test_soundings_go_where_they_were_taken(synthetic_run):
     heard, mates = adjustment.runs[0].vehicles[0].received, adjustment.runs[0].vehicles[1].soundings
     apart = np.sqrt(((heard.locations_m[:, None] - mates.locations_m[None]) ** 2).sum(axis=2)).min(axis=1)
     assert apart.max() < 0.01
+
+
+def test_long_recordings_are_moved_piece_by_piece(synthetic_run, monkeypatch):
+    """The derivatives of all positions at once would take gigabytes."""
+    run = dived(synthetic_run)
+    whole, sizes = adjust([run]), []
+    monkeypatch.setattr(adjustment, "_AT_ONCE", 200)
+    for name in ("positions", "position_std_m"):
+        method = getattr(Correction, name)
+
+        def noted(self, vehicle, stamps_s, raw_m, method=method):
+            sizes.append(len(stamps_s))
+            return method(self, vehicle, stamps_s, raw_m)
+
+        monkeypatch.setattr(Correction, name, noted)
+    pieces = adjust([run])
+    assert max(sizes) <= 200 < len(run.vehicles[0].soundings)
+    for one, other in zip(pieces.runs[0].vehicles, whole.runs[0].vehicles, strict=True):
+        assert one.soundings.points_m == pytest.approx(other.soundings.points_m, rel=1e-12)
+        assert one.position_std_m == pytest.approx(other.position_std_m, rel=1e-9)
 
 
 def test_the_report_judges_the_adjusted_map(synthetic_run):
