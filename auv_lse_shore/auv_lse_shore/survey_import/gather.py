@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from auv_lse_common.support.plurals import counted
 from auv_lse_shore.survey_import.choice import Choice, chosen_logs
 from auv_lse_shore.survey_import.clocks import ClockFacts, to_utc
 from auv_lse_shore.survey_import.log_content import LogContent
@@ -79,7 +80,8 @@ def gather(
         else:
             contents += found
     if not contents:
-        raise LogError(f"None of {len(paths)} files is a log that can be read.")
+        first = "".join([*(["The first: "] if len(lines) > 1 else []), *lines[:1]])
+        raise LogError(f"None of {counted(len(paths), 'file')} is a log that can be read. {first}")
     questions = to_utc(contents, facts.clock)
     logs, left_out = chosen_logs(contents, facts.choice, all_named)
     lines += left_out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,18 @@ from auv_lse_shore.survey_import.survey_log import LogError, Progress
 
 #: Files of a folder that are never logs.
 _NO_LOGS = (".md", ".png", ".jpg", ".jpeg", ".pdf", ".yaml", ".yml", ".html", ".prj", ".idx", ".son")
+
+#: How files of other programs begin, at the byte of the second number, and what they are.
+_OTHERS = (
+    (rb"ULog\x01\x12\x35", 0, "a PX4 log (ULog)"),
+    (rb"\x89MCAP0", 0, "a ROS 2 recording (MCAP). One of this stack needs no import: auv_lse export RUN reads it"),
+    (rb"SQLite format 3\0", 0, "a database, such as a ROS 2 recording (.db3) or a GeoPackage"),
+    (rb"#ROSBAG V", 0, "a ROS 1 recording"),
+    (rb"\xd0\xcf\x11\xe0", 0, "an Excel workbook"),
+    (rb"\.FIT", 8, "a Garmin activity (FIT)"),
+    (rb"\s*<(\?xml|!DOCTYPE|html|kml)", 0, "XML or a web page"),
+    (rb"\s*(\{|\[\s*[\[{])", 0, "JSON in another form than crowdsourced bathymetry"),
+)
 
 
 def files_of(names: Iterable[Path]) -> tuple[list[Path], bool]:
@@ -56,13 +69,23 @@ def read_logs(path: Path, options: ReadOptions, progress: Progress) -> list[LogC
     if file.head.startswith(b"PK\x03\x04"):
         raise LogError(f"{path} is a zip archive, or a spreadsheet. Unpack it, or save it as CSV.")
     for module in formats():
+        if getattr(module, "ASKED_LAST", False):
+            _refuse_others(path, file.head)
         if module.recognizes(file):
             contents: list[LogContent] = module.read(file, options)
             if file.is_cut_off:
                 contents[0].notes.append("the gzip file is damaged or cut off: what follows is missing")
             return contents
-    known = "; ".join((module.__doc__ or "").splitlines()[0].rstrip(".") for module in formats())
-    raise LogError(f"{path} is of no format that can be read. These can: {known}.")
+    raise LogError(f"{path} is of no format that can be read. See them with auv_lse import --help.")
+
+
+def _refuse_others(path: Path, head: bytes) -> None:
+    """Raises LogError for a file of another program, also one whose text has columns."""
+    begin = head.removeprefix(b"\xef\xbb\xbf")
+    if what := next((what for pattern, at, what in _OTHERS if re.compile(pattern).match(begin, at)), ""):
+        raise LogError(
+            f"{path} is {what}. Export positions and depths as one table (CSV) with time, lat, lon and depth."
+        )
 
 
 def read_all(

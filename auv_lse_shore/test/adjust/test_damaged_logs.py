@@ -152,3 +152,36 @@ def test_an_archive_names_its_cure(tmp_path):
         archive.writestr("a.nmea", nmea(ROWS))
     with pytest.raises(LogError, match=r"day\.zip is a zip archive, or a spreadsheet\. Unpack it, or save it as CSV\."):
         gather([path], UserFacts())
+
+
+OTHERS = {
+    "a.ulg": (b"ULog\x01\x12\x35\x01", "a PX4 log"),
+    "a.mcap": (b"\x89MCAP0\r\n", r"a ROS 2 recording \(MCAP\).*auv_lse export RUN"),
+    "a.db3": (b"SQLite format 3\0", "a database, such as a ROS 2 recording"),
+    "a.bag": (b"#ROSBAG V2.0\n", "a ROS 1 recording"),
+    "a.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook"),
+    "a.fit": (b"\x0e\x10\xd9\x07\x00\x00\x00\x00.FIT", "a Garmin activity"),
+    "a.kml": (b'<?xml version="1.0"?><kml>', "XML"),
+    "page.csv": (b"<!DOCTYPE html><html><body>1, 2, 3", "XML"),
+    "a.jsonl": (b'{"t": 1, "lat": 46.5}\n{"t": 2, "lat": 46.5}\n', "JSON"),
+    "a.json": (b'[\n  {"t": 1, "lat": 46.5}]', "JSON"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_files_of_other_programs_are_named(tmp_path, name):
+    begin, words = OTHERS[name]
+    (tmp_path / name).write_bytes(begin + b"\n" * 20 + bytes(300))
+    with pytest.raises(LogError, match=rf"{name} is {words}.*Export positions and depths as one table \(CSV\)"):
+        gather([tmp_path / name], UserFacts())
+    with pytest.raises(LogError, match=rf"{name}: left out: .*{words}"):  # the only file of a folder
+        gather([tmp_path], UserFacts())
+
+
+def test_headers_in_brackets_are_those_of_tables(tmp_path):
+    path, rows = tmp_path / "a.csv", TABLES["plain"].partition("\n")[2]
+    path.write_text("<utc>,<lat>,<lon>,<depth>\n" + rows)
+    assert len(gather([path], UserFacts()).placed[0].soundings) == 120
+    path.write_text("[utc],[lat],[lon],[depth]\n" + rows)
+    with pytest.raises(LogError, match=r"the columns \[utc\].*By their values they look like: --columns"):
+        gather([path], UserFacts())
