@@ -113,8 +113,8 @@ def _parameters_in(recording: Recording, path: Path, read_area: AreaReader | Non
         if (folder / "mission.yaml").is_file():
             return read_parameter_file(folder / "mission.yaml", read_area, is_recorded=True)
     raise RecordingError(
-        f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Name the "
-        "mission's file with --mission FILE."
+        f"{path} has no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it. Copy the "
+        f"mission's file to {(path if path.is_dir() else path.parent) / 'mission.yaml'}."
     )
 
 

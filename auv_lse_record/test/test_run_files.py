@@ -248,7 +248,7 @@ def test_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
     run = synthetic_run(steps=3)
     write_run(run, tmp_path / "run")
     other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
-    with pytest.raises(RecordingError, match=r"has no mission file .* --mission FILE"):
+    with pytest.raises(RecordingError, match=r"has no mission file .* Copy the mission's file to \S+/mission\.yaml\."):
         read_run(tmp_path / "other")
     back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
     assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
