@@ -153,3 +153,28 @@ def test_a_date_that_is_not_understood_is_named_as_ignored(tmp_path):
     found = gathered(tmp_path, data)
     checked(found, starts=None)
     assert "column date is ignored: 'day 3' is not a date" in found.lines[0]
+
+
+def joined(second, row, first="utc,lat,lon,depth_m"):
+    """Two tables in one file, as `cat` makes them."""
+    rows = [f"{utc(t)},{a:.8f},{o:.8f},{d:.3f}" for t, a, o, d in ROWS[:60]]
+    return "\n".join([first, *rows, second, *(row(*values) for values in ROWS[60:])]) + "\n"
+
+
+@pytest.mark.parametrize("second", ["utc,lat,lon,depth_ft", "utc,lon,lat,depth_m", "UTC,lat,lon,temp,depth_m"])
+def test_a_second_header_with_other_columns_is_refused(tmp_path, second):
+    data = joined(second, lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d / 0.3048:.3f}")
+    with pytest.raises(LogError, match=rf"two headers, utc,lat,lon,depth_m and {second} in line 62. Split it there"):
+        gathered(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    "second", ["utc,lat,lon,depth_m", "UTC,Lat,Lon,Depth (m)", "utc,lat,lon,depth_m,temp", "utc: lost"]
+)
+def test_a_second_header_with_the_same_columns_is_none(tmp_path, second):
+    checked(gathered(tmp_path, joined(second, lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f}")))
+
+
+def test_words_before_the_header_are_none(tmp_path):
+    data = joined("utc,lat,lon,depth_m", lambda t, a, o, d: f"{utc(t)},{a:.8f},{o:.8f},{d:.3f}")
+    checked(gathered(tmp_path, "Format: utc,lat,lon,depth,quality\n" + data))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from auv_lse_shore.survey_import.log_content import Clock, LogContent, Sounder
 from auv_lse_shore.survey_import.log_file import LogFile, ReadOptions
 from auv_lse_shore.survey_import.parsing import table_values as tv
-from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, depth_role, unused_columns
+from auv_lse_shore.survey_import.parsing.columns import Column, columns_for, depth_role, other_header, unused_columns
 from auv_lse_shore.survey_import.parsing.dialect import Dialect, columns_of, dialect_of
 from auv_lse_shore.survey_import.parsing.text import is_text
 from auv_lse_shore.survey_import.survey_log import LogError
@@ -43,6 +43,10 @@ def read(file: LogFile, options: ReadOptions) -> list[LogContent]:
         raise LogError(f"{file.path} has no columns of numbers.")
     options.used.add("columns")
     columns = columns_for(file.path, dialect, options.columns, text)
+    if not options.columns and (other := other_header(text, dialect, columns))[0]:
+        raise LogError(
+            f"{file.path} has two headers, {','.join(dialect.header)} and {other[1]} in line {other[0]}. Split it there"
+        )
     return _contents(file, text, dialect, columns, options)
 
 

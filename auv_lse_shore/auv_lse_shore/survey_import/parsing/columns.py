@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_shore.survey_import.parsing.dialect import Dialect, is_number, numbers_of, rows_across
+from auv_lse_shore.survey_import.parsing.dialect import Dialect, fields_of, is_number, numbers_of, rows_across
 from auv_lse_shore.survey_import.parsing.times import HEADER_ZONE, days, of_day_s
-from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS, UNITS
+from auv_lse_shore.survey_import.parsing.units import ANGLE_UNITS, OTHER_UNITS, TIME_UNITS, UNITS, factor_of
 from auv_lse_shore.survey_import.survey_log import LogError
 
 Array = NDArray[np.float64]
@@ -106,6 +106,9 @@ _BY_NAME = {name: role for role, names in ROLES.items() for name in names}
 #: Hemispheres, and minutes, where the unit of a latitude or longitude stands.
 _SIDES = {"lat": ("n", "s", "north", "south"), "lon": ("e", "w", "east", "west")}
 _MINUTES = ("min", "mins", "minutes", "'")
+#: A line that begins with a name and has no decimals.
+_MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.MULTILINE)
+_ALL_UNITS = {**UNITS, **TIME_UNITS, **ANGLE_UNITS}
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 #: What the tables of Deeper sounders hold; they have no header.
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
@@ -158,6 +161,27 @@ def named_columns(names: Sequence[str], units: Sequence[str] = ()) -> dict[str, 
         for i, column in enumerate(sorted(entries, key=lambda column: (column.rank, column.number))):
             columns[role if not i else f"{role}{i}"] = column
     return columns
+
+
+def other_header(text: str, dialect: Dialect, columns: dict[str, Column]) -> tuple[int, str]:
+    """Number and text of a line after the header that is one with other columns, as of joined tables; 0 and "" else."""
+    is_after = False
+    for match in _MAYBE_HEADER.finditer(text):
+        cells = [cell.strip() for cell in next(fields_of([match[0]], dialect.delimiter), [])]
+        is_own = tuple(cells) in (dialect.header, dialect.units)
+        is_after |= is_own
+        found = named_columns(cells) if is_after and not is_own else {}
+        if is_complete(found) and any(_use(column) != _use(found.get(role)) for role, column in columns.items()):
+            return text.count("\n", 0, match.start()) + 1, match[0].strip()
+    return 0, ""
+
+
+def _use(column: Column | None) -> tuple[int, float | str]:
+    """A column's number, and its unit as a factor if it is known."""
+    if column is None:
+        return -1, ""
+    known = not column.unit or column.unit in OTHER_UNITS
+    return column.number, factor_of(column.unit, _ALL_UNITS) or (1.0 if known else column.unit)
 
 
 def is_complete(columns: dict[str, Column]) -> bool:
