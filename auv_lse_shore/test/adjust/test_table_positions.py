@@ -123,6 +123,18 @@ def test_degrees_and_minutes_in_one_number(tmp_path, names):
     assert "positions as degrees and minutes (4630.0000)" in found.lines[0]
 
 
+@pytest.mark.parametrize("unit", ["DDM", "dm", "ddmm.mmm"])
+@pytest.mark.parametrize("cell", ["{0:.0f} {1:.6f}", "{0:.0f}°{1:.6f}'", "{2:.8f}"])
+def test_degrees_under_a_header_of_degrees_and_minutes_stay_degrees(tmp_path, unit, cell):
+    """DDM is what GPS devices call 46° 30.5'."""
+
+    def text(degrees):
+        return cell.format(int(degrees), 60.0 * (degrees % 1.0), degrees)
+
+    names = f"Latitude ({unit}),Longitude ({unit}),depth,utc"
+    checked(gathered(tmp_path, lines(names, lambda t, a, o, d: f"{text(a)},{text(o)},{d:.3f},{utc(t)}")))
+
+
 def test_degrees_and_minutes_in_one_number_with_hemispheres(tmp_path):
     sides = lines("lat,ns,lon,ew,depth,utc", lambda t, a, o, d: f"{packed(a)},N,{packed(o)},E,{d:.3f},{utc(t)}")
     checked(gathered(tmp_path, sides))

@@ -71,7 +71,8 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
             minutes = np.where((minutes >= 0.0) & (minutes < 60.0), minutes, np.nan)
             positions[:, number] = degrees + np.copysign(minutes / 60.0, degrees)
     known = np.abs(positions[np.isfinite(positions).all(axis=1) & (positions != 0.0).any(axis=1)])
-    if any(map(_PACKED.fullmatch, units)) or _look_packed(known):
+    are_degrees = (known <= (90.0, 180.0)).all()  # also below a header of minutes: angle() has read their cells
+    if (any(map(_PACKED.fullmatch, units)) and not are_degrees) or _look_packed(known):
         whole = np.trunc(positions / 100.0)
         minutes = positions - 100.0 * whole
         positions = np.where(np.abs(minutes) < 60.0, whole + minutes / 60.0, np.nan)
