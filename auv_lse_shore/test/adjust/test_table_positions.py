@@ -61,6 +61,18 @@ def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
     checked(gathered(tmp_path, data))
 
 
+@pytest.mark.parametrize("cell", ["n/a", "-", "NaN", "none"])
+def test_a_depth_without_a_unit_is_in_metres(tmp_path, cell):
+    data = lines("lat,lon,depth,depth_unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{cell},{utc(t)}")
+    checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("cell", ["ft/s", "boat in harbour"])
+def test_words_that_contain_a_unit_are_none(tmp_path, cell):
+    data = lines("lat,lon,depth,unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{cell},{utc(t)}")
+    checked(gathered(tmp_path, data))
+
+
 def test_the_unit_that_the_user_gives_counts(tmp_path):
     data = lines("lat,lon,depth,unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},ft,{utc(t)}")
     checked(gathered(tmp_path, data, "--depth-unit", "m"))
@@ -107,6 +119,20 @@ def test_minutes_in_columns_of_their_own_count(tmp_path, names):
         lambda t, a, o, d: f"{int(a)},{60 * (a % 1):.6f},{int(o)},{60 * (o % 1):.6f},{d:.3f},{utc(t)}",
     )
     checked(gathered(tmp_path, data))
+
+
+@pytest.mark.parametrize("names", ["{}_deg,{}_min,{}_sec", "{} (deg),{} (min),{} (sec)", "{},{} minutes,{} seconds"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_seconds_in_columns_of_their_own_count(tmp_path, names, sign):
+    def cells(degrees):
+        minutes, seconds = divmod(round(3600.0 * degrees, 5), 60.0)
+        return f"{sign * (minutes // 60):.0f},{minutes % 60:.0f},{seconds:.5f}"
+
+    header = f"{names.replace('{}', 'lat')},{names.replace('{}', 'lon')},depth,utc"
+    data = lines(header, lambda t, a, o, d: f"{cells(a)},{cells(o)},{d:.3f},{utc(t)}")
+    found = gathered(tmp_path, data, "--origin", str(sign * 46.5), str(sign * 6.6))
+    north, east = local_from_geodetic(sign * ROWS[:, 1], sign * ROWS[:, 2], sign * 46.5, sign * 6.6)
+    assert found.placed[0].soundings[:, 1:3] == pytest.approx(np.column_stack([north, east]), abs=0.01)
 
 
 def test_minutes_beside_whole_positions_do_not_count_twice(tmp_path):

@@ -68,7 +68,9 @@ def degrees_of(columns: Mapping[str, Column], values: Mapping[str, Any], path: P
         minutes, degrees = values.get(f"{name}_min"), positions[:, number]
         # beside a whole position they are a part of it
         if minutes is not None and np.array_equal(degrees, np.trunc(degrees), equal_nan=True):
-            minutes = np.where((minutes >= 0.0) & (minutes < 60.0), minutes, np.nan)
+            seconds = values.get(f"{name}_sec", 0.0)
+            minutes, seconds = (np.where((part >= 0.0) & (part <= 60.0), part, np.nan) for part in (minutes, seconds))
+            minutes = minutes + seconds / 60.0
             positions[:, number] = degrees + np.copysign(minutes / 60.0, degrees)
     known = np.abs(positions[np.isfinite(positions).all(axis=1) & (positions != 0.0).any(axis=1)])
     are_degrees = (known <= (90.0, 180.0)).all()  # also below a header of minutes: angle() has read their cells

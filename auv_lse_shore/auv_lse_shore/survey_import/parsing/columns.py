@@ -64,6 +64,11 @@ ROLES: dict[str, tuple[str, ...]] = {
         "lonmin", "lonmins", "lonminutes", "longmin", "longminutes", "longitudemin", "longitudemins",
         "longitudeminutes",
     ),
+    "lat_sec": ("latsec", "latsecs", "latseconds", "latitudesec", "latitudesecs", "latitudeseconds"),
+    "lon_sec": (
+        "lonsec", "lonsecs", "lonseconds", "longsec", "longseconds", "longitudesec", "longitudesecs",
+        "longitudeseconds",
+    ),
     "north": ("north", "northing", "northings", "utmn", "utmnorthing", "utmy", "nordwert", "hochwert"),
     "east": ("east", "easting", "eastings", "utme", "utmeasting", "utmx", "ostwert", "rechtswert"),
     "depth": (
@@ -103,9 +108,12 @@ ROLES: dict[str, tuple[str, ...]] = {
     "z": ("z", "zcoord", "value", "zvalue"),
 }  # fmt: skip
 _BY_NAME = {name: role for role, names in ROLES.items() for name in names}
-#: Hemispheres, and minutes, where the unit of a latitude or longitude stands.
+#: Hemispheres, and minutes and seconds, where the unit of a latitude or longitude stands.
 _SIDES = {"lat": ("n", "s", "north", "south"), "lon": ("e", "w", "east", "west")}
-_MINUTES = ("min", "mins", "minutes", "'")
+_PARTS = {
+    "min": "_min", "mins": "_min", "minutes": "_min", "'": "_min",
+    "sec": "_sec", "secs": "_sec", "seconds": "_sec", '"': "_sec", "''": "_sec",
+}  # fmt: skip
 #: A line that begins with a name and has no decimals.
 _MAYBE_HEADER = re.compile(r"^(?!.*\d[.,]\d)[\"']?[^\W\d][^\r\n\0]{,5000}", re.MULTILINE)
 _ALL_UNITS = {**UNITS, **TIME_UNITS, **ANGLE_UNITS}
@@ -135,7 +143,7 @@ def column_of(number: int, name: str, unit: str = "") -> Column | None:
     if role is None:
         return None
     rank = ROLES[role].index(key)
-    return Column(number, f"{role}_min" if role in _SIDES and unit in _MINUTES else role, unit, name.strip(), rank)
+    return Column(number, role + _PARTS.get(unit, "") if role in _SIDES else role, unit, name.strip(), rank)
 
 
 def _suits(unit: str, key: str) -> bool:

@@ -31,12 +31,17 @@ OTHER_UNITS = ("deg", "degrees", "°", "dd", "decimaldegrees", "utc", "gmt", "z"
 _SURVEY_FOOT_M = 1200.0 / 3937.0
 #: A number that is no part of a name, such as that of "ft/10".
 _FREE_NUMBER = re.compile(r"(?<![a-z\d])\d")
+#: A unit per another one, such as "ft/s".
+_RATE = re.compile(r"[a-z]\s*/\s*(s|sec|min|h|hr)\b")
 
 
 def factor_of(text: str, units: Mapping[str, float]) -> float:
     """The factor of a unit that a text names among other words, such as "ft MLLW"; 0 if it names none of them."""
-    found = [word for word in re.findall(r"[a-z]+", text.lower()) if word in units]
-    if not found or _FREE_NUMBER.search(text.lower()):
+    words = re.findall(r"[a-z]+", text.lower())
+    found = [word for word in words if word in units]
+    if not found or _FREE_NUMBER.search(text.lower()) or _RATE.search(text.lower()):
+        return 0.0
+    if found == ["in"] != words:  # a preposition
         return 0.0
     factor = units[next((word for word in found if word != "in"), found[0])]  # "in feet"
     return _SURVEY_FOOT_M if factor == UNITS["ft"] and "survey" in text.lower() else factor
@@ -56,7 +61,7 @@ class StatedUnits:
     def factor(self, beside: Mapping[str, Any]) -> float:
         """Metres per unit of a depth: 1 if no unit is stated, NaN for one that is not understood."""
         unit = next((str(value).strip() for key, value in beside.items() if key.lower() in _UNIT_KEYS and value), "")
-        if not unit:
+        if not unit.strip("-") or unit.lower() in ("n/a", "na", "nan", "none", "null"):
             return 1.0
         factor = self._factors.setdefault(unit, factor_of(unit, UNITS) or math.nan)
         self.unclear += math.isnan(factor)
