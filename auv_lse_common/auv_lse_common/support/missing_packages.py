@@ -9,8 +9,11 @@ from auv_lse_common.support.installed_copy import copy_of
 
 #: Install commands for ROS 2 on Ubuntu; elsewhere `scripts/setup` installs all packages.
 COMMANDS = {
+    "PIL": "pip install pillow",
     "contourpy": "sudo apt install python3-contourpy",
+    "cv2": "pip install opencv-python-headless",
     "dask": "pip install dask",
+    "dateutil": "pip install python-dateutil",
     "distributed": "pip install distributed",
     "jinja2": "sudo apt install python3-jinja2",
     "matplotlib": "sudo apt install python3-matplotlib",
@@ -23,6 +26,7 @@ COMMANDS = {
     "rosbags": "pip install rosbags",
     "serial": "sudo apt install python3-serial",
     "shapely": "sudo apt install python3-shapely",
+    "yaml": "sudo apt install python3-yaml",
 }
 #: How to add a package of the stack, by the kind of the copy that runs.
 _STACK = {
