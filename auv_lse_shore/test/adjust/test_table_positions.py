@@ -16,7 +16,9 @@ def packed(degrees, digits=6):
     return f"{100 * int(degrees) + 60 * (degrees % 1.0):.{digits}f}"
 
 
-@pytest.mark.parametrize("header", ["depth,unit", "depth,depth_unit", "depth,UOM", "unit,depth", "depth,temp,Units"])
+@pytest.mark.parametrize(
+    "header", ["depth,unit", "depth,depth_unit", "depth,UOM", "unit,depth", "depth,temp,depth_unit"]
+)
 def test_a_column_of_units_counts(tmp_path, header):
     cells = {"depth": "{}", "temp": "17.5"}
     row = ",".join(cells.get(name, "ft") for name in header.split(","))
@@ -24,6 +26,17 @@ def test_a_column_of_units_counts(tmp_path, header):
     found = gathered(tmp_path, data)
     checked(found)
     assert "depths in ft, 0.3048 m" in found.lines[0]
+
+
+@pytest.mark.parametrize("header", ["depth,temp,Units", "range,unit,depth", "elevation,unit,depth"])
+def test_a_unit_behind_a_column_that_is_not_used_is_a_question(tmp_path, header):
+    cells = {"depth": "{}", "temp": "17.5", "range": "40", "elevation": "372.1"}
+    row = ",".join(cells.get(name, "ft") for name in header.split(","))
+    data = lines(f"lat,lon,{header},utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{row.format(d)},{utc(t)}")
+    with pytest.raises(LogError, match=r"may state the unit of another column than depth.*--depth-unit"):
+        gathered(tmp_path, data)
+    checked(gathered(tmp_path, data, "--depth-unit", "m"))
+    checked(gathered(tmp_path, data.replace(",ft", ",m")))
 
 
 def test_each_row_has_its_own_unit(tmp_path):
@@ -61,8 +74,8 @@ def test_a_column_of_other_units_changes_no_depth(tmp_path, header, row):
     checked(gathered(tmp_path, data))
 
 
-@pytest.mark.parametrize("cell", ["n/a", "-", "NaN", "none"])
-def test_a_depth_without_a_unit_is_in_metres(tmp_path, cell):
+@pytest.mark.parametrize("cell", ["n/a", "-", "NaN", "none", "metros", "metri", "mts", "mtrs"])
+def test_a_depth_without_a_unit_or_in_metres_of_another_language_is_in_metres(tmp_path, cell):
     data = lines("lat,lon,depth,depth_unit,utc", lambda t, a, o, d: f"{a:.8f},{o:.8f},{d:.3f},{cell},{utc(t)}")
     checked(gathered(tmp_path, data))
 

@@ -122,7 +122,7 @@ _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 _DEEPER = ["lat", "lon", "depth", "time_ms"]
 #: Roles that a table cannot do without.
 _PAIRS = (("lat", "lon"), ("north", "east"), ("x", "y"))
-_DEPTHS = ("depth", "elevation", "z")
+DEPTHS = ("depth", "elevation", "z")
 
 
 def column_of(number: int, name: str, unit: str = "") -> Column | None:
@@ -195,18 +195,18 @@ def _use(column: Column | None) -> tuple[int, float | str]:
 def is_complete(columns: dict[str, Column]) -> bool:
     """Whether there are a position and a depth."""
     has_position = any(a in columns and b in columns for a, b in _PAIRS)
-    return has_position and any(role in columns for role in _DEPTHS)
+    return has_position and any(role in columns for role in DEPTHS)
 
 
 def depth_role(columns: Container[str]) -> str:
     """The role of the column that depths are read from; there is one."""
-    return next(role for role in _DEPTHS if role in columns)
+    return next(role for role in DEPTHS if role in columns)
 
 
 def unused_columns(header: Sequence[str], columns: dict[str, Column]) -> list[str]:
     """Names of a header's columns that are not used: unknown ones, and further positions and depths."""
     position = next(pair for pair in _PAIRS if all(role in columns for role in pair))
-    further = {role for pair in _PAIRS for role in pair if role not in position} | {*_DEPTHS} - {depth_role(columns)}
+    further = {role for pair in _PAIRS for role in pair if role not in position} | {*DEPTHS} - {depth_role(columns)}
     used = {
         column.number
         for role, column in columns.items()

@@ -16,7 +16,7 @@ from auv_lse_shore.export.uncertainty import SIGMAS_95
 from auv_lse_shore.survey_import.log_content import NO_POSITION, NOT_ON_EARTH, Clock, LogContent, Reference
 from auv_lse_shore.survey_import.log_file import ReadOptions
 from auv_lse_shore.survey_import.parsing.angles import angle, degrees_of
-from auv_lse_shore.survey_import.parsing.columns import Column, depth_role
+from auv_lse_shore.survey_import.parsing.columns import DEPTHS, Column, depth_role
 from auv_lse_shore.survey_import.parsing.dialect import numbers_of
 from auv_lse_shore.survey_import.parsing.text import text_of
 from auv_lse_shore.survey_import.parsing.times import (
@@ -303,13 +303,18 @@ def _depths(table: Table, options: ReadOptions, content: LogContent) -> tuple[Ar
 
 
 def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | None:
-    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths."""
+    """Metres per unit of each row, (n,), as a column of units states them; None without one that is of the depths.
+
+    Raises:
+        LogError: if the column may be of another one, because it follows one that is not used.
+    """
     roles = [role for role in table.columns if role.startswith("depth_unit")]
     named = [role for role in roles if "depth" in table.columns[role].name.lower()]
     beside = [role for role in roles if table.columns[role].number == depth.number + 1]
     role = next(iter(named or beside or (roles if len(roles) == 1 else [])), "")
     if not role:
         return None
+    before = {c.number + 1 for key, c in table.columns.items() if c is depth or key not in (*roles, *DEPTHS)}
     cells, rows = np.unique(np.char.strip(table.values[role]), return_inverse=True)
     units = StatedUnits()
     factors = np.array([units.factor({"unit": cell}) for cell in cells.tolist()])
@@ -318,6 +323,11 @@ def _stated_units(table: Table, depth: Column, content: LogContent) -> Array | N
         shown = f"{other[0][:20]!r} is no unit of depths" if len(other) else "it is empty"
         content.notes.append(f"column {table.columns[role].name} is ignored: {shown}")
         return None
+    if not named and table.columns[role].number not in before and (factors != 1.0).any():
+        raise LogError(
+            f"{table.path}: the column {table.columns[role].name}, with {cells[factors != 1.0][0]!r}, may state the "
+            f"unit of another column than {depth.name}. Give the unit of the depths, such as --depth-unit m."
+        )
     stated: Array = factors[rows]
     units.unclear = int(np.isnan(stated).sum())
     units.report(content)

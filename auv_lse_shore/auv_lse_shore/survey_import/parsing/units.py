@@ -11,7 +11,8 @@ from auv_lse_shore.survey_import.log_content import LogContent
 
 #: Metres per unit of length.
 UNITS = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "metro": 1.0, "metros": 1.0, "metri": 1.0,
+    "mtr": 1.0, "mtrs": 1.0, "mts": 1.0, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
     "fathom": 1.8288, "fathoms": 1.8288, "fm": 1.8288, "fms": 1.8288, "fth": 1.8288, "ftm": 1.8288, "cm": 0.01,
     "mm": 0.001, "dm": 0.1, "km": 1000.0, "in": 0.0254, "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
 }  # fmt: skip
